@@ -1,0 +1,1 @@
+"""Buses, clock, log files, process signals and the loop that runs a node on them."""

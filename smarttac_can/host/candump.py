@@ -1,0 +1,71 @@
+"""Logs of bus traffic in the format of ``candump -L`` (can-utils)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+import can
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.python_can import to_frame
+
+
+class CandumpWriter:
+    """Writes a line like ``(0000000001.000055) can0 0A1#0102`` for each frame.
+
+    python-can's own writer takes the time as a float and adds a direction; a log that is compared
+    byte by byte wants neither.
+
+    Parameters
+    ----------
+    file
+        Open for text; stays the caller's to close.
+    channel
+        Name of the bus in the log, without spaces.
+    """
+
+    def __init__(self, file: TextIO, channel: str = "can0") -> None:
+        if not channel or any(character.isspace() for character in channel):
+            raise ValueError(f"channel {channel!r} is empty or has spaces")
+        self._write = file.write
+        self._channel = channel
+
+    def write(self, microseconds: int, frame: Frame) -> None:
+        """Write one frame; fits as the log hook of a bus."""
+        seconds, rest = divmod(microseconds, 1_000_000)
+        data = "R" if frame.rtr else frame.data.hex().upper()
+        self._write(f"({seconds:010d}.{rest:06d}) {self._channel} {frame.can_id:03X}#{data}\n")
+
+
+def read_candump(path: Path) -> Iterator[tuple[int, Frame]]:
+    """Read a log line by line.
+
+    Parameters
+    ----------
+    path
+        The log, of can-utils, python-can or `CandumpWriter`.
+
+    Yields
+    ------
+    tuple of int and Frame
+        Time stamp in us, and the frame; error, extended and CAN FD frames are passed over.
+
+    Raises
+    ------
+    ValueError
+        At a line that is no candump log.
+    """
+    with can.CanutilsLogReader(path) as log:
+        messages = iter(log)
+        while True:
+            try:
+                message = next(messages, None)
+            except (ValueError, IndexError) as error:
+                raise ValueError(f"{path} is no candump log: {error}") from error
+            if message is None:
+                return
+            frame = to_frame(message)
+            if frame is not None:
+                yield round(message.timestamp * 1e6), frame

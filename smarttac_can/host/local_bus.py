@@ -1,0 +1,205 @@
+"""A CAN bus inside one process: no thread, no waiting, the same run twice gives the same bits."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import BusError, LogHook
+from smarttac_can.host.node import SYNC_COB_ID, TICK_US, Node
+from smarttac_can.od.timing import frame_bits
+
+_STORM_FRAMES = 100_000
+_MAX_DATA_BYTES = 8
+
+_Receive = Callable[[Frame], list[Frame] | None]
+
+
+class Port:
+    """One party's place on a `LocalBus`; got from `LocalBus.connect` or `LocalBus.attach`."""
+
+    __slots__ = ("_bus", "_lockstep", "_node", "_others", "_receive")
+
+    def __init__(self, bus: LocalBus, receive: _Receive, node: Node | None, lockstep: bool) -> None:
+        self._bus = bus
+        self._receive = receive
+        self._node = node
+        self._lockstep = lockstep
+        self._others: tuple[tuple[Port, _Receive], ...] = ()
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame to every other party; return when the bus has come to rest.
+
+        From inside a delivery the frame is queued behind those already waiting.
+
+        Raises
+        ------
+        ValueError
+            For more than 8 data bytes.
+        BusError
+            If the parties keep answering each other without end.
+        """
+        self._bus._send(self, (frame,))
+
+    def close(self) -> None:
+        """Pull the plug: neither hears nor is heard from now on, and says nothing more."""
+        self._bus._remove(self)
+
+
+class LocalBus:
+    """A bus that delivers frames in the order they were caused, at once and without threads.
+
+    Time stands still unless a node in lockstep is there and a SYNC passes, or `advance` is called:
+    both move the timers of the nodes and the clock of the bus. On top of the ticks the clock counts
+    how long each frame holds the bus at worst, so a time stamp is the end of a frame.
+
+    Parameters
+    ----------
+    sync_id
+        COB-ID of the SYNC that is the tick of the nodes in lockstep.
+    bit_rate
+        Bit rate in bit/s, above 0; only for the time stamps.
+    log
+        Called with the time stamp in us and the frame, for every frame.
+    """
+
+    def __init__(
+        self,
+        *,
+        sync_id: int = SYNC_COB_ID,
+        bit_rate: int = 1_000_000,
+        log: LogHook | None = None,
+    ) -> None:
+        if bit_rate <= 0:
+            raise ValueError(f"bit_rate {bit_rate} is not above 0")
+        self._sync_id = sync_id
+        self._log = log
+        # Rounded up: a time stamp is a worst case.
+        self._durations = [
+            -(-frame_bits(n) * 1_000_000 // bit_rate) for n in range(_MAX_DATA_BYTES + 1)
+        ]
+        self._now = 0
+        self._tick_end = 0
+        self._lockstep = 0
+        self._ports: list[Port] = []
+        self._queue: deque[tuple[Port, Frame]] = deque()
+        self._draining = False
+
+    @property
+    def time(self) -> int:
+        """Time on the bus in us since it was made; never runs backwards."""
+        return self._now
+
+    def attach(self, node: Node, *, lockstep: bool = True) -> Port:
+        """Plug in a node and switch it on.
+
+        Parameters
+        ----------
+        node
+            Starts now; its boot-up message goes to the parties that are already there.
+        lockstep
+            True: its timers advance 1000 us when the SYNC of another party reaches it, just before
+            it receives that SYNC. False: they only move with `advance`, SYNC is a frame like any
+            other; the way to run a node that has its own ticker, or that produces the SYNC.
+        """
+        port = Port(self, node.receive, node, lockstep)
+        self._add(port)
+        self._send(port, node.start())
+        return port
+
+    def connect(self, listener: Callable[[Frame], None]) -> Port:
+        """Plug in a party that is called with every frame of the others, and sends by its port."""
+        port = Port(self, listener, None, False)
+        self._add(port)
+        return port
+
+    def advance(self, microseconds: int) -> None:
+        """Let time pass for every node without a SYNC, tick by tick.
+
+        Parameters
+        ----------
+        microseconds
+            0 or more. A rest shorter than a tick of 1000 us makes a shorter last step.
+        """
+        if microseconds < 0:
+            raise ValueError(f"microseconds {microseconds} is below 0")
+        while microseconds > 0:
+            step = min(microseconds, TICK_US)
+            microseconds -= step
+            self._pass_time(step)
+            for port in tuple(self._ports):
+                if port._node is not None:
+                    self._enqueue(port, port._node.advance(step))
+            self._drain()
+
+    def shutdown(self) -> None:
+        """Shut every node down, in the order they were attached, and deliver what they say."""
+        for port in tuple(self._ports):
+            if port._node is not None:
+                self._send(port, port._node.shutdown())
+
+    def _add(self, port: Port) -> None:
+        self._ports.append(port)
+        self._wire()
+
+    def _remove(self, port: Port) -> None:
+        if port in self._ports:
+            self._ports.remove(port)
+            self._wire()
+            port._others = ()
+
+    def _wire(self) -> None:
+        # Who hears whom is settled here, once, to keep it out of every delivery.
+        for port in self._ports:
+            port._others = tuple((p, p._receive) for p in self._ports if p is not port)
+        self._lockstep = sum(port._lockstep for port in self._ports)
+
+    def _pass_time(self, microseconds: int) -> None:
+        self._tick_end += microseconds
+        self._now = max(self._now, self._tick_end)
+
+    def _send(self, sender: Port, frames: Iterable[Frame]) -> None:
+        self._enqueue(sender, frames)
+        self._drain()
+
+    def _enqueue(self, sender: Port, frames: Iterable[Frame]) -> None:
+        if sender in self._ports:
+            self._queue.extend([(sender, frame) for frame in frames])
+
+    def _drain(self) -> None:
+        if self._draining:
+            return
+        self._draining = True
+        queue = self._queue
+        durations = self._durations
+        log = self._log
+        quiet = _STORM_FRAMES
+        try:
+            while queue:
+                sender, frame = queue.popleft()
+                is_tick = frame.can_id == self._sync_id and self._lockstep > 0
+                if is_tick:
+                    self._pass_time(TICK_US)
+                    quiet = _STORM_FRAMES
+                quiet -= 1
+                if quiet < 0:
+                    raise BusError(f"no rest on the local bus after {_STORM_FRAMES} frames")
+                size = len(frame.data)
+                if size > _MAX_DATA_BYTES:
+                    raise ValueError(f"{size} data bytes are outside 0..{_MAX_DATA_BYTES}")
+                self._now += durations[size]
+                if log is not None:
+                    log(self._now, frame)
+                for port, receive in sender._others:
+                    if is_tick and port._lockstep and port._node is not None:
+                        for reply in port._node.advance(TICK_US):
+                            queue.append((port, reply))
+                    replies = receive(frame)
+                    if replies:
+                        for reply in replies:
+                            queue.append((port, reply))
+        finally:
+            # After an error nothing of the old cause may turn up in the next delivery.
+            queue.clear()
+            self._draining = False

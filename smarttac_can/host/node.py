@@ -1,0 +1,33 @@
+"""What a sans-IO CANopen node looks like to whoever runs it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from smarttac_can.device.frame import Frame
+
+TICK_US = 1000
+"""The loop tick in us; the timers of a node only ever move by whole ticks."""
+
+SYNC_COB_ID = 0x080
+"""COB-ID of SYNC in the predefined connection set (CiA 301, 7.3.5)."""
+
+
+class Node(Protocol):
+    """A CANopen node without clock, bus or thread: frames and time in, frames out."""
+
+    def start(self) -> list[Frame]:
+        """Switch the power on; the boot-up message is among the frames."""
+        ...
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        """Take one frame from the bus; return what the node answers, in order."""
+        ...
+
+    def advance(self, microseconds: int) -> list[Frame]:
+        """Move the node's timers on; return what fell due, in order."""
+        ...
+
+    def shutdown(self) -> list[Frame]:
+        """Leave the plate at 0 V; return the frames that tell the others."""
+        ...

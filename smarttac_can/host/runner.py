@@ -1,0 +1,99 @@
+"""Run a sans-IO node on a bus: in real time by the clock, or in lockstep by SYNC."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import closing, suppress
+from time import monotonic_ns
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import Bus, BusError
+from smarttac_can.host.node import SYNC_COB_ID, TICK_US, Node
+
+_TICK_NS = TICK_US * 1000
+_STOP_POLL_S = 0.05
+
+
+def run_node(
+    node: Node,
+    bus: Bus,
+    stop: Callable[[], bool],
+    *,
+    lockstep: bool = False,
+    sync_id: int = SYNC_COB_ID,
+    clock: Callable[[], int] = monotonic_ns,
+) -> None:
+    """Start a node, run it until told to stop, shut it down and close the bus.
+
+    In real time the node advances by ticks of 1000 us as the clock passes them. Whatever is late by
+    n whole ticks is made up in one call of `advance`, after ``node.missed(n)`` if the node counts
+    its missed deadlines.
+
+    In lockstep the node advances by 1000 us just before each SYNC it receives, and by nothing else.
+
+    Parameters
+    ----------
+    node
+        The node; shut down on every way out, so that the plate is left at 0 V.
+    bus
+        Belongs to the run: closed on every way out.
+    stop
+        Asked at least every 50 ms.
+    lockstep
+        Whether SYNC is the clock.
+    sync_id
+        COB-ID of that SYNC.
+    clock
+        Monotonic time in ns.
+
+    Raises
+    ------
+    BusError
+        If the bus carries no more frames.
+    """
+    with closing(bus):
+        try:
+            _send(bus, node.start())
+            if lockstep:
+                _follow_sync(node, bus, stop, sync_id)
+            else:
+                _keep_pace(node, bus, stop, clock)
+        except BaseException:
+            # The first failure is the one to report, not that a dead bus refuses the farewell.
+            with suppress(BusError):
+                _send(bus, node.shutdown())
+            raise
+        _send(bus, node.shutdown())
+
+
+def _follow_sync(node: Node, bus: Bus, stop: Callable[[], bool], sync_id: int) -> None:
+    while not stop():
+        frame = bus.receive(_STOP_POLL_S)
+        if frame is None:
+            continue
+        if frame.can_id == sync_id:
+            _send(bus, node.advance(TICK_US))
+        _send(bus, node.receive(frame))
+
+
+def _keep_pace(node: Node, bus: Bus, stop: Callable[[], bool], clock: Callable[[], int]) -> None:
+    # Only a node that is paced by a clock has deadlines to miss, so counting them is optional.
+    count_missed: Callable[[int], None] | None = getattr(node, "missed", None)
+    deadline = clock() + _TICK_NS
+    while not stop():
+        left = deadline - clock()
+        if left > 0:
+            frame = bus.receive(left * 1e-9)
+            if frame is not None:
+                _send(bus, node.receive(frame))
+            continue
+        missed = -left // _TICK_NS
+        if missed and count_missed is not None:
+            count_missed(missed)
+        _send(bus, node.advance((missed + 1) * TICK_US))
+        deadline += (missed + 1) * _TICK_NS
+
+
+def _send(bus: Bus, frames: Iterable[Frame]) -> None:
+    for frame in frames:
+        bus.send(frame)
