@@ -1,0 +1,127 @@
+"""The figures the paper publishes, where they stand, and the band a result is judged by.
+
+Source of all: "High fidelity closed loop controlled friction in SMARTTAC tactile stimulator".
+A figure without a band is shown beside the result and not judged: four people are not four
+presets of a simulation, and only their mean and spread say what the control does.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+TITLE = "High fidelity closed loop controlled friction in SMARTTAC tactile stimulator"
+
+
+class Published(NamedTuple):
+    """A published figure and what a result has to keep to."""
+
+    key: str
+    """Where the result stands in the summary, such as ``table1.subjects[0].rise_time_ms``."""
+    name: str
+    """What it is, in words."""
+    value: float | None
+    """The paper's figure; None where the paper has words only."""
+    unit: str
+    where: str
+    """Where it stands in the paper."""
+    low: float | None = None
+    """Lower bound of the band, itself inside; None: not judged."""
+    high: float | None = None
+    """Upper bound of the band, itself inside; None: not judged."""
+
+
+AMPLITUDE_UM = 1.0
+"""Amplitude asked for in Fig. 5 and 6 in um peak-to-peak."""
+RESPONSE_BAND = 0.05
+"""The response time of Fig. 5 is the 5 % one."""
+FREQUENCY_30_DEGC = 43_250.0
+"""Resonance in Hz at 30 degC: where the runs of Fig. 5 and 6 start."""
+FREQUENCY_20_DEGC = 43_390.0
+"""Resonance in Hz at 20 degC: where the plate really is in Fig. 5 and 6."""
+AMPLITUDES_UM = (0.0, 0.5, 1.0, 1.5, 2.0)
+"""Amplitudes of Fig. 2 in um peak-to-peak."""
+REFERENCES = ((0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6))
+"""Lower and upper coefficient of friction asked of subjects 1 to 4 in Fig. 7."""
+RISE_TIMES_MS = (3.37, 3.41, 2.87, 5.72)
+OVERSHOOTS_PERCENT = (27.6, 44.4, 48.0, 30.0)
+RISE_TIME_MS = (3.84, 1.27)
+"""Mean and sample standard deviation over the four subjects."""
+OVERSHOOT_PERCENT = (37.5, 10.2)
+"""Mean and sample standard deviation over the four subjects."""
+
+
+def _subject_rows() -> list[Published]:
+    rows = []
+    for i, (rise, overshoot) in enumerate(zip(RISE_TIMES_MS, OVERSHOOTS_PERCENT, strict=True)):
+        key, name = f"table1.subjects[{i}]", f"subject {i + 1}"
+        rows += [
+            Published(f"{key}.rise_time_ms", f"Rise time, {name}", rise, "ms", "Table I"),
+            Published(f"{key}.overshoot_percent", f"Overshoot, {name}", overshoot, "%", "Table I"),
+        ]
+    return rows
+
+
+def _mean_and_spread(mean_and_std: tuple[float, float]) -> tuple[float, float]:
+    mean, std = mean_and_std
+    return round(mean - std, 2), round(mean + std, 2)
+
+
+PUBLISHED: tuple[Published, ...] = (
+    Published(
+        "fig5.amplitude_and_frequency.response_time_ms",
+        "5 % response time, both loops",
+        *(2.0, "ms", "text on Fig. 5", 1.4, 2.6),
+    ),
+    Published(
+        "fig5.amplitude_only.response_time_ms",
+        "5 % response time, amplitude loop alone",
+        *(5.0, "ms", "text on Fig. 5", 4.0, 6.0),
+    ),
+    Published(
+        "fig5.amplitude_and_frequency.steady_amplitude_um",
+        "Steady amplitude, both loops",
+        *(AMPLITUDE_UM, "um", "text on Fig. 5", 0.98, 1.02),
+    ),
+    Published(
+        "fig5.amplitude_only.steady_amplitude_um",
+        "Steady amplitude, amplitude loop alone",
+        *(AMPLITUDE_UM, "um", "text on Fig. 5", 0.98, 1.02),
+    ),
+    Published(
+        "fig5.amplitude_and_frequency.final_frequency_hz",
+        "Frequency reached by both loops",
+        *(FREQUENCY_20_DEGC, "Hz", "text on Fig. 5", 43_385.0, 43_395.0),
+    ),
+    Published(
+        "fig6.voltage_difference_percent",
+        "More voltage off resonance",
+        *(30.0, "%", "text on Fig. 6", 25.0, 35.0),
+    ),
+    Published(
+        "table1.mean.rise_time_ms",
+        "Rise time, mean of four subjects",
+        *(RISE_TIME_MS[0], "ms", "Table I", *_mean_and_spread(RISE_TIME_MS)),
+    ),
+    Published(
+        "table1.mean.overshoot_percent",
+        "Overshoot, mean of four subjects",
+        *(OVERSHOOT_PERCENT[0], "%", "Table I", *_mean_and_spread(OVERSHOOT_PERCENT)),
+    ),
+    Published(
+        "table1.mean.static_error_percent",
+        "Static error, mean of four subjects",
+        *(None, "%", 'text on Fig. 7: "works well in static regime"', 0.0, 5.0),
+    ),
+    Published(
+        "table1.std.rise_time_ms",
+        "Rise time, spread over subjects",
+        *(RISE_TIME_MS[1], "ms", "text on Table I"),
+    ),
+    Published(
+        "table1.std.overshoot_percent",
+        "Overshoot, spread over subjects",
+        *(OVERSHOOT_PERCENT[1], "%", "text on Table I"),
+    ),
+    *_subject_rows(),
+)
+"""Every figure a result is laid beside, in the order of the paper."""

@@ -1,0 +1,221 @@
+"""Recorded runs as exact integers, and the CSV file that keeps them.
+
+A trace holds what came over the wire, in the resolution of the wire, so that a file differs from
+another by at least one digit wherever the runs differ by one bit. Floats are made on demand.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+import numpy as np
+import numpy.typing as npt
+
+Integers = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+
+
+class Column(NamedTuple):
+    """A column of the CSV file: the wire's integer is the decimal without its point."""
+
+    name: str
+    decimals: int
+    unit: str
+
+
+COLUMNS = (
+    Column("tick", 0, "ms"),
+    Column("mu", 4, "1"),
+    Column("mu_ref", 4, "1"),
+    Column("W", 4, "um"),
+    Column("V", 2, "V"),
+    Column("f", 2, "Hz"),
+    Column("Ft", 3, "N"),
+    Column("Fn", 3, "N"),
+)
+HEADER = ("experiment", "subject", *(column.name for column in COLUMNS))
+_LABEL = re.compile(r"[a-z0-9_.]+")
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One run of one experiment: integer columns of equal length, one row a tick of 1 ms.
+
+    The row of tick k holds the measurement of tick k and the drive computed from it, in force
+    from tick k to tick k + 1. The columns are copied and read-only.
+
+    Raises
+    ------
+    ValueError
+        If the label or subject is refused, a column is not a list of integers, the columns differ
+        in length or are empty, or the ticks do not increase.
+    """
+
+    experiment: str
+    """Label of the experiment, such as ``fig5.amplitude_only``: a-z, 0-9, point, underscore."""
+    subject: int
+    """Number of the subject from 1; 0 where no finger takes part."""
+    tick: Integers
+    """Tick count in ms, increasing; a gap is a tick that was not recorded."""
+    mu: Integers
+    """Coefficient of friction in 1e-4; 0 while the finger does not touch."""
+    mu_ref: Integers
+    """Reference of the friction loop in 1e-4; 0 while there is none."""
+    W: Integers
+    """Vibration amplitude |W| peak-to-peak in 0.1 nm."""
+    V: Integers
+    """Voltage in 10 mV."""
+    f: Integers
+    """Excitation frequency in 0.01 Hz."""
+    Ft: Integers
+    """Tangential force in mN."""
+    Fn: Integers
+    """Normal force in mN."""
+
+    def __post_init__(self) -> None:
+        if not _LABEL.fullmatch(self.experiment):
+            raise ValueError(f"experiment {self.experiment!r} is not made of a-z 0-9 . _")
+        if self.subject < 0:
+            raise ValueError(f"subject {self.subject} is below 0")
+        for column in COLUMNS:
+            values = np.array(getattr(self, column.name))
+            if values.ndim != 1 or values.dtype.kind not in "iu":
+                raise ValueError(f"column {column.name} is not a list of integers")
+            if not 0 < len(values) == len(self.tick):
+                raise ValueError(f"column {column.name} has {len(values)} of {len(self.tick)} rows")
+            values = values.astype(np.int64)
+            values.setflags(write=False)
+            object.__setattr__(self, column.name, values)
+        if not np.all(np.diff(self.tick) > 0):
+            raise ValueError(f"ticks of {self.experiment} do not increase")
+
+    @classmethod
+    def from_rows(cls, experiment: str, subject: int, rows: Sequence[Sequence[int]]) -> Trace:
+        """Make a trace from rows (tick, mu, mu_ref, W, V, f, Ft, Fn) of scaled integers."""
+        if any(len(row) != len(COLUMNS) for row in rows):
+            raise ValueError(f"a row of {experiment} does not have {len(COLUMNS)} values")
+        return cls(experiment, subject, *np.array(rows).reshape(-1, len(COLUMNS)).T)
+
+    def __len__(self) -> int:
+        return len(self.tick)
+
+    @property
+    def cof(self) -> Floats:
+        """Coefficient of friction; NaN while the finger does not touch."""
+        return np.where(self.mu == 0, np.nan, self.mu * 1e-4)
+
+    @property
+    def cof_reference(self) -> Floats:
+        """Reference of the friction loop; NaN while there is none."""
+        return np.where(self.mu_ref == 0, np.nan, self.mu_ref * 1e-4)
+
+    @property
+    def amplitude_um(self) -> Floats:
+        """Vibration amplitude peak-to-peak in um."""
+        return np.asarray(self.W * 1e-4, dtype=np.float64)
+
+    @property
+    def voltage_v(self) -> Floats:
+        """Voltage in V."""
+        return np.asarray(self.V * 1e-2, dtype=np.float64)
+
+    @property
+    def frequency_hz(self) -> Floats:
+        """Excitation frequency in Hz."""
+        return np.asarray(self.f * 1e-2, dtype=np.float64)
+
+    @property
+    def tangential_force_n(self) -> Floats:
+        """Tangential force in N."""
+        return np.asarray(self.Ft * 1e-3, dtype=np.float64)
+
+    @property
+    def normal_force_n(self) -> Floats:
+        """Normal force in N."""
+        return np.asarray(self.Fn * 1e-3, dtype=np.float64)
+
+
+def write_csv(path: Path, traces: Iterable[Trace]) -> None:
+    r"""Write traces as exact decimals, one row a tick, lines ending in ``\n``.
+
+    The units of the columns stand in `COLUMNS`. The same traces make the same bytes.
+
+    Raises
+    ------
+    ValueError
+        If two traces bear the same experiment and subject, before anything is written.
+    """
+    traces = list(traces)
+    labels = [(trace.experiment, trace.subject) for trace in traces]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise ValueError(f"experiment {label[0]} of subject {label[1]} appears twice")
+    with path.open("w", encoding="ascii", newline="") as file:
+        file.write(",".join(HEADER) + "\n")
+        for trace in traces:
+            columns = [_decimals(getattr(trace, c.name), c.decimals) for c in COLUMNS]
+            start = f"{trace.experiment},{trace.subject},"
+            file.writelines(start + ",".join(row) + "\n" for row in zip(*columns, strict=True))
+
+
+def read_csv(path: Path) -> list[Trace]:
+    """Read the traces of a file written by `write_csv`, exactly as they were.
+
+    Raises
+    ------
+    ValueError
+        If the header, a number or a label is not as `write_csv` writes it; names the line.
+    """
+    with path.open(encoding="ascii", newline="") as file:
+        return [
+            Trace.from_rows(experiment, int(subject), [row for _, _, row in rows])
+            for (experiment, subject), rows in groupby(_rows(file), key=lambda row: row[:2])
+        ]
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file as 64 hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _decimals(values: Integers, decimals: int) -> list[str]:
+    """Write integers as decimals with the point ``decimals`` digits from the right, no float."""
+    if decimals == 0:
+        return [str(value) for value in values.tolist()]
+    unit = 10**decimals
+    return [
+        f"{'-' if value < 0 else ''}{abs(value) // unit}.{abs(value) % unit:0{decimals}d}"
+        for value in values.tolist()
+    ]
+
+
+def _rows(file: TextIO) -> Iterator[tuple[str, str, list[int]]]:
+    """Yield (experiment, subject, scaled integers) for each line after the header."""
+    reader = csv.reader(file, strict=True)
+    if tuple(next(reader, ())) != HEADER:
+        raise ValueError(f"line 1 is not {','.join(HEADER)}")
+    number = [
+        re.compile(r"-?\d+" + (rf"\.\d{{{c.decimals}}}" if c.decimals else ""), re.ASCII)
+        for c in COLUMNS
+    ]
+    for fields in reader:
+        if len(fields) != len(HEADER):
+            raise ValueError(f"line {reader.line_num} has {len(fields)} of {len(HEADER)} fields")
+        experiment, subject, *texts = fields
+        for column, pattern, text in zip(COLUMNS, number, texts, strict=True):
+            if not pattern.fullmatch(text):
+                raise ValueError(
+                    f"line {reader.line_num}: {column.name} {text!r} "
+                    f"is not a number with {column.decimals} decimals"
+                )
+        if not (subject.isascii() and subject.isdigit()):
+            raise ValueError(f"line {reader.line_num}: subject {subject!r} is not a whole number")
+        yield experiment, subject, [int(text.replace(".", "")) for text in texts]
