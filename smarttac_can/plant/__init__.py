@@ -1,0 +1,1 @@
+"""The simulated plate: resonator, thermal node, finger, friction and sensors."""

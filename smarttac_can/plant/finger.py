@@ -1,0 +1,200 @@
+"""Prescribed motion of the finger's bone: a pure function of time."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from smarttac_can.plant.parameters import TWO_PI, require
+
+_STROKE_STREAM = 0x57
+_RAMP_SHARE = 0.2
+"""Length of the turning ramp of a pass, as a share of its travel at full speed."""
+
+
+class FingerState(NamedTuple):
+    """Where the finger is and how hard it presses."""
+
+    x: float
+    """Position along the plate in m from its middle."""
+    Fn: float
+    """Normal force in N; 0 is lifted."""
+
+
+class Finger(Protocol):
+    """A motion of the finger."""
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s, 0 or more, from the start of the run."""
+        ...
+
+
+class Lifted:
+    """No finger on the plate."""
+
+    __slots__ = ()
+
+    def at(self, time: float) -> FingerState:
+        """Return the lifted state, the same at all times."""
+        return FingerState(0.0, 0.0)
+
+
+class _Pass(NamedTuple):
+    start: float
+    duration: float
+    speed: float
+    Fn: float
+
+
+class Stroke:
+    """A finger sliding to and fro over the middle of the plate.
+
+    It rests above the plate's left, presses, and then slides without lifting: every pass is one
+    touch of the middle, at constant speed there, with raised-cosine ramps where it turns. Force
+    and speed are drawn anew for each pass.
+
+    Parameters
+    ----------
+    force
+        Mean normal force in N, 0.01..3.
+    speed
+        Mean sliding speed in m/s, 0.001..1.
+    travel
+        Distance between the turning points in m, 0.001..0.05.
+    force_variation, speed_variation
+        Half-width of the uniform distribution about the mean, as a fraction, 0..0.9.
+    seed
+        Seed of the distribution, 0 or more.
+    rest
+        Time in s before the finger presses, for taring, 0..100.
+    press
+        Length in s of the rise of the normal force, 0.001..10.
+    """
+
+    __slots__ = ("_force", "_passes", "_press", "_rest", "_rng", "_speed", "_travel", "_variation")
+
+    def __init__(
+        self,
+        force: float = 0.5,
+        speed: float = 0.06,
+        travel: float = 0.03,
+        *,
+        force_variation: float = 0.2,
+        speed_variation: float = 0.2,
+        seed: int = 1,
+        rest: float = 0.2,
+        press: float = 0.1,
+    ) -> None:
+        require("force", force, 0.01, 3.0)
+        require("speed", speed, 1e-3, 1.0)
+        require("travel", travel, 1e-3, 50e-3)
+        require("force_variation", force_variation, 0.0, 0.9)
+        require("speed_variation", speed_variation, 0.0, 0.9)
+        require("seed", seed, 0, 2**63 - 1)
+        require("rest", rest, 0.0, 100.0)
+        require("press", press, 1e-3, 10.0)
+        self._force = force
+        self._speed = speed
+        self._travel = travel
+        self._variation = (force_variation, speed_variation)
+        self._rest = rest
+        self._press = press
+        self._rng = np.random.default_rng([seed, _STROKE_STREAM])
+        self._passes = [self._draw(rest + press)]
+
+    def _draw(self, start: float) -> _Pass:
+        force_draw, speed_draw = self._rng.random(2).tolist()
+        force_variation, speed_variation = self._variation
+        speed = self._speed * (1.0 + speed_variation * (2.0 * speed_draw - 1.0))
+        Fn = self._force * (1.0 + force_variation * (2.0 * force_draw - 1.0))
+        return _Pass(start, (1.0 + _RAMP_SHARE) * self._travel / speed, speed, Fn)
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s, 0 or more, from the start of the run."""
+        passes = self._passes
+        last = passes[-1]
+        while time >= last.start + last.duration:
+            last = self._draw(last.start + last.duration)
+            passes.append(last)
+        if time < passes[0].start:
+            pressed = _smooth((time - self._rest) / self._press)
+            return FingerState(-0.5 * self._travel, passes[0].Fn * pressed)
+        number = len(passes) - 1
+        if time < last.start:
+            number = bisect_right(passes, time, key=_start) - 1
+        now = passes[number]
+        elapsed = time - now.start
+        ramp = _RAMP_SHARE * self._travel / now.speed
+        x = -0.5 * self._travel + _ramped(elapsed, now.duration, ramp) * now.speed
+        before = passes[number - 1].Fn if number else now.Fn
+        Fn = before + (now.Fn - before) * _smooth(elapsed / ramp)
+        return FingerState(-x if number % 2 else x, Fn)
+
+
+def _start(item: _Pass) -> float:
+    return item.start
+
+
+def _smooth(share: float) -> float:
+    """Raised cosine from 0 at share <= 0 to 1 at share >= 1."""
+    if share <= 0.0:
+        return 0.0
+    if share >= 1.0:
+        return 1.0
+    return 0.5 - 0.5 * math.cos(math.pi * share)
+
+
+def _ramped(elapsed: float, duration: float, ramp: float) -> float:
+    """Path at unit speed with raised-cosine ramps of the speed at both ends."""
+    if elapsed < ramp:
+        return 0.5 * elapsed - ramp / TWO_PI * math.sin(math.pi * elapsed / ramp)
+    left = duration - elapsed
+    if left < ramp:
+        return duration - ramp - 0.5 * left + ramp / TWO_PI * math.sin(math.pi * left / ramp)
+    return elapsed - 0.5 * ramp
+
+
+class Trajectory:
+    """A recorded finger: linear between samples, lifted before the first and after the last.
+
+    Parameters
+    ----------
+    samples
+        (time in s, x in m, Fn in N), times rising, 2 or more of them; x within +-0.038,
+        Fn 0..10.
+
+    Raises
+    ------
+    ValueError
+        If the samples are too few, out of order or out of range.
+    """
+
+    __slots__ = ("_samples", "_times")
+
+    def __init__(self, samples: Sequence[tuple[float, float, float]]) -> None:
+        if len(samples) < 2:
+            raise ValueError(f"{len(samples)} samples of a trajectory are fewer than 2")
+        for number, (time, x, Fn) in enumerate(samples):
+            require(f"sample {number} time", time, 0.0, 1e9)
+            require(f"sample {number} x", x, -38e-3, 38e-3)
+            require(f"sample {number} Fn", Fn, 0.0, 10.0)
+            if number and time <= samples[number - 1][0]:
+                raise ValueError(f"sample {number} time {time} is not after the one before")
+        self._samples = tuple(samples)
+        self._times = [sample[0] for sample in samples]
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s, 0 or more, from the start of the run."""
+        number = bisect_right(self._times, time)
+        if number == 0:
+            return FingerState(self._samples[0][1], 0.0)
+        t0, x0, Fn0 = self._samples[number - 1]
+        if number == len(self._times):
+            return FingerState(x0, Fn0 if time == t0 else 0.0)
+        t1, x1, Fn1 = self._samples[number]
+        share = (time - t0) / (t1 - t0)
+        return FingerState(x0 + (x1 - x0) * share, Fn0 + (Fn1 - Fn0) * share)

@@ -1,0 +1,160 @@
+"""Parameters of the plate: resonator, thermal node and sensors.
+
+Every number carries its unit and where it comes from: [P] the paper, [D] derived from the paper's
+numbers, [L] literature or data sheet, [A] an assumption.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+TWO_PI = 2.0 * math.pi
+TICK = 1e-3
+"""Period of the loop in s [P]."""
+
+
+def require(name: str, value: object, low: float, high: float) -> None:
+    """Refuse a number, or any element of an array, outside a closed range.
+
+    Raises
+    ------
+    ValueError
+        In one line with the name, the value and the bounds; also for NaN.
+    """
+    numbers = np.asarray(value, dtype=np.float64)
+    if not np.all((numbers >= low) & (numbers <= high)):
+        raise ValueError(f"{name} {value} is outside {low:g}..{high:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class ResonatorParameters:
+    """The vibration mode of eq. (1), without a finger."""
+
+    mass: float = 5e-3
+    """Modal mass m in kg [A]: about half of the 10 g of a 76 x 41 x 1.2 mm3 aluminium plate."""
+    f0: float = 43390.0
+    """Resonance frequency in Hz at :attr:`reference_temperature` [P]."""
+    f0_slope: float = -14.0
+    """Change of the resonance frequency in Hz/K [P]: 43250 Hz at 30 degC."""
+    reference_temperature: float = 20.0
+    """Temperature in degC at which :attr:`f0` holds [P]."""
+    tau: float = math.sqrt(1.30**2 - 1.0) / (TWO_PI * 140.0)
+    """Time constant 2m/d_s in s [D]: 30 % more voltage at 140 Hz of detuning, 0.944 ms."""
+    gain: float = 50e-9
+    """Vibration at resonance in m peak-to-peak per V [A]."""
+
+    def __post_init__(self) -> None:
+        require("mass", self.mass, 1e-4, 1.0)
+        require("f0", self.f0, 1e3, 1e6)
+        require("f0_slope", self.f0_slope, -1e3, 1e3)
+        require("reference_temperature", self.reference_temperature, -40.0, 125.0)
+        require("tau", self.tau, 1e-5, 1.0)
+        require("gain", self.gain, 1e-12, 1e-3)
+
+    @property
+    def damping(self) -> float:
+        """Modal damping d_s in N s/m."""
+        return 2.0 * self.mass / self.tau
+
+    @property
+    def conversion(self) -> float:
+        """Electromechanical conversion N in N/V; the force, like W, is peak-to-peak."""
+        return self.gain * self.damping * TWO_PI * self.f0
+
+    def resonance(self, temperature: float) -> float:
+        """Return the resonance frequency in Hz at a plate temperature in degC."""
+        return self.f0 + self.f0_slope * (temperature - self.reference_temperature)
+
+    def stiffness(self, temperature: float) -> float:
+        """Return the modal stiffness c in N/m at a plate temperature in degC."""
+        omega0 = TWO_PI * self.resonance(temperature)
+        return self.mass * omega0 * omega0
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalParameters:
+    """First-order thermal node of the plate, heated by its modal loss."""
+
+    resistance: float = 12.0
+    """Thermal resistance from plate to ambient in K/W [A]."""
+    time_constant: float = 150.0
+    """Thermal time constant in s [A]."""
+
+    def __post_init__(self) -> None:
+        require("resistance", self.resistance, 0.0, 1e3)
+        require("time_constant", self.time_constant, 0.1, 1e5)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorParameters:
+    """Strain gauges, vibration pick-up and thermometer."""
+
+    serial: int = 1
+    """Serial number of the hardware: it draws null, drift and curvature of each gauge."""
+    path_frequency: float = 100.0
+    """Natural frequency of the force path, flexure and filter, in Hz [A]."""
+    path_damping: float = 0.7
+    """Damping ratio of the force path [A]."""
+    crosstalk: tuple[tuple[float, float], tuple[float, float]] = ((1.0, 0.04), (-0.03, 1.02))
+    """(S1, S2) = crosstalk (Fx, Fy) [A]."""
+    node_x: float = 28e-3
+    """Distance in m of S3..S6 from the middle along the plate's 76 mm [A]."""
+    node_y: float = 14e-3
+    """Distance in m of S3..S6 from the middle across the plate's 41 mm [A]."""
+    null: float = 1.2
+    """Bound of a gauge's output without load in N [L, FSS1500]."""
+    drift: float = 41e-3 / 15.0
+    """Bound of a gauge's null shift in N/K [L, FSS1500: 41 mN over 15 K]."""
+    drift_temperature: float = 20.0
+    """Temperature in degC at which a gauge shows its null [A]."""
+    linearity: float = 0.22
+    """Bound of a gauge's bow in N over :attr:`span` [L]; its slope at no load is calibrated [A]."""
+    span: float = 14.7
+    """Span of a gauge in N [L, FSS1500]."""
+    gauge_noise: float = 4.3e-3
+    """Standard deviation of a gauge in N [A]: u(mu) is 0.011 at Fn = 0.5 N and mu = 0.4."""
+    pickup_noise: float = 1e-9
+    """Standard deviation of the pick-up in m, each axis [A]."""
+    temperature_noise: float = 5e-3
+    """Standard deviation of the thermometer in K [A]."""
+    gauge_resolution: float = 1e-4
+    """Step of the gauge converter in N [A]."""
+    pickup_resolution: float = 1e-10
+    """Step of the pick-up converter in m, each axis [A]."""
+    temperature_resolution: float = 1e-2
+    """Step of the thermometer in K [A]."""
+    full_scale: int = 32767
+    """Converters of gauges and pick-up end at +- this many steps [A]."""
+
+    def __post_init__(self) -> None:
+        require("serial", self.serial, 0, 2**32 - 1)
+        require("path_frequency", self.path_frequency, 1.0, 1e5)
+        require("path_damping", self.path_damping, 0.05, 0.99)
+        require("crosstalk", self.crosstalk, -2.0, 2.0)
+        (a, b), (c, d) = self.crosstalk
+        require("crosstalk determinant", abs(a * d - b * c), 0.1, 8.0)
+        require("node_x", self.node_x, 1e-3, 38e-3)
+        require("node_y", self.node_y, 1e-3, 20.5e-3)
+        for name in ("null", "linearity", "span"):
+            require(name, getattr(self, name), 0.0, 100.0)
+        require("drift", self.drift, 0.0, 1.0)
+        require("drift_temperature", self.drift_temperature, -40.0, 125.0)
+        require("gauge_noise", self.gauge_noise, 0.0, 1.0)
+        require("pickup_noise", self.pickup_noise, 0.0, 1e-6)
+        require("temperature_noise", self.temperature_noise, 0.0, 10.0)
+        require("gauge_resolution", self.gauge_resolution, 1e-9, 1.0)
+        require("pickup_resolution", self.pickup_resolution, 1e-15, 1e-6)
+        require("temperature_resolution", self.temperature_resolution, 1e-9, 1.0)
+        require("full_scale", self.full_scale, 1, 2**31 - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class PlateParameters:
+    """All that belongs to the plate and not to the finger."""
+
+    resonator: ResonatorParameters = field(default_factory=ResonatorParameters)
+    thermal: ThermalParameters = field(default_factory=ThermalParameters)
+    sensors: SensorParameters = field(default_factory=SensorParameters)

@@ -1,0 +1,228 @@
+"""The simulated plate with a finger on it: drive in, measurement out, one tick at a time."""
+
+from __future__ import annotations
+
+import math
+from math import inf
+
+from smarttac_can.plant.finger import Finger, FingerState
+from smarttac_can.plant.force_path import ForcePath, Transition, transition
+from smarttac_can.plant.friction import bare_friction
+from smarttac_can.plant.mathematics import SCALAR
+from smarttac_can.plant.parameters import TICK, TWO_PI, PlateParameters, require
+from smarttac_can.plant.resonator import Resonator
+from smarttac_can.plant.sensors import Sensors
+from smarttac_can.plant.skin import Skin
+from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
+from smarttac_can.signals import Drive, Measurement
+
+SUBSTEPS = 4
+"""Sub-steps of a tick, by the convergence test."""
+CONTACT_GROWTH = 2.0 / 3.0
+"""Exponent of the contact area, and with it the finger's load on the mode, over force [L]."""
+
+
+class Plate:
+    """One run of the plate, from rest at ambient temperature at tick 0.
+
+    Each tick is ``sample`` (once or more), then ``step``. The attributes hold the true values
+    behind the sensors at the present tick, for tests and reports.
+
+    Parameters
+    ----------
+    parameters
+        The plate.
+    subject
+        The fingertip.
+    finger
+        Its motion.
+    seed
+        Seed of the sensor noise, 0 or more.
+    ambient
+        Ambient temperature in degC, -20..60.
+    dead_time
+        Time in s from the start of a tick to the instant at which the new drive comes into
+        force, 0..0.001.
+
+    Attributes
+    ----------
+    tick
+        Ticks since the start of the run.
+    temperature
+        Temperature of the plate in degC.
+    Ft
+        Friction force on the plate in N.
+    occlusion
+        Degree of occlusion under the finger, 0..1.
+    finger_state
+        Position and normal force.
+
+    Raises
+    ------
+    ValueError
+        If an argument is outside its range.
+    """
+
+    __slots__ = (
+        "Ft",
+        "_ambient",
+        "_finger",
+        "_moment",
+        "_normal",
+        "_normal_phi",
+        "_parameters",
+        "_resonator",
+        "_segments",
+        "_sensors",
+        "_skin",
+        "_subject",
+        "_tangential",
+        "_warming",
+        "_wetting",
+        "finger_state",
+        "occlusion",
+        "temperature",
+        "tick",
+    )
+
+    def __init__(
+        self,
+        parameters: PlateParameters,
+        subject: Subject[float],
+        finger: Finger,
+        seed: int = 1,
+        ambient: float = 20.0,
+        dead_time: float = 0.0,
+    ) -> None:
+        require("ambient", ambient, -20.0, 60.0)
+        require("dead_time", dead_time, 0.0, TICK)
+        self._parameters = parameters
+        self._subject = subject
+        self._finger = finger
+        self._ambient = ambient
+        self._resonator = Resonator(parameters.resonator.mass)
+        self._skin = Skin(SCALAR, subject, parameters.resonator.f0)
+        self._sensors = Sensors(parameters.sensors, seed)
+        self._tangential = ForcePath()
+        self._normal = ForcePath()
+        self._moment = ForcePath()
+        self._segments = (self._segment(dead_time), self._segment(TICK - dead_time))
+        self._normal_phi = self._path(TICK)
+        self._warming = -math.expm1(-TICK / parameters.thermal.time_constant)
+        self._wetting = -math.expm1(-TICK / subject.occlusion_time)
+        self.tick = 0
+        self.temperature = ambient
+        self.Ft = 0.0
+        self.occlusion = 0.0
+        self.finger_state: FingerState = finger.at(0.0)
+
+    def _path(self, duration: float) -> Transition:
+        sensors = self._parameters.sensors
+        return transition(duration, sensors.path_frequency, sensors.path_damping)
+
+    def _segment(self, duration: float) -> tuple[int, float, Transition]:
+        """Sub-steps of a part of a tick: their number, length, and step of the force path."""
+        count = math.ceil(SUBSTEPS * duration / TICK - 1e-9)
+        length = duration / count if count else 0.0
+        return count, length, self._path(length)
+
+    @property
+    def W(self) -> complex:
+        """Vibration W_d + jW_q in m peak-to-peak."""
+        return self._resonator.W
+
+    @property
+    def mu_true(self) -> float:
+        """COF under the finger; 0 while it is lifted."""
+        Fn = self.finger_state.Fn
+        return abs(self.Ft) / Fn if Fn > 0.0 else 0.0
+
+    @property
+    def position(self) -> float:
+        """Position of the finger along x in m."""
+        return self.finger_state.x
+
+    @property
+    def Fn(self) -> float:
+        """Normal force in N."""
+        return self.finger_state.Fn
+
+    @property
+    def resonance(self) -> float:
+        """Resonance frequency in Hz at the present temperature, without the finger's load."""
+        return self._parameters.resonator.resonance(self.temperature)
+
+    def sample(self) -> Measurement:
+        """Return what the sensors report at the present tick, always the same for one tick."""
+        return self._sensors.measure(
+            self.tick,
+            self._resonator.W,
+            self.temperature,
+            self._tangential.y,
+            self._normal.y,
+            self._moment.y,
+        )
+
+    def step(self, old: Drive, new: Drive) -> None:
+        """Advance by one tick, with the old drive for the dead time and then with the new one.
+
+        Raises
+        ------
+        ValueError
+            If a voltage or a frequency is negative or not finite; the plate is then unchanged.
+        """
+        for voltage, frequency in (old, new):
+            if not (0.0 <= voltage < inf and 0.0 <= frequency < inf):
+                raise ValueError(f"drive {voltage} V, {frequency} Hz is outside 0..inf")
+        tick = self.tick + 1
+        x0, Fn0 = self.finger_state
+        finger_state = self._finger.at(tick * TICK)
+        x1, Fn1 = finger_state
+        v_bone = (x1 - x0) / TICK
+        Fn = 0.5 * (Fn0 + Fn1)
+        self._heat()
+        self.occlusion += ((1.0 if Fn > 0.0 else 0.0) - self.occlusion) * self._wetting
+        before, after = self._segments
+        if before[0]:
+            self._advance(old, before, v_bone, Fn)
+        if after[0]:
+            self._advance(new, after, v_bone, Fn)
+        self._normal.step(self._normal_phi, Fn)
+        self._moment.step(self._normal_phi, 0.5 * (Fn0 * x0 + Fn1 * x1))
+        self.finger_state = finger_state
+        self.tick = tick
+
+    def _heat(self) -> None:
+        p = self._parameters
+        velocity = 0.5 * TWO_PI * p.resonator.f0 * abs(self._resonator.W)
+        loss = 0.5 * p.resonator.damping * velocity * velocity
+        target = self._ambient + p.thermal.resistance * loss
+        self.temperature += (target - self.temperature) * self._warming
+
+    def _advance(
+        self, drive: Drive, segment: tuple[int, float, Transition], v_bone: float, Fn: float
+    ) -> None:
+        count, length, phi = segment
+        subject = self._subject
+        mode = self._parameters.resonator
+        load = (Fn / FORCE_REFERENCE) ** CONTACT_GROWTH
+        resonator = self._resonator
+        resonator.drive(
+            length,
+            TWO_PI * drive.frequency,
+            mode.conversion * drive.voltage,
+            mode.damping + subject.load_damping * load,
+            mode.stiffness(self.temperature) + subject.load_stiffness * load,
+        )
+        bare = bare_friction(SCALAR, subject, Fn, self.occlusion)
+        skin_step = self._skin.step
+        path_step = self._tangential.step
+        Ft = self.Ft
+        W0 = abs(resonator.W)
+        for _ in range(count):
+            W1 = abs(resonator.step())
+            last = Ft
+            Ft = skin_step(length, 0.5 * (W0 + W1), v_bone, bare)
+            path_step(phi, 0.5 * (last + Ft))
+            W0 = W1
+        self.Ft = Ft

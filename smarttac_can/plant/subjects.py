@@ -1,0 +1,149 @@
+"""Subjects: what a fingertip is made of, five presets, and a random population."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Generic
+
+import numpy as np
+
+from smarttac_can.plant.mathematics import Float, FloatArray
+from smarttac_can.plant.parameters import require
+
+FORCE_REFERENCE = 0.5
+"""Normal force in N at which mu0 and the load on the plate are stated."""
+
+_BOUNDS = {
+    "mu0": (0.05, 3.0),
+    "exponent": (2.0 / 3.0, 1.0),
+    "occlusion": (0.0, 2.0),
+    "occlusion_time": (0.1, 1e4),
+    "rho": (0.0, 0.95),
+    "W0": (0.1e-6, 20e-6),
+    "p": (0.5, 4.0),
+    "stribeck": (1.0, 2.0),
+    "stribeck_speed": (1e-4, 1.0),
+    "relaxation_length": (1e-7, 1e-3),
+    "skin_mass": (0.0, 1e-2),
+    "skin_stiffness": (10.0, 1e5),
+    "skin_damping": (0.01, 100.0),
+    "load_damping": (0.0, 1e3),
+    "load_stiffness": (0.0, 1e8),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject(Generic[Float]):
+    """A fingertip; numbers for one subject, arrays for a population.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+    """
+
+    name: str
+    mu0: Float
+    """COF at 0.5 N without vibration and occlusion (fitted to the paper's ranges)."""
+    exponent: Float
+    """n of Ft ~ Fn^n, 2/3..1 [L]."""
+    occlusion: Float
+    """Rise of mu0 at full occlusion, as a fraction [A]."""
+    occlusion_time: Float
+    """Time constant of occlusion in s, about 20 s [L, doi:10.1007/s11249-011-9828-0]."""
+    rho: Float
+    """Share of mu0 that vibration cannot remove [A, fitted]."""
+    W0: Float
+    """Effective vibration in m that removes 1 - 1/e of the rest [A, fitted]."""
+    p: Float
+    """Shape of the friction map, 1..2 [A]."""
+    stribeck: Float
+    """Ratio of friction at no speed to friction at speed, 1.1..1.5 [A]."""
+    stribeck_speed: Float
+    """Speed in m/s at which half of the Stribeck rise is gone [A]."""
+    relaxation_length: Float
+    """Sliding distance in m over which friction builds up to 1 - 1/e, 11.5 um [D from L]."""
+    skin_mass: Float
+    """Moving mass of the skin in kg [L]."""
+    skin_stiffness: Float
+    """Lateral stiffness of the skin in N/m [L]."""
+    skin_damping: Float
+    """Lateral damping of the skin in N s/m [L]."""
+    load_damping: Float
+    """Damping that the finger adds to the mode at 0.5 N, in N s/m [A]."""
+    load_stiffness: Float
+    """Stiffness that the finger adds to the mode at 0.5 N, in N/m [A]."""
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in _BOUNDS.items():
+            require(name, getattr(self, name), low, high)
+
+
+def stack(subjects: Sequence[Subject[float]], name: str = "population") -> Subject[FloatArray]:
+    """Return the subjects as one, each parameter an array with one element a subject."""
+    return Subject[FloatArray](
+        name=name,
+        **{
+            f.name: np.array([getattr(s, f.name) for s in subjects], dtype=np.float64)
+            for f in fields(Subject)
+            if f.name != "name"
+        },
+    )
+
+
+def _preset(
+    name: str, mu0: float, rho: float, W0: float, p: float, load_damping: float = 4.0
+) -> Subject[float]:
+    return Subject(
+        name=name,
+        mu0=mu0,
+        exponent=0.9,
+        occlusion=0.05,
+        occlusion_time=20.0,
+        rho=rho,
+        W0=W0,
+        p=p,
+        stribeck=1.2,
+        stribeck_speed=5e-3,
+        relaxation_length=11.5e-6,
+        skin_mass=1e-4,
+        skin_stiffness=1e3,
+        skin_damping=1.0,
+        load_damping=load_damping,
+        load_stiffness=1.5e5,
+    )
+
+
+SUBJECTS: tuple[Subject[float], ...] = (
+    _preset("dry", 0.36, 0.20, 1.5e-6, 1.3),
+    _preset("fair", 0.46, 0.30, 1.5e-6, 1.3),
+    _preset("supple", 0.56, 0.35, 1.5e-6, 1.3),
+    _preset("moist", 0.66, 0.40, 1.5e-6, 1.3),
+    _preset("sticky", 0.50, 0.15, 1.0e-6, 1.6),
+)
+"""The five subjects of Fig. 2; the first four are those of Table I, in its order."""
+
+
+def random_subjects(count: int, seed: int) -> list[Subject[float]]:
+    """Draw subjects uniformly from the ranges in which fingers differ.
+
+    Parameters
+    ----------
+    count
+        How many, 1 or more; the first of them do not depend on how many are drawn.
+    seed
+        0 or more.
+    """
+    require("count", count, 1, 1_000_000)
+    require("seed", seed, 0, 2**63 - 1)
+    rng = np.random.default_rng([seed, 0x5B])
+    low = np.array([0.30, 0.15, 0.8e-6, 1.0, 2.0, 0.70])
+    high = np.array([0.90, 0.50, 3.0e-6, 2.0, 7.0, 1.00])
+    subjects = []
+    for number, row in enumerate((low + (high - low) * rng.random((count, 6))).tolist(), 1):
+        mu0, rho, W0, p, load_damping, exponent = row
+        base = _preset(f"random-{number}", mu0, rho, W0, p, load_damping)
+        values = {f.name: getattr(base, f.name) for f in fields(base)} | {"exponent": exponent}
+        subjects.append(Subject[float](**values))
+    return subjects
