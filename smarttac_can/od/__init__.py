@@ -1,0 +1,1 @@
+"""Object dictionary: EDS loading, data types, units, limits, and the timing of its PDOs."""

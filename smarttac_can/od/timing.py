@@ -14,8 +14,8 @@ def frame_bits(data_bytes: int) -> int:
     Notes
     -----
     47 fixed bits including the 3 of the interframe space, of which the 34 before the CRC delimiter
-    are subject to stuffing together with the data: one stuff bit after the first five equal bits and
-    then one every four (Davis, Burns, Bril, Lukkien, Real-Time Systems 35 (2007) 239,
+    are subject to stuffing together with the data: one stuff bit after the first five equal bits
+    and then one every four (Davis, Burns, Bril, Lukkien, Real-Time Systems 35 (2007) 239,
     doi:10.1007/s11241-007-9012-7). 8 bytes give 135.
     """
     if not 0 <= data_bytes <= 8:

@@ -1,0 +1,214 @@
+"""Numbers of CiA 301, 302 and 306 under their names: the only place with hexadecimal indices."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final
+
+
+class DataType(IntEnum):
+    """Static data types of CiA 301, table 44."""
+
+    BOOLEAN = 0x01
+    INTEGER8 = 0x02
+    INTEGER16 = 0x03
+    INTEGER32 = 0x04
+    UNSIGNED8 = 0x05
+    UNSIGNED16 = 0x06
+    UNSIGNED32 = 0x07
+    REAL32 = 0x08
+    VISIBLE_STRING = 0x09
+    OCTET_STRING = 0x0A
+    UNICODE_STRING = 0x0B
+    TIME_OF_DAY = 0x0C
+    TIME_DIFFERENCE = 0x0D
+    DOMAIN = 0x0F
+    INTEGER24 = 0x10
+    REAL64 = 0x11
+    INTEGER40 = 0x12
+    INTEGER48 = 0x13
+    INTEGER56 = 0x14
+    INTEGER64 = 0x15
+    UNSIGNED24 = 0x16
+    UNSIGNED40 = 0x18
+    UNSIGNED48 = 0x19
+    UNSIGNED56 = 0x1A
+    UNSIGNED64 = 0x1B
+
+
+class ObjectType(IntEnum):
+    """Object codes of CiA 301, table 42."""
+
+    NULL = 0
+    DOMAIN = 2
+    DEFTYPE = 5
+    DEFSTRUCT = 6
+    VAR = 7
+    ARRAY = 8
+    RECORD = 9
+
+
+class AbortCode(IntEnum):
+    """SDO abort codes of CiA 301, table 22."""
+
+    TOGGLE = 0x05030000
+    TIME_OUT = 0x05040000
+    COMMAND = 0x05040001
+    BLOCK_SIZE = 0x05040002
+    SEQUENCE = 0x05040003
+    CRC = 0x05040004
+    MEMORY = 0x05040005
+    ACCESS = 0x06010000
+    WRITE_ONLY = 0x06010001
+    READ_ONLY = 0x06010002
+    NO_OBJECT = 0x06020000
+    NOT_MAPPABLE = 0x06040041
+    PDO_LENGTH = 0x06040042
+    PARAMETER = 0x06040043
+    HARDWARE = 0x06060000
+    LENGTH = 0x06070010
+    TOO_LONG = 0x06070012
+    TOO_SHORT = 0x06070013
+    NO_SUBINDEX = 0x06090011
+    VALUE = 0x06090030
+    TOO_HIGH = 0x06090031
+    TOO_LOW = 0x06090032
+    GENERAL = 0x08000000
+    STORE = 0x08000020
+    LOCAL_CONTROL = 0x08000021
+    STATE = 0x08000022
+    NO_DATA = 0x08000024
+
+
+ABORT_TEXT: Final = {
+    AbortCode.TOGGLE: "toggle bit not alternated",
+    AbortCode.TIME_OUT: "SDO protocol timed out",
+    AbortCode.COMMAND: "command specifier not valid or unknown",
+    AbortCode.BLOCK_SIZE: "invalid block size",
+    AbortCode.SEQUENCE: "invalid sequence number",
+    AbortCode.CRC: "CRC error",
+    AbortCode.MEMORY: "out of memory",
+    AbortCode.ACCESS: "unsupported access to an object",
+    AbortCode.WRITE_ONLY: "attempt to read a write only object",
+    AbortCode.READ_ONLY: "attempt to write a read only object",
+    AbortCode.NO_OBJECT: "object does not exist in the object dictionary",
+    AbortCode.NOT_MAPPABLE: "object cannot be mapped to the PDO",
+    AbortCode.PDO_LENGTH: "mapped objects would exceed the PDO length",
+    AbortCode.PARAMETER: "general parameter incompatibility",
+    AbortCode.HARDWARE: "access failed due to a hardware error",
+    AbortCode.LENGTH: "data type or length does not match",
+    AbortCode.TOO_LONG: "length of service parameter too high",
+    AbortCode.TOO_SHORT: "length of service parameter too low",
+    AbortCode.NO_SUBINDEX: "sub-index does not exist",
+    AbortCode.VALUE: "invalid value for parameter",
+    AbortCode.TOO_HIGH: "value written too high",
+    AbortCode.TOO_LOW: "value written too low",
+    AbortCode.GENERAL: "general error",
+    AbortCode.STORE: "data cannot be transferred or stored to the application",
+    AbortCode.LOCAL_CONTROL: "data cannot be transferred because of local control",
+    AbortCode.STATE: "data cannot be transferred because of the present device state",
+    AbortCode.NO_DATA: "no data available",
+}
+
+
+class Abort(Exception):  # noqa: N818 - the term of CiA 301
+    """Refusal of an access to the object dictionary.
+
+    Parameters
+    ----------
+    code
+        SDO abort code, given to the client as it is.
+    """
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+        text = ABORT_TEXT[AbortCode(code)] if code in ABORT_TEXT else "manufacturer specific"
+        super().__init__(f"abort {code:08X}: {text}")
+
+
+class EmergencyCode(IntEnum):
+    """Emergency error codes of CiA 301, table 26, as far as the communication part needs them."""
+
+    RESET = 0x0000
+    HEARTBEAT = 0x8130
+    PROTOCOL = 0x8200
+    PDO_LENGTH = 0x8210
+    PDO_LENGTH_EXCEEDED = 0x8220
+    SYNC_LENGTH = 0x8240
+    RPDO_TIME_OUT = 0x8250
+
+
+class ErrorRegister(IntEnum):
+    """Bits of the error register."""
+
+    GENERIC = 0x01
+    CURRENT = 0x02
+    VOLTAGE = 0x04
+    TEMPERATURE = 0x08
+    COMMUNICATION = 0x10
+    PROFILE = 0x20
+    MANUFACTURER = 0x80
+
+
+# Communication profile area.
+COMMUNICATION_FIRST: Final = 0x1000
+COMMUNICATION_LAST: Final = 0x1FFF
+ERROR_REGISTER: Final = 0x1001
+ERROR_FIELD: Final = 0x1003
+SYNC_COB_ID: Final = 0x1005
+SYNC_PERIOD: Final = 0x1006
+EMCY_COB_ID: Final = 0x1014
+EMCY_INHIBIT: Final = 0x1015
+HEARTBEAT_CONSUMER: Final = 0x1016
+HEARTBEAT_PRODUCER: Final = 0x1017
+SYNC_COUNTER: Final = 0x1019
+ERROR_BEHAVIOUR: Final = 0x1029
+SDO_SERVER_FIRST: Final = 0x1200
+SDO_SERVER_LAST: Final = 0x127F
+RPDO_COMMUNICATION: Final = 0x1400
+RPDO_MAPPING: Final = 0x1600
+TPDO_COMMUNICATION: Final = 0x1800
+TPDO_MAPPING: Final = 0x1A00
+PDO_COUNT: Final = 0x200
+NMT_STARTUP: Final = 0x1F80
+
+# Sub-indices of the PDO communication parameter record.
+PDO_COB_ID: Final = 1
+PDO_TRANSMISSION: Final = 2
+PDO_INHIBIT: Final = 3
+PDO_EVENT: Final = 5
+PDO_SYNC_START: Final = 6
+
+# Transmission types.
+ACYCLIC: Final = 0
+CYCLIC_LAST: Final = 240
+RTR_SYNC: Final = 252
+RTR_EVENT: Final = 253
+EVENT_MANUFACTURER: Final = 254
+EVENT_PROFILE: Final = 255
+
+# COB-ID entries: identifier and flags.
+CAN_ID_MASK: Final = 0x7FF
+COB_INVALID: Final = 1 << 31
+COB_NO_RTR: Final = 1 << 30
+COB_SYNC_PRODUCER: Final = 1 << 30
+COB_EXTENDED: Final = 1 << 29
+
+# Identifiers of the pre-defined connection set; the node-ID is added to those of a node.
+NMT_ID: Final = 0x000
+SYNC_ID: Final = 0x080
+EMCY_ID: Final = 0x080
+SDO_TX_ID: Final = 0x580
+SDO_RX_ID: Final = 0x600
+HEARTBEAT_ID: Final = 0x700
+
+
+def restricted(can_id: int) -> bool:
+    """Whether an 11-bit CAN-ID must not be given to a configurable object (CiA 301, table 39)."""
+    return (
+        can_id <= 0x07F
+        or 0x101 <= can_id <= 0x180
+        or 0x581 <= can_id <= 0x5FF
+        or 0x601 <= can_id <= 0x67F
+        or can_id >= 0x6E0
+    )

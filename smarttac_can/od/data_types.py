@@ -1,0 +1,113 @@
+"""Transfer syntax of the CiA 301 data types: little-endian, as SDO and PDO carry them."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from typing import Any, Final
+
+from smarttac_can.od.cia import Abort, AbortCode, DataType
+
+SIGNED: Final[dict[int, int]] = {
+    DataType.INTEGER8: 1,
+    DataType.INTEGER16: 2,
+    DataType.INTEGER24: 3,
+    DataType.INTEGER32: 4,
+    DataType.INTEGER40: 5,
+    DataType.INTEGER48: 6,
+    DataType.INTEGER56: 7,
+    DataType.INTEGER64: 8,
+}
+UNSIGNED: Final[dict[int, int]] = {
+    DataType.UNSIGNED8: 1,
+    DataType.UNSIGNED16: 2,
+    DataType.UNSIGNED24: 3,
+    DataType.UNSIGNED32: 4,
+    DataType.UNSIGNED40: 5,
+    DataType.UNSIGNED48: 6,
+    DataType.UNSIGNED56: 7,
+    DataType.UNSIGNED64: 8,
+}
+REAL: Final[dict[int, int]] = {DataType.REAL32: 4, DataType.REAL64: 8}
+TIME: Final[dict[int, int]] = {DataType.TIME_OF_DAY: 6, DataType.TIME_DIFFERENCE: 6}
+TEXT: Final = frozenset({DataType.VISIBLE_STRING, DataType.UNICODE_STRING})
+
+SIZES: Final[dict[int, int]] = {DataType.BOOLEAN: 1, **SIGNED, **UNSIGNED, **REAL, **TIME}
+"""Bytes of every type of fixed length; the others are as long as their value."""
+
+_REAL_FORMAT: Final[dict[int, str]] = {DataType.REAL32: "<f", DataType.REAL64: "<d"}
+_REAL_LARGEST: Final[dict[int, float]] = {
+    DataType.REAL32: (2 - 2**-23) * 2.0**127,
+    DataType.REAL64: sys.float_info.max,
+}
+_VISIBLE: Final = frozenset([0, *range(0x20, 0x7F)])
+
+
+def bounds(data_type: DataType) -> tuple[float, float]:
+    """Smallest and largest value of a numeric type; (0, 0) for strings, times and domains."""
+    if data_type in UNSIGNED:
+        return 0, (1 << 8 * UNSIGNED[data_type]) - 1
+    if data_type in SIGNED:
+        half = 1 << (8 * SIGNED[data_type] - 1)
+        return -half, half - 1
+    if data_type in REAL:
+        return -_REAL_LARGEST[data_type], _REAL_LARGEST[data_type]
+    return (0, 1) if data_type == DataType.BOOLEAN else (0, 0)
+
+
+def zero(data_type: DataType) -> Any:
+    """Value of an entry whose EDS names no default."""
+    if data_type in TEXT:
+        return ""
+    if data_type in REAL:
+        return 0.0
+    if data_type in SIGNED or data_type in UNSIGNED or data_type == DataType.BOOLEAN:
+        return 0
+    return bytes(SIZES.get(data_type, 0))
+
+
+def pack(data_type: DataType, value: Any) -> bytes:
+    """Bytes of a value that is inside the bounds of its type."""
+    if data_type in UNSIGNED or data_type == DataType.BOOLEAN:
+        return int(value).to_bytes(SIZES[data_type], "little")
+    if data_type in SIGNED:
+        return int(value).to_bytes(SIGNED[data_type], "little", signed=True)
+    if data_type in REAL:
+        return struct.pack(_REAL_FORMAT[data_type], value)
+    if data_type == DataType.VISIBLE_STRING:
+        return str(value).encode("ascii", "replace")
+    if data_type == DataType.UNICODE_STRING:
+        return str(value).encode("utf-16-le")
+    return bytes(value)
+
+
+def unpack(data_type: DataType, data: bytes) -> Any:
+    """Value of the bytes of one entry.
+
+    Raises
+    ------
+    Abort
+        TOO_LONG or TOO_SHORT if the length is not that of the type, LENGTH for half a character
+        of a UNICODE_STRING, VALUE for bytes that are no characters of the type.
+    """
+    size = SIZES.get(data_type)
+    if size is not None and len(data) != size:
+        raise Abort(AbortCode.TOO_LONG if len(data) > size else AbortCode.TOO_SHORT)
+    if data_type in UNSIGNED or data_type == DataType.BOOLEAN:
+        return int.from_bytes(data, "little")
+    if data_type in SIGNED:
+        return int.from_bytes(data, "little", signed=True)
+    if data_type in REAL:
+        return struct.unpack(_REAL_FORMAT[data_type], data)[0]
+    if data_type == DataType.VISIBLE_STRING:
+        if not _VISIBLE.issuperset(data):
+            raise Abort(AbortCode.VALUE)
+        return data.decode("ascii")
+    if data_type == DataType.UNICODE_STRING:
+        if len(data) % 2:
+            raise Abort(AbortCode.LENGTH)
+        try:
+            return data.decode("utf-16-le")
+        except UnicodeDecodeError:
+            raise Abort(AbortCode.VALUE) from None
+    return bytes(data)

@@ -1,0 +1,254 @@
+"""The object dictionary: entries with type, access, limits, unit and value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from smarttac_can.od.cia import Abort, AbortCode, DataType, ObjectType
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, UNSIGNED, bounds, pack, unpack
+from smarttac_can.od.units import PLAIN, Unit
+
+ACCESS: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
+MAX_BYTES: Final = 1 << 16
+"""Longest string or domain an entry takes."""
+
+_INTEGER: Final = frozenset({*SIGNED, *UNSIGNED, DataType.BOOLEAN})
+
+
+class Entry:
+    """One sub-index of the object dictionary.
+
+    Parameters
+    ----------
+    low, high
+        Limits of the EDS, or else the bounds of the data type; 0 where values have no order.
+    default
+        Value after a reset.
+    pdo
+        Whether the EDS says PDOMapping=1.
+
+    Attributes
+    ----------
+    value
+        Raw value as on the wire: int, float, bytes or str by data type. Who writes it directly
+        keeps it within the limits; `quantise` does.
+    size
+        Bytes on the wire, 0 for a type of variable length.
+    unit, factor, si
+        Displayed unit, displayed units per count and SI base units per count.
+    """
+
+    __slots__ = (
+        "access",
+        "data_type",
+        "default",
+        "factor",
+        "high",
+        "index",
+        "low",
+        "name",
+        "pdo",
+        "readable",
+        "si",
+        "size",
+        "subindex",
+        "unit",
+        "value",
+        "writable",
+    )
+
+    def __init__(
+        self,
+        index: int,
+        subindex: int,
+        name: str,
+        data_type: DataType,
+        access: str,
+        *,
+        low: float | None = None,
+        high: float | None = None,
+        default: Any = 0,
+        pdo: bool = False,
+        unit: Unit = PLAIN,
+    ) -> None:
+        least, most = bounds(data_type)
+        self.index = index
+        self.subindex = subindex
+        self.name = name
+        self.data_type = data_type
+        self.access = access
+        self.low = least if low is None else low
+        self.high = most if high is None else high
+        self.default: Any = default
+        self.value: Any = default
+        self.pdo = pdo
+        self.size = SIZES.get(data_type, 0)
+        self.unit, self.factor, self.si = unit
+        self.readable = access != "wo"
+        self.writable = access not in ("ro", "const")
+
+    def __repr__(self) -> str:
+        return f"<Entry {self.index:04X}:{self.subindex:02X} {self.name} = {self.value!r}>"
+
+    @property
+    def tpdo_mappable(self) -> bool:
+        """Whether a TPDO may carry the entry (rww is for RPDOs alone, CiA 306)."""
+        return self.pdo and self.access in ("ro", "rw", "rwr")
+
+    @property
+    def rpdo_mappable(self) -> bool:
+        """Whether an RPDO may carry the entry."""
+        return self.pdo and self.access in ("wo", "rw", "rww")
+
+    @property
+    def si_value(self) -> float:
+        """Value in SI base units."""
+        return float(self.value * self.si)
+
+    def quantise(self, si: float) -> int:
+        """Nearest raw value to a quantity in SI base units, ties to even, clipped to the limits.
+
+        Raises
+        ------
+        ValueError
+            The quantity is not a number.
+        TypeError
+            The entry is no integer.
+        """
+        if self.data_type not in _INTEGER:
+            raise TypeError(f"{self.name} is {self.data_type.name}, not an integer")
+        raw = si / self.si
+        if raw <= self.low:
+            return int(self.low)
+        if raw >= self.high:
+            return int(self.high)
+        return round(raw)
+
+    def check(self, value: Any) -> None:
+        """Refuse a value of the wrong type or outside the limits.
+
+        Raises
+        ------
+        Abort
+            LENGTH for a wrong type, TOO_LOW, TOO_HIGH, VALUE (not a number), TOO_LONG.
+        """
+        if self.data_type in _INTEGER or self.data_type in REAL:
+            if not isinstance(value, int if self.data_type in _INTEGER else int | float):
+                raise Abort(AbortCode.LENGTH)
+            if value < self.low:
+                raise Abort(AbortCode.TOO_LOW)
+            if value > self.high:
+                raise Abort(AbortCode.TOO_HIGH)
+            if value != value:  # noqa: PLR0124 - NaN would slip through both limits
+                raise Abort(AbortCode.VALUE)
+        elif not isinstance(value, str if self.data_type in TEXT else bytes):
+            raise Abort(AbortCode.LENGTH)
+        elif len(value) > MAX_BYTES:
+            raise Abort(AbortCode.TOO_LONG)
+
+    def pack(self) -> bytes:
+        """Value as bytes on the wire."""
+        return pack(self.data_type, self.value)
+
+    def unpack(self, data: bytes) -> Any:
+        """Read bytes from the wire; nothing changes. Raises `Abort` as `check` does."""
+        value = unpack(self.data_type, data)
+        self.check(value)
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Object:
+    """One index of the object dictionary."""
+
+    index: int
+    name: str
+    object_type: ObjectType
+    entries: dict[int, Entry]
+    """Entries by sub-index; a VAR has only 0."""
+
+
+class ObjectDictionary:
+    """All objects of one device.
+
+    Entries are found by index and sub-index, or by name without the unit: ``od["Mode"]`` for a
+    VAR, ``od["Setpoint.Voltage"]`` for a member of an array or record. Iteration is by index.
+
+    Parameters
+    ----------
+    node_id
+        Node-ID for which ``$NODEID`` was replaced, 1..127.
+    objects
+        Objects in any order.
+    dummies
+        Data types that may stand in an RPDO as a dummy.
+    info
+        Keys of ``[DeviceInfo]`` in lower case.
+    warnings
+        What was odd about the EDS, one line each.
+    """
+
+    def __init__(
+        self,
+        node_id: int,
+        objects: list[Object],
+        dummies: frozenset[int] = frozenset(),
+        info: dict[str, str] | None = None,
+        warnings: list[str] | None = None,
+    ) -> None:
+        self.node_id = node_id
+        self.objects = {item.index: item for item in sorted(objects, key=lambda item: item.index)}
+        self.dummies = dummies
+        self.info = info or {}
+        self.warnings = warnings or []
+        self._names: dict[str, Entry | None] = {}
+        for entry in self:
+            # None marks a name that stands for several entries.
+            self._names[entry.name] = None if entry.name in self._names else entry
+
+    def __iter__(self) -> Iterator[Entry]:
+        for item in self.objects.values():
+            yield from item.entries.values()
+
+    def __contains__(self, name: str) -> bool:
+        return self._names.get(name) is not None
+
+    def __getitem__(self, name: str) -> Entry:
+        entry = self._names.get(name)
+        if entry is None:
+            what = "stands for several entries" if name in self._names else "is not in the EDS"
+            raise KeyError(f"{name!r} {what}")
+        return entry
+
+    def entry(self, index: int, subindex: int = 0) -> Entry:
+        """Find an entry; raises `Abort` with NO_OBJECT or NO_SUBINDEX."""
+        item = self.objects.get(index)
+        if item is None:
+            raise Abort(AbortCode.NO_OBJECT)
+        entry = item.entries.get(subindex)
+        if entry is None:
+            raise Abort(AbortCode.NO_SUBINDEX)
+        return entry
+
+    def get(self, index: int, subindex: int = 0) -> Entry | None:
+        """Find an entry that the EDS may leave out."""
+        item = self.objects.get(index)
+        return None if item is None else item.entries.get(subindex)
+
+    def number(self, index: int, subindex: int = 0, absent: int = 0) -> int:
+        """Value of an integer entry, or `absent` where the EDS has none."""
+        entry = self.get(index, subindex)
+        return absent if entry is None else int(entry.value)
+
+    def write(self, entry: Entry, value: Any) -> None:
+        """Check a value as `Entry.check` does and set it."""
+        entry.check(value)
+        entry.value = value
+
+    def reset(self, first: int, last: int) -> None:
+        """Set the entries of the objects first..last to their defaults."""
+        for entry in self:
+            if first <= entry.index <= last:
+                entry.value = entry.default

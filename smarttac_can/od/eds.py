@@ -1,0 +1,283 @@
+"""Electronic data sheets (CiA 306) read into an object dictionary.
+
+The parser is our own: python-canopen's drops silently what it does not understand, sign-extends
+only four of the eight signed types, and takes no `$NODEID` in the limits.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Any, Final, TypeVar
+
+from smarttac_can.od.cia import DataType, ObjectType
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, bounds, zero
+from smarttac_can.od.dictionary import ACCESS, Entry, Object, ObjectDictionary
+from smarttac_can.od.ini import EDSError, read_sections
+from smarttac_can.od.units import PLAIN, Unit, split_name
+
+_OBJECT: Final = re.compile(r"^[0-9a-f]{4}$")
+_MEMBER: Final = re.compile(r"^([0-9a-f]{4})sub([0-9a-f]{1,2})$")
+_COMPACT: Final = re.compile(r"^([0-9a-f]{4})(name|value|denotation|objectlinks)$")
+_OTHER: Final = re.compile(
+    r"^(fileinfo|deviceinfo|dummyusage|comments|devicecomm?issioning|dynamicchannels"
+    r"|(mandatory|optional|manufacturer)objects|supportedmodules|tools?\d*)$"
+)
+_LISTS: Final = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
+_NUMBER: Final = re.compile(r"^([+-]?)(0x[0-9a-f]+|[0-9]+)$")
+_NODE_ID: Final = re.compile(r"^(?:\$nodeid\+)(.+)$|^(.+)\+\$nodeid$|^\$nodeid()$")
+
+Section = dict[str, str]
+_Kind = TypeVar("_Kind", DataType, ObjectType)
+
+
+def load_eds(text: str, node_id: int) -> ObjectDictionary:
+    """Read an EDS, or a DCF, whose ParameterValue then stands for the default.
+
+    Parameters
+    ----------
+    text
+        The whole file.
+    node_id
+        What stands for ``$NODEID``, 1..127.
+
+    Returns
+    -------
+    ObjectDictionary
+        With what was odd but unambiguous in its `warnings`.
+
+    Raises
+    ------
+    EDSError
+        The file cannot be interpreted; one line naming the section.
+    ValueError
+        `node_id` is out of range.
+    """
+    if not 1 <= node_id <= 127:
+        raise ValueError(f"node_id {node_id} is outside 1..127")
+    warnings: list[str] = []
+    sections = read_sections(text, warnings)
+    reader = _Reader(sections, node_id, warnings)
+    objects = [
+        item
+        for name in sections
+        if _OBJECT.match(name) and (item := reader.object(name)) is not None
+    ]
+    if not objects:
+        raise EDSError("the file has no objects")
+    reader.warn_about_leftovers({item.index for item in objects})
+    usage = sections.get("dummyusage", {})
+    dummies = frozenset(n for n in range(1, 8) if usage.get(f"dummy{n:04x}", "0") not in ("0", ""))
+    return ObjectDictionary(node_id, objects, dummies, sections.get("deviceinfo", {}), warnings)
+
+
+class _Reader:
+    def __init__(self, sections: dict[str, Section], node_id: int, warnings: list[str]) -> None:
+        self.sections = sections
+        self.node_id = node_id
+        self.warnings = warnings
+        self.members: dict[int, dict[int, str]] = {}
+        for name in sections:
+            if found := _MEMBER.match(name):
+                subs = self.members.setdefault(int(found[1], 16), {})
+                subindex = int(found[2], 16)
+                if subindex in subs:
+                    raise EDSError(f"[{name}] and [{subs[subindex]}] are the same sub-index")
+                subs[subindex] = name
+
+    def object(self, name: str) -> Object | None:
+        """One index; None for the object types that hold no data."""
+        section = self.sections[name]
+        index = int(name, 16)
+        compact = self._integer(name, "compactsubobj")
+        members = self.members.get(index, {})
+        if "objecttype" in section:
+            object_type = self._enumerated(name, "objecttype", ObjectType)
+        else:
+            object_type = ObjectType.RECORD if members else ObjectType.VAR
+        if object_type in (ObjectType.NULL, ObjectType.DEFTYPE, ObjectType.DEFSTRUCT):
+            self.warnings.append(f"[{name}] is of object type {object_type.name}, ignored")
+            return None
+        title, unit = self._title(name, name.upper())
+        if object_type in (ObjectType.VAR, ObjectType.DOMAIN):
+            entries = {0: self._entry(name, index, 0, title, unit)}
+        elif compact:
+            entries = self._compact(name, index, title, unit, compact)
+        else:
+            entries = {}
+        for subindex, member in sorted(members.items() if object_type not in (2, 7) else ()):
+            sub_title, sub_unit = self._title(member, f"{subindex:02X}")
+            full = f"{title}.{sub_title}"
+            entries[subindex] = self._entry(member, index, subindex, full, sub_unit)
+        if not entries:
+            raise EDSError(f"[{name}] has no sub-indices")
+        self._warn_about_count(name, object_type, len(entries), bool(compact))
+        return Object(index, title, object_type, entries)
+
+    def _warn_about_count(self, name: str, kind: ObjectType, count: int, compact: bool) -> None:
+        if kind in (ObjectType.VAR, ObjectType.DOMAIN):
+            if self.members.get(int(name, 16)):
+                self.warnings.append(f"[{name}] is a {kind.name}: its sub-indices are ignored")
+            return
+        stated = self._integer(name, "subnumber", count)
+        if stated != count and not compact:
+            self.warnings.append(f"[{name}] says SubNumber={stated} but has {count}")
+
+    def _title(self, section: str, absent: str) -> tuple[str, Unit]:
+        title = self.sections[section].get("parametername", "")
+        if not title:
+            self.warnings.append(f"[{section}] has no ParameterName")
+        try:
+            return split_name(title or absent)
+        except ValueError as error:
+            self.warnings.append(f"[{section}] {error}, taken as part of the name")
+            return title, PLAIN
+
+    def _entry(self, name: str, index: int, subindex: int, title: str, unit: Unit) -> Entry:
+        section = self.sections[name]
+        domain = self._integer(name, "objecttype", ObjectType.VAR) == ObjectType.DOMAIN
+        if domain and not section.get("datatype"):
+            data_type = DataType.DOMAIN
+        else:
+            data_type = self._enumerated(name, "datatype", DataType)
+        access = section.get("accesstype", "").lower() or ("rw" if domain else "")
+        if access not in ACCESS:
+            raise EDSError(f"[{name}] AccessType {access!r} is none of {', '.join(ACCESS)}")
+        text = section.get("parametervalue") or section.get("defaultvalue", "")
+        default = self._value(name, data_type, text) if text else zero(data_type)
+        low, high = (self._limit(name, data_type, key) for key in ("lowlimit", "highlimit"))
+        least, most = bounds(data_type)
+        if (least if low is None else low) > (most if high is None else high):
+            self.warnings.append(f"[{name}] LowLimit {low} is above HighLimit {high}, both ignored")
+            low = high = None
+        if not text and bounds(data_type) != (0, 0):
+            default = min(
+                max(default, least if low is None else low), most if high is None else high
+            )
+        if (low is not None and default < low) or (high is not None and default > high):
+            self.warnings.append(f"[{name}] default {default} is outside its limits {low}..{high}")
+        pdo = self._integer(name, "pdomapping") != 0
+        return Entry(
+            index, subindex, title, data_type, access,
+            low=low, high=high, default=default, pdo=pdo, unit=unit,
+        )  # fmt: skip
+
+    def _compact(
+        self, name: str, index: int, title: str, unit: Unit, count: int
+    ) -> dict[int, Entry]:
+        """Sub-indices of CompactSubObj, named and valued one by one (CiA 306, 4.6.3.4)."""
+        if count > 254:
+            raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..254")
+        names = self.sections.get(f"{name}name", {})
+        values = self.sections.get(f"{name}value", {})
+        count_title = f"{title}.NrOfObjects"
+        entries = {0: Entry(index, 0, count_title, DataType.UNSIGNED8, "ro", default=count)}
+        for subindex in range(1, count + 1):
+            member = names.get(str(subindex), f"{title}{subindex}")
+            entry = self._entry(name, index, subindex, f"{title}.{member}", unit)
+            if text := values.get(str(subindex)):
+                entry.default = entry.value = self._value(name, entry.data_type, text)
+            entries[subindex] = entry
+        return entries
+
+    def warn_about_leftovers(self, known: set[int]) -> None:
+        """Report what the file holds but the dictionary does not, and the other way round."""
+        for name in self.sections:
+            found = _MEMBER.match(name) or _COMPACT.match(name)
+            if found is not None:
+                if int(found[1], 16) not in known:
+                    self.warnings.append(f"[{name}] belongs to no object, ignored")
+            elif not _OBJECT.match(name) and not _OTHER.match(name):
+                self.warnings.append(f"section [{name}] is not known, ignored")
+        listed = {
+            self._integer(name, key)
+            for name in _LISTS
+            for key in self.sections.get(name, {})
+            if key.isdigit()
+        }
+        for index in sorted(listed - known):
+            self.warnings.append(f"[{index:04X}] is listed but not described")
+        for index in sorted(known - listed):
+            self.warnings.append(f"[{index:04X}] is described but not listed")
+
+    def _integer(self, section: str, key: str, absent: int = 0) -> int:
+        text = self.sections[section].get(key, "")
+        return _integer(text, f"[{section}] {key}") if text else absent
+
+    def _enumerated(self, section: str, key: str, kind: type[_Kind]) -> _Kind:
+        value = self._integer(section, key)
+        try:
+            return kind(value)
+        except ValueError:
+            raise EDSError(f"[{section}] {key} 0x{value:X} is not supported") from None
+
+    def _limit(self, section: str, data_type: DataType, key: str) -> float | None:
+        text = self.sections[section].get(key, "")
+        if not text or data_type in TEXT or bounds(data_type) == (0, 0):
+            return None
+        value: float = self._value(section, data_type, text)
+        return value
+
+    def _value(self, section: str, data_type: DataType, text: str) -> Any:
+        where = f"[{section}] value {text!r}"
+        if data_type in TEXT:
+            return text
+        if data_type in REAL:
+            return _real(data_type, text, where)
+        if bounds(data_type) == (0, 0):
+            return _octets(data_type, text, where)
+        lowered = text.replace(" ", "").lower()
+        if found := _NODE_ID.match(lowered):
+            value = self.node_id + _integer(next((g for g in found.groups() if g), "0"), where)
+        else:
+            value = _integer(lowered, where)
+        low, high = bounds(data_type)
+        if data_type in SIGNED and lowered.startswith("0x") and high < value <= 2 * high + 1:
+            value -= 2 * int(high) + 2
+        if not low <= value <= high:
+            raise EDSError(f"{where} is outside {data_type.name}")
+        return value
+
+
+def _integer(text: str, where: str) -> int:
+    """Decimal, hexadecimal with 0x, octal with a leading 0 (CiA 306, 4.3)."""
+    found = _NUMBER.match(text.strip().lower())
+    if found is None:
+        raise EDSError(f"{where} is no integer")
+    digits = found[2]
+    octal = len(digits) > 1 and digits.startswith("0") and not digits.startswith("0x")
+    try:
+        value = int(digits, 8 if octal else 0)
+    except ValueError:
+        raise EDSError(f"{where} is no octal number") from None
+    return -value if found[1] == "-" else value
+
+
+def _real(data_type: DataType, text: str, where: str) -> float:
+    """Decimal, or the bits in hexadecimal, as some tools write them."""
+    low, high = bounds(data_type)
+    try:
+        if text.lower().startswith("0x"):
+            raw = int(text, 16).to_bytes(SIZES[data_type], "big")
+            value = float(struct.unpack(">f" if len(raw) == 4 else ">d", raw)[0])
+        else:
+            value = float(text)
+    except (ValueError, OverflowError):
+        raise EDSError(f"{where} is no {data_type.name}") from None
+    if not low <= value <= high:
+        raise EDSError(f"{where} is outside {data_type.name}")
+    return value
+
+
+def _octets(data_type: DataType, text: str, where: str) -> bytes:
+    """Bytes in hexadecimal; a plain 0 stands for zero bytes."""
+    size = SIZES.get(data_type, 0)
+    if text.lower() in ("0", "0x0"):
+        return bytes(size)
+    try:
+        data = bytes.fromhex(text.lower().removeprefix("0x"))
+    except ValueError:
+        raise EDSError(f"{where} is no hexadecimal string") from None
+    if size and len(data) != size:
+        raise EDSError(f"{where} is not {size} bytes long")
+    return data
