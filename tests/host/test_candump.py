@@ -1,0 +1,69 @@
+import io
+from pathlib import Path
+
+import can
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.candump import CandumpWriter, read_candump
+
+STAMPS = st.integers(0, 2_000_000_000_000_000)
+IDS = st.integers(0, 0x7FF)
+FRAMES = st.builds(Frame, IDS, st.binary(max_size=8), st.just(False)) | st.builds(
+    Frame, IDS, st.just(b""), st.just(True)
+)
+
+
+def test_line_is_that_of_candump() -> None:
+    text = io.StringIO()
+    writer = CandumpWriter(text, "vcan0")
+    writer.write(1_000_055, Frame(0x0A1, b"\x01\x02"))
+    writer.write(1_700_000_000_000_001, Frame(0x7FF, b"\xab"))
+    writer.write(0, Frame(0x005, rtr=True))
+    assert text.getvalue() == (
+        "(0000000001.000055) vcan0 0A1#0102\n"
+        "(1700000000.000001) vcan0 7FF#AB\n"
+        "(0000000000.000000) vcan0 005#R\n"
+    )
+
+
+@settings(deadline=None, max_examples=60)
+@given(records=st.lists(st.tuples(STAMPS, FRAMES), max_size=20))
+def test_round_trip(records: list[tuple[int, Frame]], tmp_path_factory) -> None:
+    path = tmp_path_factory.getbasetemp() / "bus.log"
+    with path.open("w") as file:
+        writer = CandumpWriter(file)
+        for record in records:
+            writer.write(*record)
+    assert list(read_candump(path)) == records
+
+
+def test_log_of_python_can_and_foreign_frames(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    with can.CanutilsLogWriter(path) as log:
+        log(can.Message(1.5, 0x181, is_extended_id=False, data=b"\x01"))
+        log(can.Message(1.6, 0x18100, is_extended_id=True, data=b"\x02"))
+        log(can.Message(1.7, is_error_frame=True, is_extended_id=False))
+        log(can.Message(1.8, 0x182, is_extended_id=False, is_remote_frame=True))
+    assert list(read_candump(path)) == [
+        (1_500_000, Frame(0x181, b"\x01")),
+        (1_800_000, Frame(0x182, rtr=True)),
+    ]
+
+
+@pytest.mark.parametrize(
+    "line", ["hello", "(1.0) can0 181", "(1.0) can0 xyz#00", "(1.0) can0 1#0g"]
+)
+def test_other_file_is_refused(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    path.write_text(f"(1.0) can0 181#00\n{line}\n")
+    with pytest.raises(ValueError, match=r"bus\.log is no candump log"):
+        list(read_candump(path))
+
+
+@pytest.mark.parametrize("channel", ["", "can 0", "can0\n"])
+def test_channel_that_would_break_the_line_is_refused(channel: str) -> None:
+    with pytest.raises(ValueError, match="is empty or has spaces"):
+        CandumpWriter(io.StringIO(), channel)

@@ -1,0 +1,59 @@
+"""A node simple enough to see through: echoes, reports its time at SYNC and every fifth ms.
+
+Run as a program it is a node on a multicast bus, for tests that need another process:
+``python toy_node.py CHANNEL PORT``.
+"""
+
+import sys
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.runner import run_node
+
+SYNC = Frame(0x080)
+REQUEST, REPLY = 0x600, 0x580
+AT_SYNC, TICKER = 0x180, 0x280
+BOOT_UP, OFF = 0x700, 0x300
+TICKER_US = 5000
+
+
+class ToyNode:
+    def __init__(self, node_id: int = 1, follows: int | None = None) -> None:
+        self.node_id = node_id
+        self.follows = follows
+        self.heard: list[Frame] = []
+        self.advances: list[int] = []
+        self.time = 0
+
+    def start(self) -> list[Frame]:
+        return [Frame(BOOT_UP + self.node_id, b"\0")]
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        self.heard.append(frame)
+        if frame == SYNC or frame == Frame(AT_SYNC + self.node_id, rtr=True):
+            return [Frame(AT_SYNC + self.node_id, self.time.to_bytes(8, "little"))]
+        if frame.can_id == REQUEST + self.node_id or frame.can_id == self.follows:
+            return [Frame(REPLY + self.node_id, frame.data)]
+        return []
+
+    def advance(self, microseconds: int) -> list[Frame]:
+        self.advances.append(microseconds)
+        before = self.time // TICKER_US
+        self.time += microseconds
+        if self.time // TICKER_US == before:
+            return []
+        return [Frame(TICKER + self.node_id, self.time.to_bytes(8, "little"))]
+
+    def shutdown(self) -> list[Frame]:
+        return [Frame(OFF + self.node_id, bytes(2))]
+
+
+def main() -> None:
+    channel, port = sys.argv[1:]
+    with stop_on_signals() as stop:
+        run_node(ToyNode(), PythonCanBus("udp_multicast", channel, port=int(port)), stop)
+
+
+if __name__ == "__main__":
+    main()
