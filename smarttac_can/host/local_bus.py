@@ -147,7 +147,6 @@ class LocalBus:
         if port in self._ports:
             self._ports.remove(port)
             self._wire()
-            port._others = ()
 
     def _wire(self) -> None:
         # Who hears whom is settled here, once, to keep it out of every delivery.

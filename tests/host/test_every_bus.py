@@ -1,6 +1,9 @@
 """What holds on every bus, whatever it is made of."""
 
-from conftest import Line
+import time
+from collections.abc import Callable
+
+from conftest import GUARD_S, Line
 from toy_node import (
     AT_SYNC,
     BOOT_UP,
@@ -24,6 +27,12 @@ def receive_only(line: Line, can_id: int, count: int) -> list[Frame]:
         if frame.can_id == can_id:
             found.append(frame)
     return found
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + GUARD_S
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.001)
 
 
 def times(frames: list[Frame]) -> list[int]:
@@ -115,6 +124,7 @@ def test_nodes_hear_each_other_once_and_nobody_hears_himself(line: Line) -> None
             Frame(REPLY + 1, bytes([number])),
             Frame(REPLY + 2, bytes([number])),
         ]
+    wait_until(lambda: len(first.heard) == 21 and len(second.heard) == 20)
     line.stop()
     requests = [Frame(REQUEST + 1, bytes([number])) for number in range(10)]
     assert [f for f in first.heard if f.can_id != OFF + 2] == [

@@ -107,6 +107,17 @@ def test_producer_of_sync_is_not_moved_by_its_own() -> None:
     assert follower.advances == [1000]
 
 
+def test_node_with_its_own_clock_is_not_moved_by_the_tick_of_the_others() -> None:
+    bus = LocalBus()
+    clocked, follower = ToyNode(1), ToyNode(2)
+    bus.attach(clocked, lockstep=False)
+    bus.attach(follower)
+    bus.connect(lambda frame: None).send(SYNC)
+    assert SYNC in clocked.heard
+    assert clocked.advances == []
+    assert follower.advances == [1000]
+
+
 def test_sync_with_another_cob_id() -> None:
     bus = LocalBus(sync_id=0x081)
     node = ToyNode()
