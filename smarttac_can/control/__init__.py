@@ -1,0 +1,1 @@
+"""Controllers and tribometer of the stimulator, stepped once a millisecond."""

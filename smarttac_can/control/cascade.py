@@ -1,0 +1,325 @@
+"""The nested controllers: C_mu over C_W and C_omega, fed by the tribometer, 1 kHz."""
+
+from __future__ import annotations
+
+from enum import IntEnum, IntFlag
+from math import isfinite, sqrt
+
+from smarttac_can.control.design import amplitude_pi, resonance_pi
+from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
+from smarttac_can.control.identification import Identification
+from smarttac_can.control.model import PlateModel
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.tribometer import Tribometer
+from smarttac_can.control.vibration import AmplitudeLoop, ResonanceLoop
+from smarttac_can.signals import Contact, Drive, Measurement, Setpoint
+
+
+class Mode(IntEnum):
+    """What the cascade controls."""
+
+    OFF = 0
+    """0 V at the frequency of the set-point."""
+    OPEN_LOOP = 1
+    """Voltage and frequency of the set-point."""
+    AMPLITUDE = 2
+    """Amplitude by voltage, at the frequency of the set-point."""
+    AMPLITUDE_RESONANCE = 3
+    """Amplitude by voltage, and the resonance tracked by frequency."""
+    FRICTION = 4
+    """COF by amplitude, over both loops of the mode before."""
+    IDENTIFY = 5
+    """Identification of the unloaded plate; ends by itself in OFF."""
+
+
+class Limit(IntFlag):
+    """A limit that cut off what was asked for in this tick."""
+
+    VOLTAGE = 1
+    AMPLITUDE = 2
+    FREQUENCY = 4
+
+
+# Plain integers: IntFlag arithmetic costs ten times as much.
+_VOLTAGE, _AMPLITUDE, _FREQUENCY = (int(limit) for limit in Limit)
+
+_ABSURD = 1e6
+"""Bound of the squares of a measurement: 1 km of vibration, 1 kN. NaN and infinity fail it, too."""
+
+NO_CONTACT = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+
+
+class Cascade:
+    """All controllers of one stimulator, stepped once a tick.
+
+    A mode change keeps the drive: the new loops start from the voltage and the frequency in force,
+    and move them by their gain times their error. Two things are immediate by intent: OFF is 0 V at
+    once, and what the set-point fixes (voltage and frequency in open loop, the frequency in mode
+    AMPLITUDE) is put out as it stands. From OFF the resonance loop starts at the set-point's
+    frequency.
+
+    Out of contact the friction mode holds the amplitude at the set-point's nominal one. The COF is
+    unknown then, and the last reference before lift-off was made of a COF whose uncertainty grows
+    as 1/Fn; a known amplitude keeps the resonance locked and meets the next finger at a chosen
+    friction.
+
+    Parameters
+    ----------
+    parameters
+        Limits, design and calibration.
+    model
+        Plate to design the loops for until one is identified.
+
+    Attributes
+    ----------
+    mode : Mode
+        Mode in force.
+    reason : str
+        Why the cascade turned itself OFF; empty otherwise.
+    contact : Contact
+        The finger at the last tick.
+    amplitude, W_ref : float
+        Measured ``|W|`` and its reference in m; without an amplitude loop W_ref follows ``|W|``.
+    mu_ref, E : float
+        Reference of the COF and friction error in %, 0 outside FRICTION; E is 0 out of contact.
+    drive : Drive
+        The drive put out last.
+    limited : int
+        Bits of :class:`Limit`.
+    identification : Identification or None
+        The last one started.
+    tribometer : Tribometer
+        For its tare and offsets.
+    """
+
+    __slots__ = (
+        "E",
+        "W_ref",
+        "_amplitude_loop",
+        "_boundary",
+        "_f_set",
+        "_fresh",
+        "_from_off",
+        "_law",
+        "_model",
+        "_parameters",
+        "_resonance_loop",
+        "amplitude",
+        "contact",
+        "drive",
+        "identification",
+        "limited",
+        "mode",
+        "mu_ref",
+        "reason",
+        "tribometer",
+    )
+
+    def __init__(
+        self, parameters: CascadeParameters | None = None, model: PlateModel | None = None
+    ) -> None:
+        p = CascadeParameters() if parameters is None else parameters
+        self._model = PlateModel() if model is None else model
+        self.mode = Mode.OFF
+        self.reason = ""
+        self.contact = NO_CONTACT
+        self.amplitude = self.W_ref = self.mu_ref = self.E = 0.0
+        self.drive = Drive(0.0, min(max(self._model.f0, p.f_min), p.f_max))
+        self.limited = 0
+        self.identification: Identification | None = None
+        self.tribometer = Tribometer(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force)
+        self._boundary = Boundary(p.hysteresis)
+        self._fresh = False
+        self._from_off = True
+        self._design(p)
+
+    @property
+    def parameters(self) -> CascadeParameters:
+        """Parameters in force."""
+        return self._parameters
+
+    @property
+    def model(self) -> PlateModel:
+        """Plate the loops are designed for."""
+        return self._model
+
+    def adopt(self, model: PlateModel) -> None:
+        """Design the loops for another plate, such as a stored one, without a bump."""
+        self._model = model
+        self._design(self._parameters)
+
+    def configure(self, parameters: CascadeParameters) -> None:
+        """Replace the parameters, also while running, without a bump; ends an identification."""
+        if self.mode is Mode.IDENTIFY:
+            self._turn_off("identification: parameters were changed")
+        p = parameters
+        self.tribometer.calibrate(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force)
+        right = self._boundary.right
+        self._boundary = Boundary(p.hysteresis)
+        self._boundary.right = right
+        self._design(p)
+
+    def set_mode(self, mode: int) -> None:
+        """Change the mode; the mode in force again changes nothing.
+
+        Raises
+        ------
+        ValueError
+            If there is no such mode.
+        """
+        mode = Mode(mode)
+        if mode is self.mode:
+            return
+        self.reason = ""
+        if mode is Mode.OFF:
+            self._turn_off("")
+            return
+        if self.mode is Mode.IDENTIFY and self.identification is not None:
+            self.identification.fail("another mode was chosen")
+        self._from_off = self.mode is Mode.OFF
+        self._fresh = True
+        self.mode = mode
+
+    def update(self, measurement: Measurement, setpoint: Setpoint) -> Drive:
+        """Return the drive of this tick, in force until the next.
+
+        A measurement or set-point that is not finite turns the cascade OFF, with 0 V and a
+        :attr:`reason`. So does a COF reference of 0 or less in mode FRICTION. Set-points beyond a
+        limit are cut to it.
+        """
+        W, gauges, _, _ = measurement
+        s1, s2, s3, s4, s5, s6 = gauges
+        square = W.real * W.real + W.imag * W.imag
+        forces = s1 * s1 + s2 * s2 + s3 * s3 + s4 * s4 + s5 * s5 + s6 * s6
+        mode = self.mode
+        fault = ""
+        if not square + forces < _ABSURD:
+            fault = "measurement is not finite"
+        elif not isfinite(sum(setpoint)):
+            fault = "set-point is not finite"
+        elif mode is Mode.FRICTION and (setpoint.mu_left <= 0.0 or setpoint.mu_right <= 0.0):
+            fault = "COF reference is not above 0"
+        if fault:
+            return self._turn_off(fault)
+        self.amplitude = sqrt(square)
+        self.contact = self.tribometer.update(gauges)
+        if self._fresh:
+            self._enter(setpoint)
+        if mode is Mode.FRICTION:
+            return self._closed_loop(W, self._friction(setpoint), setpoint)
+        if mode is Mode.AMPLITUDE_RESONANCE or mode is Mode.AMPLITUDE:
+            return self._closed_loop(W, setpoint.amplitude, setpoint)
+        if mode is Mode.IDENTIFY:
+            return self._identify(W)
+        return self._open_loop(setpoint)
+
+    def _closed_loop(self, W: complex, W_ref: float, setpoint: Setpoint) -> Drive:
+        """Return the drive of C_W and C_omega for an amplitude reference in m."""
+        p = self._parameters
+        limited = 0
+        if not 0.0 <= W_ref <= p.W_max:
+            W_ref = 0.0 if W_ref < 0.0 else p.W_max
+            limited = _AMPLITUDE
+        self.W_ref = W_ref
+        amplitude_loop = self._amplitude_loop
+        V = amplitude_loop.step(W_ref, self.amplitude)
+        if amplitude_loop.limited:
+            limited |= _VOLTAGE
+        if self.mode is Mode.AMPLITUDE:
+            f = self._within_limits(setpoint.frequency)
+            if f != setpoint.frequency:
+                limited |= _FREQUENCY
+        else:
+            resonance_loop = self._resonance_loop
+            f = resonance_loop.step(W, self.amplitude)
+            if resonance_loop.limited:
+                limited |= _FREQUENCY
+        # Whatever went before: nothing but a voltage and a frequency within limits leaves here.
+        if not (0.0 <= V <= p.V_max and p.f_min <= f <= p.f_max):
+            return self._turn_off("drive is not finite")
+        self.limited = limited
+        self.drive = drive = Drive(V, f)
+        return drive
+
+    def _open_loop(self, setpoint: Setpoint) -> Drive:
+        """Return the set-point's drive, or the same with 0 V in mode OFF."""
+        V, f = 0.0, self._within_limits(setpoint.frequency)
+        self.limited = 0
+        if self.mode is Mode.OPEN_LOOP:
+            V = min(max(setpoint.voltage, 0.0), self._parameters.V_max)
+            self.W_ref = self.amplitude
+            if setpoint.voltage != V:
+                self.limited |= _VOLTAGE
+            if setpoint.frequency != f:
+                self.limited |= _FREQUENCY
+        self.drive = Drive(V, f)
+        return self.drive
+
+    def _within_limits(self, frequency: float) -> float:
+        return min(max(frequency, self._parameters.f_min), self._parameters.f_max)
+
+    def _friction(self, setpoint: Setpoint) -> float:
+        """Return the amplitude reference in m that C_mu asks for."""
+        contact = self.contact
+        right = self._boundary.update(contact.position, setpoint.boundary)
+        self.mu_ref = mu_ref = setpoint.mu_right if right else setpoint.mu_left
+        if not contact.touching:
+            self.E = 0.0
+            return setpoint.amplitude
+        self.E = E = relative_error(contact.mu, mu_ref)
+        return self._law.reference(E, self.amplitude, self.W_ref, setpoint.amplitude)
+
+    def _identify(self, W: complex) -> Drive:
+        identification = self.identification
+        assert identification is not None
+        if self.contact.touching and self.tribometer.tared:
+            identification.fail(f"the plate is loaded with {self.contact.Fn:.2f} N")
+        drive = identification.update(W)
+        if drive is not None:
+            self.limited = 0
+            self.drive = drive
+            return drive
+        if identification.model is None:
+            return self._turn_off(f"identification: {identification.failure}")
+        self._turn_off("")
+        self.adopt(identification.model)
+        return self.drive
+
+    def _enter(self, setpoint: Setpoint) -> None:
+        """Start a mode from the drive in force; from OFF, at the frequency of the set-point."""
+        p = self._parameters
+        f_set = self._within_limits(setpoint.frequency)
+        self._fresh = False
+        self._amplitude_loop.pi.preset(self.drive.voltage)
+        self._resonance_loop.preset(f_set if self._from_off else self.drive.frequency)
+        if self.mode is Mode.FRICTION:
+            self._boundary.place(self.contact.position, setpoint.boundary)
+        else:
+            self.mu_ref = self.E = 0.0
+        if self.mode is Mode.IDENTIFY:
+            self.W_ref = 0.0
+            self.identification = Identification(f_set, p.V_max, p.f_min, p.f_max)
+
+    def _turn_off(self, reason: str) -> Drive:
+        if self.mode is Mode.IDENTIFY and self.identification is not None:
+            self.identification.fail(reason or "turned off")
+        self.mode = Mode.OFF
+        self.reason = reason
+        self._fresh = False
+        self.W_ref = self.mu_ref = self.E = 0.0
+        self.limited = 0
+        self.drive = Drive(0.0, self.drive.frequency)
+        return self.drive
+
+    def _design(self, parameters: CascadeParameters) -> None:
+        """Build the loops from parameters and model, and start them from the drive in force."""
+        p = self._parameters = parameters
+        self._law = FrictionLaw(p.law, p.slope, p.step_max)
+        self._amplitude_loop = AmplitudeLoop(
+            amplitude_pi(self._model, p.amplitude_pole, p.dead_time), p.V_max
+        )
+        self._amplitude_loop.pi.preset(self.drive.voltage)
+        self._resonance_loop = ResonanceLoop(
+            resonance_pi(self._model, p.resonance_pole, p.dead_time), p.f_min, p.f_max
+        )
+        self._resonance_loop.preset(self.drive.frequency)

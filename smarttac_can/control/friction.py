@@ -1,0 +1,99 @@
+"""The outer loop C_mu: from the friction error to the amplitude reference, eq. (8) and (9)."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Law(IntEnum):
+    """What the step dW of eq. (9) is added to; the paper leaves it open."""
+
+    MEASURED = 0
+    """``W_ref = |W| + dW``: integral action through the inner loop, and it stays damped."""
+    ACCUMULATE = 1
+    """``W_ref += dW``: integral action past the inner loop; it ends in a limit cycle."""
+    NOMINAL = 2
+    """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""
+
+
+def relative_error(mu: float, mu_ref: float) -> float:
+    """Return E of eq. (8) in %: by how much the COF is above its reference, above 0."""
+    return 100.0 * (mu - mu_ref) / mu_ref
+
+
+class FrictionLaw:
+    """Eq. (9) and one of the three laws.
+
+    Parameters
+    ----------
+    law
+        What the step is added to.
+    slope
+        Step in m per % of friction error; 0.04 um in the paper.
+    step_max
+        Largest step dW in m; 1 um in the paper. The prose around eq. (9) gives the same sign at
+        both ends; the equation, which is followed here, does not.
+    """
+
+    __slots__ = ("_law", "_slope", "_step_max")
+
+    def __init__(self, law: Law, slope: float, step_max: float) -> None:
+        self._law = law
+        self._slope = slope
+        self._step_max = step_max
+
+    def step(self, E: float) -> float:
+        """Return dW in m for a friction error in %, eq. (9)."""
+        dW = self._slope * E
+        limit = self._step_max
+        return limit if dW > limit else -limit if dW < -limit else dW
+
+    def reference(self, E: float, amplitude: float, W_ref: float, W_nominal: float) -> float:
+        """Return the next amplitude reference in m, before its limits.
+
+        Parameters
+        ----------
+        E
+            Friction error in %.
+        amplitude
+            Measured ``|W|`` in m; base of the law ``measured``.
+        W_ref
+            The reference of the tick before in m; base of ``accumulate``.
+        W_nominal
+            The user's amplitude in m; base of ``nominal``.
+        """
+        law = self._law
+        if law is Law.MEASURED:
+            return amplitude + self.step(E)
+        if law is Law.ACCUMULATE:
+            return W_ref + self.step(E)
+        return W_nominal + self.step(E)
+
+
+class Boundary:
+    """Which side of the boundary the finger is on; crossed once in spite of a noisy position.
+
+    Parameters
+    ----------
+    hysteresis
+        Width in m of the band around the boundary in which the side does not change.
+    """
+
+    __slots__ = ("_half", "right")
+
+    def __init__(self, hysteresis: float) -> None:
+        self._half = 0.5 * hysteresis
+        self.right = False
+
+    def place(self, position: float, boundary: float) -> None:
+        """Decide anew, without hysteresis."""
+        self.right = position > boundary
+
+    def update(self, position: float, boundary: float) -> bool:
+        """Return whether the finger is right of the boundary."""
+        if self.right:
+            if position < boundary - self._half:
+                self.right = False
+        elif position > boundary + self._half:
+            self.right = True
+        return self.right

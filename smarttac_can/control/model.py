@@ -1,0 +1,47 @@
+"""The plate as the controllers know it: eq. (6) and (7) with three identified numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+TICK = 1e-3
+"""Period Ts of the loop in s."""
+
+
+def require(name: str, value: float, low: float, high: float) -> None:
+    """Refuse a number outside ``low..high``.
+
+    Raises
+    ------
+    ValueError
+        Names the value and its bounds; NaN is refused, too.
+    """
+    if not low <= value <= high:
+        raise ValueError(f"{name} {value:g} is outside {low:g}..{high:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class PlateModel:
+    """First-order model of the unloaded plate near its resonance.
+
+    In the frame of the drive voltage ``tau W' = -(1 + j tau dw) W + gain V`` with dw the angular
+    frequency above resonance: eq. (6) and (7) of the paper are its real and imaginary part.
+    """
+
+    gain: float = 50e-9
+    """W/V at resonance, ``N/(d_s w0)``, in m peak-to-peak per V, 1e-9..1e-6; an assumption."""
+    tau: float = math.sqrt(1.30**2 - 1.0) / (2.0 * math.pi * 140.0)
+    """Time constant ``2m/d_s`` in s, 1e-4..1e-2; 0.944 ms from the 30 % of Fig. 6 at 140 Hz."""
+    f0: float = 43390.0
+    """Resonance frequency in Hz, 1e3..1e6; 43390 Hz at 20 degC in the paper."""
+
+    def __post_init__(self) -> None:
+        require("gain", self.gain, 1e-9, 1e-6)
+        require("tau", self.tau, 1e-4, 1e-2)
+        require("f0", self.f0, 1e3, 1e6)
+
+    @property
+    def quality(self) -> float:
+        """Quality factor ``Q = pi f0 tau``."""
+        return math.pi * self.f0 * self.tau

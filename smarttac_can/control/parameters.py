@@ -1,0 +1,73 @@
+"""The parameters of the cascade, checked."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from smarttac_can.control.design import POLE_MAX
+from smarttac_can.control.friction import Law
+from smarttac_can.control.model import TICK, require
+from smarttac_can.control.tribometer import Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class CascadeParameters:
+    """What an integrator may set, in SI units.
+
+    Raises
+    ------
+    ValueError
+        Names the first value that is out of its range, and the range.
+    """
+
+    amplitude_pole: float = 0.2
+    """Closed-loop pole of the amplitude loop, 0..0.95; a design choice that gives Fig. 5."""
+    resonance_pole: float = 0.3
+    """Closed-loop pole of the resonance loop, 0..0.95; a design choice that gives Fig. 5."""
+    law: Law = Law.MEASURED
+    """What the step of eq. (9) is added to."""
+    slope: float = 0.04e-6
+    """Step of the amplitude in m per % of friction error, 0..1e-6; paper eq. (9)."""
+    step_max: float = 1e-6
+    """Largest step of the amplitude in m, 0..10e-6; paper eq. (9)."""
+    contact_force: float = 0.1
+    """Normal force in N from which a finger touches, 0.01..10; an assumption."""
+    hysteresis: float = 1e-3
+    """Width in m of the band around the boundary in which the side is kept, 0..0.05."""
+    V_max: float = 150.0
+    """Largest voltage in V, 0..500; an assumption."""
+    W_max: float = 3e-6
+    """Largest amplitude reference in m peak-to-peak, 0..10e-6: the range of the pick-up."""
+    f_min: float = 42700.0
+    """Lowest excitation frequency in Hz, 1e3..1e6."""
+    f_max: float = 44000.0
+    """Highest excitation frequency in Hz, f_min..1e6."""
+    dead_time: float = 0.0
+    """Time from the tick until the new drive is in force in s, 0 or more, below 1 ms."""
+    lateral: Matrix = ((1.0, 0.0), (0.0, 1.0))
+    """Calibration ``(Fx, Fy) = lateral (S1, S2)``, elements -10..10."""
+    gauge_positions: tuple[float, float, float, float] = (-28e-3, 28e-3, -28e-3, 28e-3)
+    """Where S3..S6 stand along x in m from the middle of the plate, -0.038..0.038."""
+    gauge_noise: float = 4.3e-3
+    """Standard uncertainty of one gauge in N, 0..1: u(mu) is 0.011 at 0.5 N and mu 0.4."""
+
+    def __post_init__(self) -> None:
+        require("amplitude_pole", self.amplitude_pole, 0.0, POLE_MAX)
+        require("resonance_pole", self.resonance_pole, 0.0, POLE_MAX)
+        Law(self.law)
+        require("slope", self.slope, 0.0, 1e-6)
+        require("step_max", self.step_max, 0.0, 10e-6)
+        require("contact_force", self.contact_force, 0.01, 10.0)
+        require("hysteresis", self.hysteresis, 0.0, 0.05)
+        require("V_max", self.V_max, 0.0, 500.0)
+        require("W_max", self.W_max, 0.0, 10e-6)
+        require("f_min", self.f_min, 1e3, 1e6)
+        require("f_max", self.f_max, self.f_min, 1e6)
+        require("dead_time", self.dead_time, 0.0, math.nextafter(TICK, 0.0))
+        for row in self.lateral:
+            for element in row:
+                require("lateral", element, -10.0, 10.0)
+        for x in self.gauge_positions:
+            require("gauge_positions", x, -0.038, 0.038)
+        require("gauge_noise", self.gauge_noise, 0.0, 1.0)
