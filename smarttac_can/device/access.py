@@ -1,0 +1,93 @@
+"""Object dictionary access of an SDO client: first all rules are checked, then all happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from smarttac_can.device.application import Application
+from smarttac_can.device.service import Service
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.dictionary import MAX_BYTES, Entry, ObjectDictionary
+
+
+class Access:
+    """Reads and writes for SDO servers.
+
+    Parameters
+    ----------
+    owners
+        Services by the index of their parameters.
+    on_change
+        Called after a service has taken a new parameter.
+    """
+
+    def __init__(
+        self,
+        od: ObjectDictionary,
+        owners: dict[int, Service],
+        application: Application,
+        on_change: Callable[[], None],
+    ) -> None:
+        self._od = od
+        self._owners = owners
+        self._application = application
+        self._on_change = on_change
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """Bytes of an entry.
+
+        Raises
+        ------
+        Abort
+            NO_OBJECT, NO_SUBINDEX, WRITE_ONLY, NO_DATA.
+        """
+        entry = self._od.entry(index, subindex)
+        if not entry.readable:
+            raise Abort(AbortCode.WRITE_ONLY)
+        if (owner := self._owners.get(index)) is not None:
+            owner.check_read(entry)
+        return entry.pack()
+
+    def writable(self, index: int, subindex: int, size: int | None) -> Entry:
+        """Find the entry to write.
+
+        Parameters
+        ----------
+        size
+            Bytes to come, None if the client does not say.
+
+        Raises
+        ------
+        Abort
+            NO_OBJECT, NO_SUBINDEX, READ_ONLY, TOO_LONG, TOO_SHORT.
+        """
+        entry = self._od.entry(index, subindex)
+        if not entry.writable:
+            raise Abort(AbortCode.READ_ONLY)
+        if size is not None and size > (entry.size or MAX_BYTES):
+            raise Abort(AbortCode.TOO_LONG)
+        if size is not None and size < entry.size:
+            raise Abort(AbortCode.TOO_SHORT)
+        return entry
+
+    def write(self, entry: Entry, data: bytes) -> None:
+        """Write bytes to an entry from `writable`.
+
+        Raises
+        ------
+        Abort
+            By type and limits, by the rules of the service that owns the object, or by the
+            application; the entry then has its old value.
+        """
+        value: Any = entry.unpack(data)
+        owner = self._owners.get(entry.index)
+        if owner is not None:
+            owner.check(entry, value)
+        self._application.on_write(entry, value)
+        changed = value != entry.value
+        entry.value = value
+        # A master that writes back what it read must not restart timers and counts.
+        if owner is not None and changed:
+            owner.apply(entry)
+            self._on_change()

@@ -1,0 +1,39 @@
+"""What a device tells its application."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.od.dictionary import Entry
+
+
+class Application:
+    """Hooks, all of which do nothing until overridden.
+
+    They run inside `Device.start`, `receive` and `advance`; what the application triggers in them
+    goes out with the frames that call returns.
+    """
+
+    def on_state(self, state: NMTState) -> None:
+        """Follow the NMT state.
+
+        RESET_APPLICATION comes with all objects at their defaults, RESET_COMMUNICATION with those
+        of the communication profile area, before the services read them: the place to put
+        in other values, whose PDO and other parameters then are in force from the boot-up on.
+        """
+
+    def on_sync(self) -> None:
+        """Act at SYNC, in PRE-OPERATIONAL and OPERATIONAL.
+
+        The values of synchronous RPDOs are in, the synchronous TPDOs are not yet sampled.
+        """
+
+    def on_rpdo(self, number: int) -> None:
+        """Act on an RPDO, from 1, whose values are in the object dictionary."""
+
+    def on_rpdo_timeout(self, number: int) -> None:
+        """Act on an RPDO, from 1, that did not come before its deadline."""
+
+    def on_write(self, entry: Entry, value: Any) -> None:
+        """Refuse an SDO write by raising `Abort`; the entry still has its old value."""

@@ -1,0 +1,222 @@
+"""A CANopen device without input and output: frames and time go in, frames come out."""
+
+from __future__ import annotations
+
+from smarttac_can.device.access import Access
+from smarttac_can.device.application import Application
+from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.heartbeat import HeartbeatConsumer, HeartbeatProducer
+from smarttac_can.device.nmt import NMTState, commands_to
+from smarttac_can.device.port import Port
+from smarttac_can.device.rpdo import RPDO
+from smarttac_can.device.sdo import SDOServer
+from smarttac_can.device.service import Service
+from smarttac_can.device.sync import Sync
+from smarttac_can.device.tpdo import TPDO
+from smarttac_can.od.cia import (
+    COMMUNICATION_FIRST,
+    COMMUNICATION_LAST,
+    ERROR_BEHAVIOUR,
+    NMT_ID,
+    NMT_STARTUP,
+    PDO_COUNT,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    SDO_SERVER_FIRST,
+    SDO_SERVER_LAST,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+
+_NO_AUTOSTART = 4
+_LAST_INDEX = 0xFFFF
+
+
+class Device:
+    """A CiA 301 device made of an object dictionary.
+
+    Which services it has follows from the objects in the EDS. It keeps no clock: time is what
+    `advance` says it is.
+
+    Parameters
+    ----------
+    od
+        From `load_eds`; the device owns its values from now on.
+    application
+        Hooks; without one the device still communicates.
+    autostart
+        OPERATIONAL after power-on and reset node without waiting for a master. Bit 2 of object
+        1F80h does the same when it is there and clear.
+    """
+
+    def __init__(
+        self,
+        od: ObjectDictionary,
+        application: Application | None = None,
+        *,
+        autostart: bool = False,
+    ) -> None:
+        self.od = od
+        self._application = application or Application()
+        self._autostart = autostart
+        self._state = NMTState.INITIALISING
+        self._port = port = Port()
+        self._emergency = Emergency(port, od)
+        self._heartbeat = HeartbeatProducer(port, od, od.node_id)
+        self._sync = Sync(port, od, self._emergency, self._synchronise)
+        self._rpdos = {
+            n: RPDO(
+                port, od, n, RPDO_COMMUNICATION + n - 1, RPDO_MAPPING + n - 1,
+                emergency=self._emergency, application=self._application,
+            )
+            for n in _pdo_numbers(od, RPDO_COMMUNICATION, RPDO_MAPPING)
+        }  # fmt: skip
+        self._tpdos = {
+            n: TPDO(port, od, n, TPDO_COMMUNICATION + n - 1, TPDO_MAPPING + n - 1)
+            for n in _pdo_numbers(od, TPDO_COMMUNICATION, TPDO_MAPPING)
+        }
+        self._owners: dict[int, Service] = {}
+        access = Access(od, self._owners, self._application, self._listen)
+        servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
+        # Emergency comes first, so that what the others report on their way out is held there.
+        self._services: tuple[Service, ...] = (
+            self._emergency,
+            self._heartbeat,
+            HeartbeatConsumer(port, od, self._emergency, self._on_communication_error),
+            self._sync,
+            *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),
+            *self._rpdos.values(),
+            *self._tpdos.values(),
+        )
+        self._owners.update((i, service) for service in self._services for i in service.objects)
+        self._latching: list[RPDO] = []
+        self._sampling: list[TPDO] = []
+        self._on_nmt = commands_to(od.node_id, self._request)
+
+    @property
+    def node_id(self) -> int:
+        """Node-ID, 1..127."""
+        return self.od.node_id
+
+    @property
+    def nmt_state(self) -> NMTState:
+        """Present NMT state; INITIALISING before `start`."""
+        return self._state
+
+    def start(self) -> list[Frame]:
+        """Power on."""
+        self._initialise(NMTState.RESET_APPLICATION)
+        return self._port.take()
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        """Take a frame from the bus and return the frames it causes."""
+        handlers = self._port.listeners.get(frame.can_id)
+        if handlers is None:
+            return []
+        for handler in handlers:
+            handler(frame)
+        return self._port.take()
+
+    def advance(self, microseconds: int) -> list[Frame]:
+        """Let time pass, 0 or more us; each timer fires at most once. Return the frames due."""
+        self._port.clock.advance(microseconds)
+        return self._port.take()
+
+    def take(self) -> list[Frame]:
+        """Frames caused by `trigger` and `emergency` outside of the hooks."""
+        return self._port.take()
+
+    def trigger(self, tpdo: int) -> None:
+        """Tell a TPDO, from 1, of an event: see `TPDO` for what each type makes of it."""
+        self._tpdos[tpdo].trigger()
+
+    def emergency(self, code: int, register: int, vendor: bytes = b"") -> None:
+        """Report an error of the application; one that is known already is not sent again.
+
+        Parameters
+        ----------
+        code
+            Emergency error code, 1..65535.
+        register
+            Bits of the error register, 0..255; the generic bit is added.
+        vendor
+            Up to 5 bytes; the first two also go into the error history.
+        """
+        if not 1 <= code <= 0xFFFF:
+            raise ValueError(f"code {code} is outside 1..65535")
+        if not 0 <= register <= 0xFF:
+            raise ValueError(f"register {register} is outside 0..255")
+        if len(vendor) > 5:
+            raise ValueError(f"vendor of {len(vendor)} bytes is outside 0..5")
+        self._emergency.report(code, register, vendor)
+
+    def clear_emergency(self, code: int) -> None:
+        """Take back an error of the application; nothing happens if it was not reported."""
+        self._emergency.clear(code)
+
+    def _request(self, state: NMTState) -> None:
+        if state in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
+            self._initialise(state)
+        elif state != self._state:
+            self._enter(state)
+
+    def _initialise(self, state: NMTState) -> None:
+        self._state = state
+        for service in self._services:
+            service.enter(state)
+        power_on = state is NMTState.RESET_APPLICATION
+        if power_on:
+            self.od.reset(0, _LAST_INDEX)
+            self._application.on_state(state)
+        else:
+            self.od.reset(COMMUNICATION_FIRST, COMMUNICATION_LAST)
+        self._state = NMTState.RESET_COMMUNICATION
+        self._application.on_state(self._state)
+        for service in self._services:
+            service.configure()
+        self._heartbeat.boot_up()
+        self._enter(NMTState.PRE_OPERATIONAL)
+        startup = self.od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
+        if power_on and (self._autostart or not startup & _NO_AUTOSTART):
+            self._enter(NMTState.OPERATIONAL)
+
+    def _enter(self, state: NMTState) -> None:
+        self._state = state
+        for service in self._services:
+            service.enter(state)
+        self._listen()
+        self._application.on_state(state)
+
+    def _listen(self) -> None:
+        self._port.listeners.clear()
+        self._port.listen(NMT_ID, self._on_nmt)
+        for service in self._services:
+            if service.alive:
+                service.listen()
+        self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
+        self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
+
+    def _synchronise(self, counter: int) -> None:
+        for rpdo in self._latching:
+            rpdo.on_sync()
+        self._application.on_sync()
+        for tpdo in self._sampling:
+            tpdo.on_sync(counter)
+
+    def _on_communication_error(self) -> None:
+        """Error behaviour 1029h:1: PRE-OPERATIONAL unless told otherwise (CiA 301, 7.5.2.32)."""
+        behaviour = self.od.number(ERROR_BEHAVIOUR, 1)
+        if behaviour == 0 and self._state is NMTState.OPERATIONAL:
+            self._enter(NMTState.PRE_OPERATIONAL)
+        elif behaviour == 2 and self._state is not NMTState.STOPPED:
+            self._enter(NMTState.STOPPED)
+
+
+def _pdo_numbers(od: ObjectDictionary, communication: int, mapping: int) -> list[int]:
+    objects = od.objects
+    return [
+        n for n in range(1, PDO_COUNT + 1)
+        if communication + n - 1 in objects and mapping + n - 1 in objects
+    ]  # fmt: skip

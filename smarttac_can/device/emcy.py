@@ -1,0 +1,151 @@
+"""Emergency producer with error register and history (CiA 301, 7.2.7, objects 1001h to 1015h)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Final
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import CONFIGURABLE, NMTState
+from smarttac_can.device.port import Port
+from smarttac_can.device.service import Service, check_cob_id
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    EMCY_COB_ID,
+    EMCY_INHIBIT,
+    ERROR_FIELD,
+    ERROR_REGISTER,
+    Abort,
+    AbortCode,
+    EmergencyCode,
+    ErrorRegister,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+QUEUE_LENGTH: Final = 16
+"""Messages that wait for the inhibit time; beyond that the oldest is dropped."""
+
+
+class Emergency(Service):
+    """Errors are states: each is reported once when it comes and once, as 0000h, when it goes."""
+
+    states: ClassVar = CONFIGURABLE
+
+    def __init__(self, port: Port, od: ObjectDictionary) -> None:
+        super().__init__(port, od, (ERROR_FIELD, EMCY_COB_ID, EMCY_INHIBIT))
+        self._active: dict[tuple[int, int], int] = {}
+        self._queue: list[bytes] = []
+        self._inhibit = port.clock.timer(self._send_next)
+        self._inhibit_time = 0
+        self._cob_id = COB_INVALID
+        self._register = od.get(ERROR_REGISTER)
+        field = od.objects.get(ERROR_FIELD)
+        members = {} if field is None else field.entries
+        self._count = members.get(0)
+        self._history = [entry for subindex, entry in sorted(members.items()) if subindex]
+
+    def report(self, code: int, register: int, vendor: bytes = b"", source: int = 0) -> None:
+        """Tell of an error; nothing happens if it is known already.
+
+        Parameters
+        ----------
+        code
+            Emergency error code.
+        register
+            Bits of the error register it sets; the generic bit is always added.
+        vendor
+            Up to 5 manufacturer-specific bytes; the first two also go into the history.
+        source
+            Tells apart errors of one code, such as the RPDO number.
+        """
+        if (code, source) in self._active:
+            return
+        self._active[code, source] = register | ErrorRegister.GENERIC
+        vendor = vendor.ljust(5, b"\0")
+        if self._history and self._count is not None:
+            for newer, older in zip(self._history[-2::-1], self._history[:0:-1], strict=True):
+                older.value = newer.value
+            self._history[0].value = code | int.from_bytes(vendor[:2], "little") << 16
+            self._count.value = min(self._count.value + 1, len(self._history))
+        self._enqueue(code, vendor)
+
+    def clear(self, code: int, source: int = 0) -> None:
+        """Take an error back; 0000h goes out when the last error of the code is gone."""
+        if self._active.pop((code, source), None) is None:
+            return
+        if any(other == code for other, _ in self._active):
+            self._update_register()
+        else:
+            self._enqueue(EmergencyCode.RESET, bytes(5))
+
+    def check_read(self, entry: Entry) -> None:
+        """An empty place in the history has no data."""
+        used = self._history if self._count is None else self._history[: self._count.value]
+        if entry in self._history and entry not in used:
+            raise Abort(AbortCode.NO_DATA)
+
+    def check(self, entry: Entry, value: Any) -> None:
+        """Only 0 clears the history; the CAN-ID is fixed while valid."""
+        if entry.index == ERROR_FIELD and value != 0:
+            raise Abort(AbortCode.VALUE)
+        if entry.index == EMCY_COB_ID:
+            check_cob_id(entry.value, value)
+
+    def apply(self, entry: Entry) -> None:
+        """Clear the history, or take the new COB-ID or inhibit time; known errors stay."""
+        if entry.index == ERROR_FIELD:
+            for place in self._history:
+                place.value = 0
+        else:
+            self._read_parameters()
+
+    def configure(self) -> None:
+        """Start without errors."""
+        self._active.clear()
+        self._queue.clear()
+        self._update_register()
+        self._read_parameters()
+
+    def enter(self, state: NMTState | None) -> None:
+        """Of what came up while STOPPED, only the latest is sent afterwards."""
+        if not self.alive:
+            del self._queue[:-1]
+        super().enter(state)
+
+    def begin(self) -> None:
+        """Send what waits."""
+        self._send_next()
+
+    def cease(self) -> None:
+        """Hold the queue."""
+        self._inhibit.stop()
+
+    def _read_parameters(self) -> None:
+        self._cob_id = self.od.number(EMCY_COB_ID, absent=COB_INVALID)
+        self._inhibit_time = 100 * self.od.number(EMCY_INHIBIT)
+
+    def _update_register(self) -> int:
+        register = 0
+        for bits in self._active.values():
+            register |= bits
+        if self._register is not None:
+            self._register.value = register
+        return register
+
+    def _enqueue(self, code: int, vendor: bytes) -> None:
+        register = self._update_register()
+        self._queue.append(code.to_bytes(2, "little") + bytes((register,)) + vendor)
+        del self._queue[:-QUEUE_LENGTH]
+        if self.alive and not self._inhibit.running:
+            self._send_next()
+
+    def _send_next(self) -> None:
+        if not self._queue:
+            return
+        data = self._queue.pop(0)
+        if not self._cob_id & COB_INVALID:
+            self.port.out.append(Frame(self._cob_id & CAN_ID_MASK, data))
+        if self._inhibit_time:
+            self._inhibit.start(self._inhibit_time)
+        elif self._queue:
+            self._send_next()

@@ -1,0 +1,149 @@
+"""Heartbeat producer and consumer (CiA 301, 7.2.8.3.2.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import ALL_STATES, NMTState
+from smarttac_can.device.port import Port
+from smarttac_can.device.service import Service
+from smarttac_can.od.cia import (
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_ID,
+    HEARTBEAT_PRODUCER,
+    Abort,
+    AbortCode,
+    EmergencyCode,
+    ErrorRegister,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+
+class HeartbeatProducer(Service):
+    """Sends the NMT state every producer time; the boot-up message counts as the first one."""
+
+    states: ClassVar = ALL_STATES
+
+    def __init__(self, port: Port, od: ObjectDictionary, node_id: int) -> None:
+        super().__init__(port, od, (HEARTBEAT_PRODUCER,))
+        self._can_id = HEARTBEAT_ID + node_id
+        self._timer = port.clock.timer(self._send)
+        self._state = NMTState.INITIALISING
+        self._period = 0
+
+    def boot_up(self) -> None:
+        """Send the boot-up message."""
+        self.port.out.append(Frame(self._can_id, b"\0"))
+
+    def enter(self, state: NMTState | None) -> None:
+        """Remember the state to send."""
+        if state is not None:
+            self._state = state
+        super().enter(state)
+
+    def configure(self) -> None:
+        """Read the producer time, in ms."""
+        self._period = 1000 * self.od.number(HEARTBEAT_PRODUCER)
+
+    def begin(self) -> None:
+        """Start the period."""
+        if self._period:
+            self._timer.start(self._period, periodic=True)
+
+    def cease(self) -> None:
+        """Fall silent."""
+        self._timer.stop()
+
+    def _send(self) -> None:
+        self.port.out.append(Frame(self._can_id, bytes((self._state,))))
+
+
+class Monitor:
+    """Watch over one other node, from its first heartbeat on."""
+
+    def __init__(self, port: Port, lost: Callable[[int], None], found: Callable[[int], None]):
+        self._timer = port.clock.timer(self._expire)
+        self._lost = lost
+        self._found = found
+        self.parameter = 0
+
+    @property
+    def node_id(self) -> int:
+        """Node watched, 0 or above 127 for none."""
+        return self.parameter >> 16 & 0xFF
+
+    @property
+    def period(self) -> int:
+        """Consumer time in us, 0 for none."""
+        return 1000 * (self.parameter & 0xFFFF)
+
+    def stop(self) -> None:
+        """Forget that the node was seen."""
+        self._timer.stop()
+
+    def receive(self, frame: Frame) -> None:
+        """Take a heartbeat or boot-up message of the node."""
+        if len(frame.data) == 1 and not frame.rtr:
+            self._timer.start(self.period)
+            self._found(self.node_id)
+
+    def _expire(self) -> None:
+        self._lost(self.node_id)
+
+
+class HeartbeatConsumer(Service):
+    """Reports EMCY 8130h when a watched node falls silent, and takes it back when it returns."""
+
+    states: ClassVar = ALL_STATES
+
+    def __init__(
+        self, port: Port, od: ObjectDictionary, emergency: Emergency, on_loss: Callable[[], None]
+    ) -> None:
+        super().__init__(port, od, (HEARTBEAT_CONSUMER,))
+        self._emergency = emergency
+        self._on_loss = on_loss
+        watched = od.objects.get(HEARTBEAT_CONSUMER)
+        entries = [] if watched is None else [e for s, e in watched.entries.items() if s]
+        self._monitors = {e.subindex: Monitor(port, self._lost, self._found) for e in entries}
+
+    def check(self, entry: Entry, value: Any) -> None:
+        """A node is watched by one entry only."""
+        node_id, period = value >> 16 & 0xFF, value & 0xFFFF
+        others = [m for s, m in self._monitors.items() if s != entry.subindex and m.period]
+        if period and 1 <= node_id <= 127 and node_id in [other.node_id for other in others]:
+            raise Abort(AbortCode.PARAMETER)
+
+    def apply(self, entry: Entry) -> None:
+        """Restart the one watch; the others go on."""
+        monitor = self._monitors[entry.subindex]
+        monitor.stop()
+        self._found(monitor.node_id)
+        monitor.parameter = entry.value
+
+    def configure(self) -> None:
+        """Read all watches."""
+        for subindex, monitor in self._monitors.items():
+            monitor.parameter = self.od.entry(HEARTBEAT_CONSUMER, subindex).value
+
+    def cease(self) -> None:
+        """Forget who was seen."""
+        for monitor in self._monitors.values():
+            monitor.stop()
+
+    def listen(self) -> None:
+        """Hear the watched nodes."""
+        for monitor in self._monitors.values():
+            if monitor.period and 1 <= monitor.node_id <= 127:
+                self.port.listen(HEARTBEAT_ID + monitor.node_id, monitor.receive)
+
+    def _lost(self, node_id: int) -> None:
+        self._emergency.report(
+            EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION, bytes((node_id,)), node_id
+        )
+        self._on_loss()
+
+    def _found(self, node_id: int) -> None:
+        self._emergency.clear(EmergencyCode.HEARTBEAT, node_id)

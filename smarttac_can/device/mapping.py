@@ -1,0 +1,185 @@
+"""PDO mapping: what a PDO carries, and the procedure to change it (CiA 301, 7.5.2.36 and .38)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from enum import Enum
+from typing import Any, Final, NamedTuple
+
+from smarttac_can.od.cia import Abort, AbortCode, DataType
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TIME, UNSIGNED
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+_CODES: Final[dict[int, str]] = {
+    **dict(zip(SIGNED, "bh0i000q", strict=True)),
+    **dict(zip(UNSIGNED, "BH0I000Q", strict=True)),
+    **dict(zip(REAL, "fd", strict=True)),
+}
+PDO_BITS: Final = 64
+
+
+class Direction(Enum):
+    """Seen from the device."""
+
+    RECEIVE = "RPDO"
+    TRANSMIT = "TPDO"
+
+
+class Field(NamedTuple):
+    """One mapped entry with the limits that values from the bus must keep."""
+
+    entry: Entry
+    low: Any
+    high: Any
+
+
+class OddField(NamedTuple):
+    """A mapped integer of 24, 40, 48 or 56 bits, for which `struct` has no code."""
+
+    position: int
+    size: int
+    signed: bool
+
+
+class Mapping(NamedTuple):
+    """Compiled content of a PDO.
+
+    Attributes
+    ----------
+    size
+        Bytes.
+    entries
+        Mapped entries without dummies.
+    pack, unpack
+        Of the `struct` format; odd fields pass as bytes.
+    """
+
+    size: int
+    entries: tuple[Entry, ...]
+    fields: tuple[Field, ...]
+    odd: tuple[OddField, ...]
+    pack: Callable[..., bytes]
+    unpack: Callable[[bytes], tuple[Any, ...]]
+
+    def sample(self) -> bytes:
+        """Content from the present values."""
+        if not self.odd:
+            return self.pack(*[entry.value for entry in self.entries])
+        values = [entry.value for entry in self.entries]
+        for position, size, signed in self.odd:
+            values[position] = values[position].to_bytes(size, "little", signed=signed)
+        return self.pack(*values)
+
+    def deliver(self, data: bytes) -> Entry | None:
+        """Set the entries, all or none.
+
+        Returns
+        -------
+        Entry or None
+            The entry whose limits the data breaks; then nothing has changed.
+        """
+        values = self.unpack(data)
+        if self.odd:
+            whole = list(values)
+            for position, _, signed in self.odd:
+                whole[position] = int.from_bytes(whole[position], "little", signed=signed)
+            values = tuple(whole)
+        for (entry, low, high), value in zip(self.fields, values, strict=True):
+            if not low <= value <= high:
+                return entry
+        for entry, value in zip(self.entries, values, strict=True):
+            entry.value = value
+        return None
+
+
+def mapped_entry(od: ObjectDictionary, value: int, direction: Direction) -> Entry | None:
+    """Entry that a mapping parameter names; None for a dummy.
+
+    Raises
+    ------
+    Abort
+        NO_OBJECT, NO_SUBINDEX, or NOT_MAPPABLE for the wrong direction, for a length that is not
+        that of the entry, and for entries that are not whole bytes (granularity 8).
+    """
+    index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
+    if index in od.dummies and not subindex:
+        if direction is Direction.TRANSMIT or bits != 8 * SIZES[index]:
+            raise Abort(AbortCode.NOT_MAPPABLE)
+        return None
+    entry = od.entry(index, subindex)
+    mappable = entry.tpdo_mappable if direction is Direction.TRANSMIT else entry.rpdo_mappable
+    if not mappable or bits != 8 * entry.size or entry.data_type == DataType.BOOLEAN:
+        raise Abort(AbortCode.NOT_MAPPABLE)
+    return entry
+
+
+def compile_mapping(
+    od: ObjectDictionary, index: int, direction: Direction, count: int | None = None
+) -> Mapping:
+    """Read the mapping record at an index.
+
+    Parameters
+    ----------
+    count
+        Number of mapped objects instead of that in sub-index 0.
+
+    Raises
+    ------
+    Abort
+        As `mapped_entry`, or PDO_LENGTH for more than 64 bits or more objects than sub-indices.
+    """
+    count = od.number(index) if count is None else count
+    parameters = [od.get(index, subindex) for subindex in range(1, count + 1)]
+    if any(parameter is None for parameter in parameters):
+        raise Abort(AbortCode.PDO_LENGTH)
+    values = [parameter.value for parameter in parameters if parameter is not None]
+    if sum(value & 0xFF for value in values) > PDO_BITS:
+        raise Abort(AbortCode.PDO_LENGTH)
+    code = "<"
+    fields: list[Field] = []
+    odd: list[OddField] = []
+    for value in values:
+        entry = mapped_entry(od, value, direction)
+        if entry is None:
+            code += f"{(value & 0xFF) // 8}x"
+            continue
+        if entry.data_type in TIME:
+            field = Field(entry, b"", b"\xff" * entry.size)
+        else:
+            field = Field(entry, entry.low, entry.high)
+        letter = _CODES.get(entry.data_type, "0")
+        if letter == "0":
+            letter = f"{entry.size}s"
+            if entry.data_type not in TIME:
+                odd.append(OddField(len(fields), entry.size, entry.data_type in SIGNED))
+        code += letter
+        fields.append(field)
+    layout = struct.Struct(code)
+    entries = tuple(field.entry for field in fields)
+    return Mapping(layout.size, entries, tuple(fields), tuple(odd), layout.pack, layout.unpack)
+
+
+def check_mapping(
+    od: ObjectDictionary, entry: Entry, value: int, direction: Direction, *, valid: bool
+) -> None:
+    """Hold the writer of a mapping record to the procedure.
+
+    The PDO is disabled, the number of objects set to 0, objects entered, their number set, the PDO
+    enabled. What changes nothing is let through, for masters that write back what they read.
+
+    Raises
+    ------
+    Abort
+        STATE out of order; else as `compile_mapping`.
+    """
+    if value == entry.value:
+        return
+    if valid:
+        raise Abort(AbortCode.STATE)
+    if entry.subindex == 0:
+        compile_mapping(od, entry.index, direction, value)
+    elif od.number(entry.index):
+        raise Abort(AbortCode.STATE)
+    elif value:
+        mapped_entry(od, value, direction)

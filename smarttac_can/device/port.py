@@ -1,0 +1,37 @@
+"""What all services of a device share: frames out, listeners by identifier, time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.timer import Clock
+
+
+class Port:
+    """The device's side of its CAN connection.
+
+    Attributes
+    ----------
+    out
+        Frames to send, in order of cause.
+    listeners
+        Handlers by identifier.
+    """
+
+    __slots__ = ("clock", "listeners", "out")
+
+    def __init__(self) -> None:
+        self.clock = Clock()
+        self.out: list[Frame] = []
+        self.listeners: dict[int, list[Callable[[Frame], None]]] = {}
+
+    def listen(self, can_id: int, handler: Callable[[Frame], None]) -> None:
+        """Hand frames with this identifier to the handler."""
+        self.listeners.setdefault(can_id, []).append(handler)
+
+    def take(self) -> list[Frame]:
+        """Frames to send; afterwards there are none."""
+        out = self.out[:]
+        self.out.clear()
+        return out

@@ -1,0 +1,138 @@
+"""Receive PDOs: at once or latched until SYNC, with deadline (CiA 301, 7.2.2 and 7.5.2.35)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from smarttac_can.device.application import Application
+from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.mapping import Direction
+from smarttac_can.device.pdo import PDO
+from smarttac_can.device.port import Port
+from smarttac_can.od.cia import (
+    CYCLIC_LAST,
+    EVENT_MANUFACTURER,
+    EmergencyCode,
+    ErrorRegister,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+
+class RPDO(PDO):
+    """One receive PDO.
+
+    A PDO with any value outside the limits of its entry is ignored as a whole and reported as
+    8200h (protocol error) with the PDO number, the index and the sub-index. A frame too short is
+    ignored and reported as 8210h, of one too long the first bytes are used and 8220h is reported.
+    Each error is taken back by the next PDO without it.
+    """
+
+    direction: ClassVar = Direction.RECEIVE
+    first_event_type: ClassVar = EVENT_MANUFACTURER
+
+    def __init__(
+        self,
+        port: Port,
+        od: ObjectDictionary,
+        number: int,
+        communication: int,
+        mapping: int,
+        *,
+        emergency: Emergency,
+        application: Application,
+    ) -> None:
+        super().__init__(port, od, number, communication, mapping)
+        self._emergency = emergency
+        self._application = application
+        self._deadline = port.clock.timer(self._on_deadline)
+        self._late = False
+        self._fault: EmergencyCode | None = None
+        self._latch: bytes | None = None
+
+    @property
+    def synchronous(self) -> bool:
+        """Whether it waits for SYNC."""
+        return self.alive and self.valid and self.transmission <= CYCLIC_LAST
+
+    def cease(self) -> None:
+        """Drop what was latched; without monitoring there is no time-out either."""
+        self._latch = None
+        self._deadline.stop()
+        self._in_time()
+        self._no_fault()
+
+    def listen(self) -> None:
+        """Hear the PDO."""
+        if self.valid and self.mapping is not None and self.mapping.size:
+            self.port.listen(self.can_id, self.receive)
+
+    def receive(self, frame: Frame) -> None:
+        """Take the PDO, now or at the next SYNC; the first one starts the deadline monitoring."""
+        if frame.rtr or self.mapping is None:
+            return
+        data = frame.data
+        size = self.mapping.size
+        if len(data) < size:
+            self._report(EmergencyCode.PDO_LENGTH, bytes((len(data), size)))
+            return
+        if self.event_time:
+            self._deadline.start(self.event_time)
+            self._in_time()
+        if len(data) > size:
+            self._report(EmergencyCode.PDO_LENGTH_EXCEEDED, bytes((len(data), size)))
+            data = data[:size]
+        elif self._fault is not None and self._fault is not EmergencyCode.PROTOCOL:
+            self._no_fault()
+        if self.transmission <= CYCLIC_LAST:
+            self._latch = data
+        else:
+            self._deliver(data)
+
+    def on_sync(self) -> None:
+        """Put what was latched into the object dictionary."""
+        data, self._latch = self._latch, None
+        if data is not None:
+            self._deliver(data)
+
+    def _deliver(self, data: bytes) -> None:
+        if self.mapping is None:
+            return
+        broken = self.mapping.deliver(data)
+        if broken is not None:
+            self._report(EmergencyCode.PROTOCOL, _where(broken))
+            return
+        if self._fault is EmergencyCode.PROTOCOL:
+            self._no_fault()
+        self._application.on_rpdo(self.number)
+
+    def _report(self, code: EmergencyCode, vendor: bytes) -> None:
+        if self._fault is not code:
+            self._no_fault()
+            self._fault = code
+            vendor = self.number.to_bytes(2, "little") + vendor
+            self._emergency.report(code, ErrorRegister.COMMUNICATION, vendor, self.number)
+
+    def _no_fault(self) -> None:
+        if self._fault is not None:
+            self._emergency.clear(self._fault, self.number)
+            self._fault = None
+
+    def _in_time(self) -> None:
+        if self._late:
+            self._late = False
+            self._emergency.clear(EmergencyCode.RPDO_TIME_OUT, self.number)
+
+    def _on_deadline(self) -> None:
+        self._late = True
+        self._emergency.report(
+            EmergencyCode.RPDO_TIME_OUT,
+            ErrorRegister.COMMUNICATION,
+            self.number.to_bytes(2, "little"),
+            self.number,
+        )
+        self._application.on_rpdo_timeout(self.number)
+
+
+def _where(entry: Entry) -> bytes:
+    return entry.index.to_bytes(2, "little") + bytes((entry.subindex,))

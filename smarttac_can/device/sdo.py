@@ -1,0 +1,159 @@
+"""SDO server: expedited and segmented transfers (CiA 301, 7.2.4)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Final
+
+from smarttac_can.device.access import Access
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import CONFIGURABLE
+from smarttac_can.device.port import Port
+from smarttac_can.device.segmented import Download, Upload
+from smarttac_can.device.service import Service, check_cob_id
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    SDO_RX_ID,
+    SDO_SERVER_FIRST,
+    SDO_TX_ID,
+    Abort,
+    AbortCode,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+TIME_OUT: Final = 1_000_000
+"""Device time in us after which a client that does not go on is aborted."""
+
+_NO_TRANSFER: Final = bytes(3)
+
+
+class SDOServer(Service):
+    """One server, with one transfer at a time; a new one takes the place of one left behind."""
+
+    states: ClassVar = CONFIGURABLE
+
+    def __init__(self, port: Port, od: ObjectDictionary, index: int, access: Access) -> None:
+        super().__init__(port, od, (index,))
+        self._access = access
+        self._rx = self._tx = COB_INVALID
+        self._timer = port.clock.timer(self._on_time_out)
+        self._address = _NO_TRANSFER
+        self._transfer: Download | Upload | None = None
+        self._commands: Final = (
+            self._download_segment,
+            self._initiate_download,
+            self._initiate_upload,
+            self._upload_segment,
+        )
+
+    def check(self, entry: Entry, value: Any) -> None:
+        """The CAN-IDs are fixed while valid."""
+        if entry.subindex in (1, 2):
+            check_cob_id(entry.value, value)
+
+    def apply(self, entry: Entry) -> None:
+        """Take a new CAN-ID; a transfer under way, which may be the one that wrote it, goes on."""
+        self.configure()
+
+    def configure(self) -> None:
+        """Read the CAN-IDs; the first server has those of the pre-defined connection set."""
+        index = self.objects[0]
+        default = index == SDO_SERVER_FIRST
+        rx = SDO_RX_ID + self.od.node_id if default else COB_INVALID
+        tx = SDO_TX_ID + self.od.node_id if default else COB_INVALID
+        self._rx = self.od.number(index, 1, rx)
+        self._tx = self.od.number(index, 2, tx)
+
+    def cease(self) -> None:
+        """Drop the transfer."""
+        self._end()
+
+    def listen(self) -> None:
+        """Hear the client."""
+        if not (self._rx | self._tx) & COB_INVALID:
+            self.port.listen(self._rx & CAN_ID_MASK, self.receive)
+
+    def receive(self, frame: Frame) -> None:
+        """Take a request; frames that are not 8 bytes long are no SDO."""
+        data = frame.data
+        if len(data) != 8 or frame.rtr:
+            return
+        command = data[0] >> 5
+        if command == 4:
+            self._end()
+            return
+        tx = self._tx
+        try:
+            if command >= len(self._commands):
+                raise Abort(AbortCode.COMMAND)
+            response = self._commands[command](data)
+        except Abort as abort:
+            response = self._abort(abort.code)
+        # The write may have moved the server; the client still waits at the old CAN-ID.
+        self.port.out.append(Frame(tx & CAN_ID_MASK, response))
+
+    def _initiate_download(self, request: bytes) -> bytes:
+        command, index, subindex = self._address_of(request)
+        if command & 2:
+            size = 4 - (command >> 2 & 3) if command & 1 else None
+            entry = self._access.writable(index, subindex, size)
+            self._access.write(entry, request[4 : 4 + (size or entry.size or 4)])
+            self._end()
+        else:
+            size = int.from_bytes(request[4:], "little") if command & 1 else None
+            entry = self._access.writable(index, subindex, size)
+            self._transfer = Download(entry, size)
+            self._timer.start(TIME_OUT)
+        return b"\x60" + request[1:4] + bytes(4)
+
+    def _initiate_upload(self, request: bytes) -> bytes:
+        _, index, subindex = self._address_of(request)
+        data = self._access.read(index, subindex)
+        if 1 <= len(data) <= 4:
+            self._end()
+            return bytes((0x43 | (4 - len(data)) << 2,)) + request[1:4] + data.ljust(4, b"\0")
+        self._transfer = Upload(data)
+        self._timer.start(TIME_OUT)
+        return b"\x41" + request[1:4] + len(data).to_bytes(4, "little")
+
+    def _download_segment(self, request: bytes) -> bytes:
+        transfer = self._transfer
+        if not isinstance(transfer, Download):
+            raise Abort(AbortCode.COMMAND)
+        response, last = transfer.segment(request)
+        if last:
+            self._access.write(transfer.entry, bytes(transfer.data))
+        self._go_on(last)
+        return response
+
+    def _upload_segment(self, request: bytes) -> bytes:
+        transfer = self._transfer
+        if not isinstance(transfer, Upload):
+            raise Abort(AbortCode.COMMAND)
+        response, last = transfer.segment(request)
+        self._go_on(last)
+        return response
+
+    def _go_on(self, last: bool) -> None:
+        if last:
+            self._end()
+        else:
+            self._timer.start(TIME_OUT)
+
+    def _address_of(self, request: bytes) -> tuple[int, int, int]:
+        self._end()
+        self._address = request[1:4]
+        return request[0], int.from_bytes(request[1:3], "little"), request[3]
+
+    def _end(self) -> None:
+        self._transfer = None
+        self._address = _NO_TRANSFER
+        self._timer.stop()
+
+    def _abort(self, code: int) -> bytes:
+        response = b"\x80" + self._address + code.to_bytes(4, "little")
+        self._end()
+        return response
+
+    def _on_time_out(self) -> None:
+        self.port.out.append(Frame(self._tx & CAN_ID_MASK, self._abort(AbortCode.TIME_OUT)))

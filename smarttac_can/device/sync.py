@@ -1,0 +1,132 @@
+"""SYNC consumer and producer with counter (CiA 301, 7.2.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import CONFIGURABLE
+from smarttac_can.device.port import Port
+from smarttac_can.device.service import Service
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_EXTENDED,
+    COB_SYNC_PRODUCER,
+    SYNC_COB_ID,
+    SYNC_COUNTER,
+    SYNC_ID,
+    SYNC_PERIOD,
+    Abort,
+    AbortCode,
+    EmergencyCode,
+    ErrorRegister,
+    restricted,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+
+class Sync(Service):
+    """Hears SYNC, or produces it and then acts on its own.
+
+    Parameters
+    ----------
+    on_sync
+        Called at every SYNC with its counter, 0 where it has none.
+    """
+
+    states: ClassVar = CONFIGURABLE
+
+    def __init__(
+        self,
+        port: Port,
+        od: ObjectDictionary,
+        emergency: Emergency,
+        on_sync: Callable[[int], None],
+    ) -> None:
+        super().__init__(port, od, (SYNC_COB_ID, SYNC_PERIOD, SYNC_COUNTER))
+        self._emergency = emergency
+        self._on_sync = on_sync
+        self._timer = port.clock.timer(self._produce)
+        self._can_id = SYNC_ID
+        self._produces = False
+        self._period = 0
+        self._overflow = 0
+        self._counter = 0
+        self._wrong_length = False
+
+    def check(self, entry: Entry, value: Any) -> None:
+        """See the standard on each of the three objects."""
+        if entry.index == SYNC_COB_ID:
+            same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
+            if entry.value & value & COB_SYNC_PRODUCER and not same:
+                raise Abort(AbortCode.STATE)
+            can_id = value & (COB_EXTENDED - 1)
+            if value & COB_EXTENDED or can_id > CAN_ID_MASK:
+                raise Abort(AbortCode.VALUE)
+            if restricted(can_id):
+                raise Abort(AbortCode.VALUE)
+        elif entry.index == SYNC_COUNTER and value != entry.value:
+            if self._period:
+                raise Abort(AbortCode.STATE)
+            if value == 1 or value > 240:
+                raise Abort(AbortCode.VALUE)
+
+    def apply(self, entry: Entry) -> None:
+        """A new period or producer bit is in force at once; the counter goes on unless set."""
+        self.configure()
+        if entry.index == SYNC_COUNTER:
+            self._counter = 0
+        self._start_or_stop()
+
+    def configure(self) -> None:
+        """Read the parameters."""
+        cob_id = self.od.number(SYNC_COB_ID, absent=SYNC_ID)
+        self._can_id = cob_id & CAN_ID_MASK
+        self._produces = bool(cob_id & COB_SYNC_PRODUCER)
+        self._period = self.od.number(SYNC_PERIOD)
+        self._overflow = self.od.number(SYNC_COUNTER)
+
+    def begin(self) -> None:
+        """Out of reset or STOPPED the counter starts at 1."""
+        self._counter = 0
+        self._start_or_stop()
+
+    def cease(self) -> None:
+        """Stop producing."""
+        self._timer.stop()
+
+    def listen(self) -> None:
+        """Hear SYNC."""
+        self.port.listen(self._can_id, self.receive)
+
+    def receive(self, frame: Frame) -> None:
+        """Take a SYNC; one of the wrong length is ignored and reported."""
+        data = frame.data
+        if frame.rtr:
+            return
+        if len(data) != (1 if self._overflow else 0):
+            self._wrong_length = True
+            self._emergency.report(
+                EmergencyCode.SYNC_LENGTH, ErrorRegister.COMMUNICATION, bytes((len(data),))
+            )
+            return
+        if self._wrong_length:
+            self._wrong_length = False
+            self._emergency.clear(EmergencyCode.SYNC_LENGTH)
+        self._on_sync(data[0] if data else 0)
+
+    def _start_or_stop(self) -> None:
+        if self.alive and self._produces and self._period:
+            self._timer.start(self._period, periodic=True)
+        else:
+            self._timer.stop()
+
+    def _produce(self) -> None:
+        if self._overflow:
+            self._counter = self._counter % self._overflow + 1
+            self.port.out.append(Frame(self._can_id, bytes((self._counter,))))
+        else:
+            self.port.out.append(Frame(self._can_id))
+        self._on_sync(self._counter)
