@@ -112,7 +112,9 @@ class Identification:
         return drive
 
     def fail(self, reason: str) -> None:
-        """End without a model."""
+        """End without a model; nothing happens once it is over."""
+        if self.state is not State.RUNNING:
+            return
         self.failure = reason
         self.state = State.FAILED
         self._procedure.close()

@@ -1,0 +1,326 @@
+"""The link over CAN: SDO by python-canopen, recordings from the stimulator's TPDOs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import Final
+
+import canopen
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from smarttac_can.bench.errors import (
+    HeartbeatLostError,
+    NodeNotFoundError,
+    NotRunningError,
+    RefusedError,
+    WrongDeviceError,
+)
+from smarttac_can.bench.link import RECORDED, Row, Snapshot
+from smarttac_can.bench.published import PublishedPdo, published_pdos
+from smarttac_can.od.cia import (
+    EVENT_MANUFACTURER,
+    HEARTBEAT_ID,
+    HEARTBEAT_PRODUCER,
+    IDENTITY,
+    NMT_ID,
+    PDO_TRANSMISSION,
+    SYNC_ID,
+    TPDO_COMMUNICATION,
+    Abort,
+)
+from smarttac_can.od.data_types import pack, unpack
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+LOST_CYCLE_S: Final = 1.0
+"""How long a cycle in lockstep may take before it counts as lost."""
+_PUBLIC_TPDOS: Final = range(1, 5)
+_HEARTBEATS_MISSED: Final = 3
+_LOST_IN_A_ROW: Final = 3
+_NMT_START: Final = 1
+_OPERATIONAL: Final = 5
+_PRODUCT_CODE: Final = 2
+
+
+class RemoteDevice:
+    """A CANopen device on the bus with the EDS it should have.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen.
+    od
+        The EDS, loaded for the device's node-ID.
+    where
+        Name of the bus for error messages.
+    timeout
+        Longest wait for an SDO answer in s.
+
+    Raises
+    ------
+    NodeNotFoundError
+        If nothing answers.
+    WrongDeviceError
+        If the product code is not that of the EDS.
+    """
+
+    def __init__(
+        self, network: canopen.Network, od: ObjectDictionary, where: str, timeout: float
+    ) -> None:
+        self.od = od
+        self._network = network
+        self._name = od.info.get("productname", "device")
+        self._sdo = network.add_node(od.node_id, canopen.ObjectDictionary()).sdo
+        self._sdo.RESPONSE_TIMEOUT = timeout
+        self.heartbeat_at: float | None = None
+        self.operational = False
+        network.subscribe(HEARTBEAT_ID + od.node_id, self._on_heartbeat)
+        expected = od.entry(IDENTITY, _PRODUCT_CODE)
+        try:
+            found = self.read(expected)
+        except HeartbeatLostError as error:
+            raise NodeNotFoundError(
+                f"no node {od.node_id} answers on {where}: is it running there, with that node-ID?"
+            ) from error
+        if found != expected.default:
+            raise WrongDeviceError(
+                f"node {od.node_id} on {where} has product code {found:08X}, "
+                f"a {self._name} has {expected.default:08X}: give the node-ID of the right one"
+            )
+        self._heartbeat_s = self.read(od.entry(HEARTBEAT_PRODUCER)) * 1e-3
+
+    def read(self, entry: Entry) -> int:
+        """Read an entry over SDO."""
+        with self._explained(f"read {entry.name}"):
+            return int(unpack(entry.data_type, self._sdo.upload(entry.index, entry.subindex)))
+
+    def write(self, entry: Entry, raw: int) -> None:
+        """Write an entry over SDO."""
+        with self._explained(f"write {raw} to {entry.name}"):
+            self._sdo.download(entry.index, entry.subindex, pack(entry.data_type, raw))
+
+    def start(self) -> None:
+        """Command it into the NMT state operational."""
+        self._network.send_message(NMT_ID, [_NMT_START, self.od.node_id])
+        self.operational = True
+
+    def check_heartbeat(self) -> None:
+        """Raise HeartbeatLostError if heartbeats have come and then stayed away."""
+        if self.heartbeat_at is None or not self._heartbeat_s:
+            return
+        silence = monotonic() - self.heartbeat_at
+        if silence > _HEARTBEATS_MISSED * self._heartbeat_s:
+            raise HeartbeatLostError(
+                f"node {self.od.node_id} has sent no heartbeat for {silence:.1f} s: "
+                "it has stopped or left the bus; connect again when it is back"
+            )
+
+    def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        self.heartbeat_at = monotonic()
+        self.operational = bytes(data) == bytes([_OPERATIONAL])
+
+    @contextmanager
+    def _explained(self, action: str) -> Iterator[None]:
+        try:
+            yield
+        except SdoAbortedError as error:
+            raise RefusedError(f"cannot {action}: {Abort(error.code)}") from error
+        except SdoCommunicationError as error:
+            raise HeartbeatLostError(
+                f"cannot {action}: node {self.od.node_id} does not answer"
+            ) from error
+
+
+class CanLink:
+    """A stimulator on a CAN bus, with the plate inside or as a node of its own.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen; closed with the link.
+    stimulator
+        EDS of the stimulator, loaded for its node-ID.
+    plate
+        EDS of the plate node, loaded for its node-ID; None with the plate inside the stimulator.
+    where
+        Name of the bus for error messages.
+    lockstep
+        Whether the bench produces the SYNC and waits for every cycle.
+    timeout
+        Longest wait for an SDO answer in s.
+    clock
+        Time in s for ages and waits.
+    threaded
+        Whether frames arrive in another thread; without, a cycle has come when SYNC was sent, or
+        never comes.
+    """
+
+    def __init__(
+        self,
+        network: canopen.Network,
+        stimulator: ObjectDictionary,
+        plate: ObjectDictionary | None,
+        *,
+        where: str,
+        lockstep: bool,
+        timeout: float = 1.0,
+        clock: Callable[[], float] = monotonic,
+        threaded: bool = True,
+    ) -> None:
+        self._network = network
+        self._lockstep = lockstep
+        self._clock = clock
+        self._threaded = threaded
+        self._stimulator = RemoteDevice(network, stimulator, where, timeout)
+        self._plate = RemoteDevice(network, plate, where, timeout) if plate else None
+        self._pdos = published_pdos(stimulator, _PUBLIC_TPDOS, self._stimulator.read)
+        self._rows: list[Row] = []
+        self._come: set[int] = set()
+        self._cycle = threading.Event()
+        self._columns = self._find_columns()
+        for pdo in self._pdos:
+            network.subscribe(pdo.can_id, self._receiver(pdo))
+        # The plate first, so that its measurements await nobody.
+        for device in (self._plate, self._stimulator):
+            if device is not None:
+                device.start()
+
+    def read(self, name: str) -> int:
+        """Read the raw value of an object over SDO."""
+        device = self._owner(name)
+        return device.read(device.od[name])
+
+    def write(self, name: str, raw: int) -> None:
+        """Write a raw value to an object over SDO."""
+        device = self._owner(name)
+        device.write(device.od[name], raw)
+
+    def snapshot(self) -> Snapshot:
+        """Return what the public TPDOs carried last."""
+        self._check()
+        values: dict[str, int] = {}
+        oldest = now = self._clock()
+        for pdo in self._pdos:
+            if pdo.received is not None:
+                values.update(zip(pdo.names, pdo.values, strict=True))
+                oldest = min(oldest, pdo.received)
+        return Snapshot(values, now - oldest)
+
+    def start_run(self) -> None:
+        """Put the simulated plate to rest at tick 0 and reset the controllers."""
+        if self._plate is not None:
+            self._plate.write(self._plate.od["Simulation.Start run"], 1)
+        self._stimulator.write(self._stimulator.od["Simulation.Start run"], 1)
+
+    def run(self, cycles: int) -> list[Row]:
+        """Let the loop run and record it from the TPDOs, sent in every cycle meanwhile.
+
+        Raises
+        ------
+        NotRunningError
+            If not one cycle came, or the TPDOs do not carry what a recording holds.
+        HeartbeatLostError
+            If a node has fallen silent.
+        """
+        if self._columns is None:
+            raise NotRunningError(
+                f"the TPDOs of node {self._stimulator.od.node_id} do not map all of "
+                f"{', '.join(RECORDED)}: restore their default mapping"
+            )
+        with self._every_cycle():
+            self._rows = []
+            if self._lockstep:
+                self._produce_sync(cycles)
+            else:
+                self._wait_for(cycles)
+            rows = self._rows[:cycles]
+        if not rows and cycles:
+            self._check()
+            raise NotRunningError(
+                "the loop gives no cycles: are all nodes operational, and does one produce SYNC?"
+            )
+        return rows
+
+    def close(self) -> None:
+        """Leave the bus; may be called twice."""
+        self._network.disconnect()
+
+    def _owner(self, name: str) -> RemoteDevice:
+        simulated = name.partition(".")[0] in ("Simulation", "Finger")
+        return self._plate if simulated and self._plate is not None else self._stimulator
+
+    def _check(self) -> None:
+        # In lockstep the nodes' time, and so their heartbeat, stands still between the cycles.
+        if not self._lockstep:
+            for device in (self._stimulator, self._plate):
+                if device is not None:
+                    device.check_heartbeat()
+
+    def _find_columns(self) -> list[tuple[PublishedPdo, int]] | None:
+        """Where each recorded object is mapped; None if one is nowhere."""
+        columns = []
+        for name in RECORDED:
+            places = [(pdo, pdo.names.index(name)) for pdo in self._pdos if name in pdo.names]
+            if not places:
+                return None
+            columns.append(places[0])
+        return columns
+
+    @contextmanager
+    def _every_cycle(self) -> Iterator[None]:
+        """Have the recorded TPDOs sent in every cycle, and put their types back afterwards."""
+        assert self._columns is not None
+        device = self._stimulator
+        before = []
+        for number in sorted({pdo.number for pdo, _ in self._columns}):
+            entry = device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION)
+            before.append((entry, device.read(entry)))
+            device.write(entry, EVENT_MANUFACTURER)
+        try:
+            yield
+        finally:
+            for entry, kind in before:
+                device.write(entry, kind)
+
+    def _receiver(self, pdo: PublishedPdo) -> Callable[[int, bytearray, float], None]:
+        """Make the callback of a TPDO; that of the cycle's last one completes a row."""
+        columns = self._columns or []
+        wanted = {place.number for place, _ in columns}
+        last = max(wanted, default=0)
+        come = self._come
+
+        def on_pdo(_can_id: int, data: bytearray, _timestamp: float) -> None:
+            if not pdo.take(bytes(data), self._clock()):
+                return
+            come.add(pdo.number)
+            if pdo.number == last:
+                # A row with a lost frame would mix two cycles.
+                if come >= wanted:
+                    self._rows.append(tuple([place.values[at] for place, at in columns]))
+                come.clear()
+                self._cycle.set()
+
+        return on_pdo
+
+    def _produce_sync(self, cycles: int) -> None:
+        cycle = self._cycle
+        lost = 0
+        for _ in range(cycles):
+            cycle.clear()
+            self._network.send_message(SYNC_ID, b"")
+            if not cycle.is_set() and self._threaded and self._stimulator.operational:
+                cycle.wait(LOST_CYCLE_S)
+            lost = 0 if cycle.is_set() else lost + 1
+            if lost == _LOST_IN_A_ROW:
+                raise NotRunningError(
+                    f"{lost} cycles in a row were lost: is the plate there, and are all nodes "
+                    "operational and started with --lockstep?"
+                )
+
+    def _wait_for(self, cycles: int) -> None:
+        end = self._clock() + cycles * 1e-3 + LOST_CYCLE_S
+        while len(self._rows) < cycles and self._clock() < end:
+            self._cycle.clear()
+            self._cycle.wait(LOST_CYCLE_S)

@@ -1,0 +1,164 @@
+"""The paper's experiments, as a person would run them at the bench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.bench.traces import Trace
+from smarttac_can.control.cascade import Mode
+from smarttac_can.control.friction import Law
+
+WARM: Final = 30.0
+"""Temperature in degC at which the plate is identified, and tuned for, before Fig. 5."""
+COLD: Final = 20.0
+"""Temperature in degC of the experiments."""
+WARM_RESONANCE: Final = 43250.0
+"""Resonance in Hz at 30 degC, where Fig. 5 starts from (paper, section on Fig. 5)."""
+COLD_RESONANCE: Final = 43390.0
+"""Resonance in Hz at 20 degC."""
+AMPLITUDES: Final = (0.0, 0.5, 1.0, 1.5, 2.0)
+"""Amplitudes of Fig. 2 in um."""
+FIG2_SUBJECTS: Final = range(1, 6)
+COF_REFERENCES: Final = {1: (0.2, 0.3), 2: (0.3, 0.4), 3: (0.4, 0.5), 4: (0.5, 0.6)}
+"""References left and right of the boundary for the four subjects of Table I."""
+PASSES: Final = 50
+"""Passes of the finger a subject in Table I, every other one an up-step."""
+
+_RESPONSE_S: Final = 0.06
+_TARE_S: Final = 0.064
+_FIG2_S: Final = 0.8
+_TOUCH_DOWN_S: Final = 0.3
+_TRAVEL_MM, _SPEED_MM_S = 12.0, 60.0
+_PASS_S: Final = 1.2 * _TRAVEL_MM / _SPEED_MM_S
+_IDENTIFY_S: Final = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What the experiments depend on besides the device."""
+
+    seed: int = 1
+    """Seed of noise and of the finger's force and speed, 0..2^32 - 1."""
+    law: Law = Law.MEASURED
+    """Friction law."""
+    dead_time: float = 0.0
+    """Time in us from the tick until the new drive is in force, 0..999."""
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """One run at the bench."""
+
+    name: str
+    """Name for the progress display."""
+    seconds: float
+    """About how long it takes, in simulated time."""
+    run: Callable[[Stimulator], list[Trace]]
+
+
+def experiments(wanted: frozenset[str], conditions: Conditions) -> list[Experiment]:
+    """List the runs that give the wanted figures and table.
+
+    Parameters
+    ----------
+    wanted
+        Some of ``fig2 fig3 fig5 fig6 fig7 table1``; Fig. 3 is the law itself and takes no run.
+    conditions
+        The same for all of them.
+    """
+    runs = [Experiment("identification", _IDENTIFY_S, lambda bench: _identify(bench, conditions))]
+    if wanted & {"fig5", "fig6"}:
+        runs += _vibration(conditions)
+    if "fig2" in wanted:
+        runs += _friction_reduction(conditions)
+    if wanted & {"fig7", "table1"}:
+        runs += _friction_control(conditions)
+    return runs if len(runs) > 1 else []
+
+
+def _identify(bench: Stimulator, conditions: Conditions) -> list[Trace]:
+    """Tune the controllers for the warm plate, as in the paper."""
+    bench.law = conditions.law
+    bench.set("Controller.Dead time", conditions.dead_time)
+    _begin(bench, conditions, WARM)
+    bench.frequency = WARM_RESONANCE
+    bench.identify()
+    return []
+
+
+def _vibration(conditions: Conditions) -> Iterator[Experiment]:
+    """Fig. 5 and 6: 1 um from rest on the cold plate, from the resonance of the warm one."""
+    for label, mode in (
+        ("fig5.amplitude_only", Mode.AMPLITUDE),
+        ("fig5.amplitude_and_frequency", Mode.AMPLITUDE_RESONANCE),
+    ):
+
+        def run(bench: Stimulator, label: str = label, mode: Mode = mode) -> list[Trace]:
+            _begin(bench, conditions, COLD)
+            bench.frequency = WARM_RESONANCE
+            bench.amplitude = 1.0
+            bench.mode = mode
+            return [bench.run(_RESPONSE_S, label)]
+
+        yield Experiment(label, _TARE_S + _RESPONSE_S, run)
+
+
+def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:
+    """Fig. 2: COF of five subjects at five controlled amplitudes."""
+    for subject in FIG2_SUBJECTS:
+        for amplitude in AMPLITUDES:
+
+            def run(
+                bench: Stimulator, subject: int = subject, amplitude: float = amplitude
+            ) -> list[Trace]:
+                bench.finger.stroke(subject, travel=30.0)
+                _begin(bench, conditions, COLD, lift=False)
+                bench.frequency = COLD_RESONANCE
+                bench.amplitude = amplitude
+                bench.mode = Mode.AMPLITUDE_RESONANCE if amplitude else Mode.OFF
+                return [bench.run(_FIG2_S, f"fig2.{amplitude:.1f}", subject)]
+
+            name = f"fig2 subject {subject}, {amplitude:.1f} um"
+            yield Experiment(name, _TARE_S + _FIG2_S, run)
+
+
+def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
+    """Fig. 7 and Table I: the reference alternates as the finger crosses the middle."""
+    seconds = _TOUCH_DOWN_S + PASSES * _PASS_S
+    for subject, references in COF_REFERENCES.items():
+
+        def run(
+            bench: Stimulator, subject: int = subject, cof: tuple[float, float] = references
+        ) -> list[Trace]:
+            bench.finger.stroke(
+                subject,
+                speed=_SPEED_MM_S,
+                travel=_TRAVEL_MM,
+                force_variation=0.2,
+                speed_variation=0.2,
+            )
+            _begin(bench, conditions, COLD, lift=False)
+            bench.frequency = COLD_RESONANCE
+            bench.amplitude = 1.0
+            bench.boundary = 0.0
+            bench.cof = cof
+            bench.mode = Mode.FRICTION
+            return [bench.run(seconds, "table1", subject)]
+
+        yield Experiment(f"table1 subject {subject}", _TARE_S + seconds, run)
+
+
+def _begin(
+    bench: Stimulator, conditions: Conditions, temperature: float, *, lift: bool = True
+) -> None:
+    """Start a run and tare it: the gauges drift with temperature."""
+    if lift:
+        bench.finger.lift()
+    bench.finger.surroundings(
+        seed=conditions.seed, temperature=temperature, dead_time=conditions.dead_time
+    )
+    bench.start_run()
+    bench.tare()

@@ -1,0 +1,84 @@
+"""The finger of a simulated plate, and the room it stands in."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE
+
+if TYPE_CHECKING:
+    from smarttac_can.bench.stimulator import Stimulator
+
+
+class SimulatedFinger:
+    """What a simulated plate plays; every change is in force from the next `Stimulator.start_run`.
+
+    A plate of hardware refuses all of it.
+
+    Parameters
+    ----------
+    stimulator
+        The bench's stimulator.
+    """
+
+    def __init__(self, stimulator: Stimulator) -> None:
+        self._stimulator = stimulator
+
+    def lift(self) -> None:
+        """No finger on the plate."""
+        self._stimulator.set("Finger.Motion", LIFTED)
+
+    def play_recording(self) -> None:
+        """Play the recorded finger that the plate was started with, ``--finger FILE``."""
+        self._stimulator.set("Finger.Motion", RECORDED)
+
+    def stroke(
+        self,
+        subject: int,
+        *,
+        force: float = 0.5,
+        speed: float = 50.0,
+        travel: float = 20.0,
+        force_variation: float = 0.0,
+        speed_variation: float = 0.0,
+    ) -> None:
+        """Slide to and fro over the middle of the plate.
+
+        Parameters
+        ----------
+        subject
+            Number of the subject, 1..5.
+        force
+            Normal force in N, 0.05..2.
+        speed
+            Sliding speed in mm/s, 5..300.
+        travel
+            Distance between the turning points in mm, 1..50.
+        force_variation, speed_variation
+            How far they vary from pass to pass, as a fraction, 0..0.5.
+        """
+        write = self._stimulator.set
+        write("Simulation.Subject", subject)
+        write("Finger.Force", force * 1e3)
+        write("Finger.Speed", speed)
+        write("Finger.Range", travel * 1e3)
+        write("Finger.Force variation", force_variation * 1e2)
+        write("Finger.Speed variation", speed_variation * 1e2)
+        write("Finger.Motion", STROKE)
+
+    def surroundings(self, *, seed: int, temperature: float = 20.0, dead_time: float = 0.0) -> None:
+        """Set what else a run depends on.
+
+        Parameters
+        ----------
+        seed
+            Seed of noise and finger, 0..2^32 - 1.
+        temperature
+            Ambient temperature in degC, 0..60.
+        dead_time
+            Time from the tick to the new drive in us, 0..999.
+        """
+        write = self._stimulator.set
+        write("Simulation.Seed", seed)
+        write("Simulation.Ambient temperature", temperature)
+        write("Simulation.Dead time", dead_time)

@@ -1,0 +1,59 @@
+"""What a link between the bench and a stimulator carries: raw values by name, and recordings."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+RECORDED = (
+    "Contact.Tick",
+    "Contact.COF",
+    "Contact.COF reference",
+    "Vibration.Amplitude",
+    "Vibration.Voltage",
+    "Vibration.Frequency",
+    "Contact.Tangential force",
+    "Contact.Normal force",
+)
+"""Objects of the stimulator that a recording holds, a column each, in the order of a trace."""
+
+Row = tuple[int, ...]
+"""Raw values of `RECORDED` in one cycle."""
+
+
+class Snapshot(NamedTuple):
+    """Raw values of the stimulator's objects by name, and how old they are."""
+
+    values: dict[str, int]
+    age: float
+    """Age in s of the oldest of them."""
+
+
+class Link(Protocol):
+    """A stimulator, with its plate, as the bench reaches it.
+
+    Every method raises a `BenchError` if the other side is gone or refuses.
+    """
+
+    def read(self, name: str) -> int:
+        """Read the raw value of an object of the stimulator, or of the simulation."""
+        ...
+
+    def write(self, name: str, raw: int) -> None:
+        """Write a raw value to an object of the stimulator, or of the simulation."""
+        ...
+
+    def snapshot(self) -> Snapshot:
+        """Return the newest values the stimulator has published."""
+        ...
+
+    def start_run(self) -> None:
+        """Put a simulated plate to rest at tick 0 and reset the controllers."""
+        ...
+
+    def run(self, cycles: int) -> list[Row]:
+        """Let the loop run and record it, a row a cycle; rows of lost cycles are missing."""
+        ...
+
+    def close(self) -> None:
+        """Leave the bus; may be called twice."""
+        ...

@@ -1,0 +1,60 @@
+"""The link without a bus: the two function blocks in this process, no CANopen between."""
+
+from __future__ import annotations
+
+from smarttac_can.bench.errors import RefusedError
+from smarttac_can.bench.link import RECORDED, Row, Snapshot
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.od.cia import Abort
+
+
+class LocalLink:
+    """A stimulator with the plate inside, reached by function calls.
+
+    Values are scaled to the integers of the object dictionary as on the bus, so a run gives the
+    same numbers as one over CAN.
+
+    Parameters
+    ----------
+    block
+        Function block of a stimulator with the plate inside.
+    """
+
+    def __init__(self, block: StimulatorBlock) -> None:
+        self._block = block
+        self._recorded = [block.od[name] for name in RECORDED]
+
+    def read(self, name: str) -> int:
+        """Read the raw value of an object."""
+        return int(self._block.od[name].value)
+
+    def write(self, name: str, raw: int) -> None:
+        """Write a raw value to an object."""
+        entry = self._block.od[name]
+        try:
+            entry.check(raw)
+            self._block.on_write(entry, raw)
+        except Abort as error:
+            raise RefusedError(f"cannot write {raw} to {name}: {error}") from error
+        entry.value = raw
+
+    def snapshot(self) -> Snapshot:
+        """Return the present values."""
+        return Snapshot({entry.name: entry.value for entry in self._block.od}, 0.0)
+
+    def start_run(self) -> None:
+        """Put the simulated plate to rest at tick 0 and reset the controllers."""
+        self.write("Simulation.Start run", 1)
+
+    def run(self, cycles: int) -> list[Row]:
+        """Let the loop run and record it."""
+        tick = self._block.tick
+        recorded = self._recorded
+        rows = []
+        for _ in range(cycles):
+            tick()
+            rows.append(tuple([entry.value for entry in recorded]))
+        return rows
+
+    def close(self) -> None:
+        """Nothing to leave."""

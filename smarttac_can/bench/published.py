@@ -1,0 +1,96 @@
+"""What the TPDOs of a node carry, as the node itself says over SDO."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Final
+
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    PDO_COB_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    DataType,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+_FORMATS: Final = {
+    DataType.BOOLEAN: "B",
+    DataType.INTEGER8: "b",
+    DataType.INTEGER16: "h",
+    DataType.INTEGER32: "i",
+    DataType.UNSIGNED8: "B",
+    DataType.UNSIGNED16: "H",
+    DataType.UNSIGNED32: "I",
+}
+
+
+class PublishedPdo:
+    """A valid TPDO of a node: its CAN-ID, what it maps, and the data that came last.
+
+    Parameters
+    ----------
+    number
+        Number of the TPDO from 1.
+    can_id
+        CAN-ID it is sent with.
+    entries
+        The mapped entries in order, integers of 8, 16 or 32 bits.
+
+    Attributes
+    ----------
+    received
+        Time in s at which data came last; None before.
+    """
+
+    def __init__(self, number: int, can_id: int, entries: list[Entry]) -> None:
+        self.number = number
+        self.can_id = can_id
+        self.names = [entry.name for entry in entries]
+        self._struct = struct.Struct("<" + "".join(_FORMATS[entry.data_type] for entry in entries))
+        self.values: tuple[int, ...] = ()
+        self.received: float | None = None
+
+    def take(self, data: bytes, now: float) -> bool:
+        """Take received data; return False, and keep the old, if the length is not the mapping's."""
+        if len(data) != self._struct.size:
+            return False
+        self.values = self._struct.unpack(data)
+        self.received = now
+        return True
+
+
+def published_pdos(
+    od: ObjectDictionary, numbers: range, read: Callable[[Entry], int]
+) -> list[PublishedPdo]:
+    """Ask a node what its TPDOs carry.
+
+    Parameters
+    ----------
+    od
+        The EDS of the node.
+    numbers
+        Numbers of the TPDOs to ask for.
+    read
+        Reads an entry from the node over SDO.
+
+    Returns
+    -------
+    list of PublishedPdo
+        The valid ones that map only integers the EDS knows, by number.
+    """
+    pdos = []
+    for number in numbers:
+        cob_id = read(od.entry(TPDO_COMMUNICATION + number - 1, PDO_COB_ID))
+        if cob_id & COB_INVALID:
+            continue
+        mapping = TPDO_MAPPING + number - 1
+        count = read(od.entry(mapping, 0))
+        mapped = [read(od.entry(mapping, position)) for position in range(1, count + 1)]
+        entries = [od.get(value >> 16, value >> 8 & 0xFF) for value in mapped]
+        known = [entry for entry in entries if entry is not None and entry.data_type in _FORMATS]
+        if known and len(known) == count:
+            pdos.append(PublishedPdo(number, cob_id & CAN_ID_MASK, known))
+    return pdos

@@ -1,0 +1,297 @@
+"""The bench's stimulator: set-points and read-backs in a person's units, over any link."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Final, Self
+
+from smarttac_can.bench.errors import BenchError, NotRunningError
+from smarttac_can.bench.finger import SimulatedFinger
+from smarttac_can.bench.link import Link, Row
+from smarttac_can.bench.traces import Trace
+from smarttac_can.control.cascade import Mode
+from smarttac_can.control.friction import Law
+from smarttac_can.control.identification import State
+from smarttac_can.control.model import PlateModel
+from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
+from smarttac_can.od.dictionary import ObjectDictionary
+
+CYCLES_PER_SECOND: Final = 1000
+_TARE_CYCLES: Final = 64
+_IDENTIFY_CYCLES: Final = 100
+_IDENTIFY_LIMIT: Final = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the stimulator published last."""
+
+    age: float
+    """Age in s of the oldest value in it."""
+    mode: Mode
+    """Mode in force."""
+    status: int
+    """Statusword, bits as in `smarttac_can.nodes.read_back.Status`."""
+    tangential_force: float
+    """Tangential force in N."""
+    normal_force: float
+    """Normal force in N."""
+    cof: float | None
+    """Coefficient of friction; None while no finger touches."""
+    amplitude: float
+    """Vibration amplitude in um peak-to-peak."""
+    voltage: float
+    """Voltage in V."""
+    frequency: float
+    """Excitation frequency in Hz."""
+    temperature: float
+    """Plate temperature in degC."""
+    position: float
+    """Position of the finger in mm from the middle of the plate."""
+
+
+class Stimulator:
+    """A SMARTTAC stimulator at the bench; a context manager that leaves it at 0 V.
+
+    `smarttac_can.bench.connect` and `smarttac_can.bench.simulate` make one.
+
+    Parameters
+    ----------
+    link
+        How it is reached; closed with the stimulator.
+    od
+        EDS of the stimulator.
+
+    Attributes
+    ----------
+    finger
+        The finger of a simulated plate.
+    """
+
+    def __init__(self, link: Link, od: ObjectDictionary) -> None:
+        self._link = link
+        self._od = od
+        self.finger = SimulatedFinger(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None or not issubclass(kind, BenchError):
+                self.mode = Mode.OFF
+        finally:
+            self._link.close()
+
+    def get(self, name: str) -> float:
+        """Read an object of the stimulator or the simulation by name, in its displayed unit."""
+        return self._link.read(name) * self._od[name].factor
+
+    def set(self, name: str, value: float) -> None:
+        """Write an object by name, in its displayed unit; refused, not clipped, outside its limits.
+
+        Raises
+        ------
+        RefusedError
+            If the device refuses the value; nothing has changed then.
+        """
+        self._link.write(name, round(value / self._od[name].factor))
+
+    @property
+    def mode(self) -> Mode:
+        """Mode asked for."""
+        return Mode(self._link.read("Mode"))
+
+    @mode.setter
+    def mode(self, mode: Mode | str) -> None:
+        self._link.write("Mode", _by_name(Mode, mode))
+
+    @property
+    def law(self) -> Law:
+        """Friction law."""
+        return Law(self._link.read("Friction law"))
+
+    @law.setter
+    def law(self, law: Law | str) -> None:
+        self._link.write("Friction law", _by_name(Law, law))
+
+    @property
+    def voltage(self) -> float:
+        """Set-point of mode OPEN_LOOP in V."""
+        return self.get("Setpoint.Voltage") * 1e-3
+
+    @voltage.setter
+    def voltage(self, volts: float) -> None:
+        self.set("Setpoint.Voltage", volts * 1e3)
+
+    @property
+    def frequency(self) -> float:
+        """Excitation frequency in Hz: fixed, or where the resonance loop starts from."""
+        return self.get("Setpoint.Frequency")
+
+    @frequency.setter
+    def frequency(self, hertz: float) -> None:
+        self.set("Setpoint.Frequency", hertz)
+
+    @property
+    def amplitude(self) -> float:
+        """Set-point of the amplitude in um peak-to-peak."""
+        return self.get("Setpoint.Amplitude") * 1e-3
+
+    @amplitude.setter
+    def amplitude(self, micrometres: float) -> None:
+        self.set("Setpoint.Amplitude", micrometres * 1e3)
+
+    @property
+    def cof(self) -> tuple[float, float]:
+        """Set-points of the COF left and right of the boundary; a number sets both."""
+        return self.get("Setpoint.COF left"), self.get("Setpoint.COF right")
+
+    @cof.setter
+    def cof(self, cof: float | tuple[float, float]) -> None:
+        left, right = cof if isinstance(cof, tuple) else (cof, cof)
+        self.set("Setpoint.COF left", left)
+        self.set("Setpoint.COF right", right)
+
+    @property
+    def boundary(self) -> float:
+        """Position of the boundary in mm from the middle of the plate."""
+        return self.get("Setpoint.Boundary") * 1e-3
+
+    @boundary.setter
+    def boundary(self, millimetres: float) -> None:
+        self.set("Setpoint.Boundary", millimetres * 1e3)
+
+    def read(self) -> Reading:
+        """Return what the stimulator published last, with its age.
+
+        Raises
+        ------
+        NotRunningError
+            If it has published nothing yet.
+        HeartbeatLostError
+            If a node has fallen silent.
+        """
+        raw, age = self._link.snapshot()
+        try:
+            value = {name: raw[name] * self._od[name].si for name in _READING}
+        except KeyError as error:
+            raise NotRunningError(
+                f"{error} has not been published yet: wait for the event timer of its TPDO, "
+                "or let the loop run"
+            ) from error
+        return Reading(
+            age=age,
+            mode=Mode(raw["Mode display"]),
+            status=raw["Statusword"],
+            tangential_force=value["Contact.Tangential force"],
+            normal_force=value["Contact.Normal force"],
+            cof=value["Contact.COF"] or None,
+            amplitude=value["Vibration.Amplitude"] * 1e6,
+            voltage=value["Vibration.Voltage"],
+            frequency=value["Vibration.Frequency"],
+            temperature=value["Plate temperature"],
+            position=value["Contact.Position"] * 1e3,
+        )
+
+    def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
+        """Let the loop run, and return what was recorded in each of its cycles of 1 ms.
+
+        Parameters
+        ----------
+        seconds
+            How long, 0.001 or more: of the loop's time in lockstep, of the clock's otherwise.
+        experiment, subject
+            Labels of the trace.
+
+        Raises
+        ------
+        NotRunningError
+            If the loop gives no cycles.
+        """
+        cycles = round(seconds * CYCLES_PER_SECOND)
+        if cycles < 1:
+            raise ValueError(f"seconds {seconds} is below 0.001")
+        return Trace.from_rows(experiment, subject, _unwrapped(self._link.run(cycles)))
+
+    def start_run(self) -> None:
+        """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
+        self._link.start_run()
+
+    def tare(self) -> None:
+        """Take the present gauge readings, without a finger, as zero."""
+        self._link.run(_TARE_CYCLES)
+        self._link.write(AUTO_ZERO[0], ZERO)
+
+    def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:
+        """Identify the unloaded plate and have the controllers designed for it.
+
+        Parameters
+        ----------
+        progress
+            Called with the percentage that is done.
+
+        Raises
+        ------
+        BenchError
+            If the plate could not be identified.
+        """
+        self.mode = Mode.IDENTIFY
+        for _ in range(_IDENTIFY_LIMIT):
+            self._link.run(_IDENTIFY_CYCLES)
+            if progress is not None:
+                progress(self._link.read("Model.Progress"))
+            state = self._link.read("Model.State")
+            if state == State.DONE:
+                return PlateModel(
+                    gain=self.get("Model.Gain per volt") * 1e-12,
+                    tau=self.get("Model.Tau") * 1e-6,
+                    f0=self.get("Model.Resonance"),
+                )
+            if state == State.FAILED:
+                break
+        raise BenchError(
+            "the plate could not be identified: lift the finger, tare, and set the frequency "
+            "within 300 Hz of the resonance"
+        )
+
+
+_READING: Final = (
+    "Contact.Tangential force",
+    "Contact.Normal force",
+    "Contact.COF",
+    "Contact.Position",
+    "Vibration.Amplitude",
+    "Vibration.Voltage",
+    "Vibration.Frequency",
+    "Plate temperature",
+)
+
+
+def _by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:
+    if not isinstance(choice, str):
+        return int(choices(choice))
+    name = choice.upper().replace("-", "_").replace(" ", "_").replace("+", "_")
+    if name not in choices.__members__:
+        known = ", ".join(member.lower() for member in choices.__members__)
+        raise ValueError(f"{choices.__name__.lower()} {choice!r} is none of {known}")
+    return int(choices[name])
+
+
+def _unwrapped(rows: list[Row]) -> list[Row]:
+    """Extend the 16-bit ticks of the rows so that they keep rising."""
+    if not rows:
+        return rows
+    tick = rows[0][0]
+    extended = []
+    for row in rows:
+        tick += row[0] - tick & 0xFFFF
+        extended.append((tick, *row[1:]))
+    return extended

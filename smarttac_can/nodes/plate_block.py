@@ -1,0 +1,144 @@
+"""Function block of the plate: its object dictionary on one side, the simulated plate on the other."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
+from smarttac_can.plant.parameters import PlateParameters
+from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.signals import Drive
+
+TICK_MASK: Final = 0xFF
+"""The tick count travels as 8 bits."""
+LIFTED, STROKE, RECORDED = range(3)
+"""Values of ``Finger.Motion``."""
+
+
+class PlateBlock:
+    """The simulated plate behind the objects of ``plate.eds``.
+
+    The plate moves by calls of `cycle` and by nothing else, so a run gives the same numbers at any
+    pace. It knows nothing of the bus: the plate node calls it, and so does a stimulator that has
+    the plate inside.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``plate.eds``.
+    recording
+        The finger of motion 2; without one, that motion is a lifted finger.
+
+    Attributes
+    ----------
+    plate
+        The plate of the present run, for tests and reports.
+    """
+
+    def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
+        self.od = od
+        self._recording = recording
+        self._voltage = od["Drive.Voltage"]
+        self._frequency = od["Drive.Frequency"]
+        self._drive_tick = od["Drive.Tick"]
+        self._W_d = od["Vibration.W_d"]
+        self._W_q = od["Vibration.W_q"]
+        self.tick = od["Vibration.Tick"]
+        self._saturation = od["Vibration.Saturation"]
+        self._temperature = od["Vibration.Temperature"]
+        self._gauges = [od[f"Gauge.S{number}"] for number in range(1, 7)]
+        self._stage_voltage = od["Stage.Voltage"]
+        self._stage_frequency = od["Stage.Frequency"]
+        self._ticks = od["Cycle.Ticks"]
+        self._lost = od["Cycle.Lost drives"]
+        self._foreign = od["Cycle.Foreign ticks"]
+        self.start_run()
+
+    def start_run(self) -> None:
+        """Begin anew: a plate at rest at ambient temperature, tick 0 next, no drive."""
+        od = self.od
+        self.plate = Plate(
+            PlateParameters(),
+            SUBJECTS[od["Simulation.Subject"].value - 1],
+            self._finger(),
+            seed=od["Simulation.Seed"].value,
+            ambient=od["Simulation.Ambient temperature"].si_value,
+            dead_time=od["Simulation.Dead time"].si_value,
+        )
+        self._moving = False
+        self._answered = False
+        self._driven = False
+        self._old = Drive(0.0, self._frequency.si_value)
+        self._new = self._old
+        self.tick.value = TICK_MASK
+        for count in (self._ticks, self._lost, self._foreign):
+            count.value = 0
+        self._show_stage()
+
+    def cycle(self) -> None:
+        """Step to the next tick with the drive that arrived, and sample the sensors there."""
+        plate = self.plate
+        if self._moving:
+            if self._driven and not self._answered:
+                self._lost.value += 1
+            plate.step(self._old, self._new)
+            self._old = self._new
+        self._moving = True
+        self._answered = False
+        self.tick.value = (self.tick.value + 1) & TICK_MASK
+        self._ticks.value += 1
+        W, gauges, temperature, saturated = plate.sample()
+        _set(self._W_d, W.real)
+        _set(self._W_q, W.imag)
+        _set(self._temperature, temperature)
+        self._saturation.value = saturated
+        for entry, force in zip(self._gauges, gauges, strict=True):
+            _set(entry, force)
+
+    def take_drive(self) -> None:
+        """Take the drive in the object dictionary if it answers the present tick.
+
+        Anything else, a second answer included, is ignored and counted. 0 V is always taken.
+        """
+        if self._voltage.value != 0:
+            if self._drive_tick.value != self.tick.value or self._answered or not self._moving:
+                self._foreign.value += 1
+                return
+            self._driven = True
+        if self._drive_tick.value == self.tick.value:
+            self._answered = True
+        self._new = Drive(self._voltage.si_value, self._frequency.si_value)
+        self._show_stage()
+
+    def switch_off(self) -> None:
+        """Put the power stage at 0 V, now."""
+        self._voltage.value = 0
+        self._driven = False
+        self._old = self._new = Drive(0.0, self._new.frequency)
+        self._show_stage()
+
+    def _show_stage(self) -> None:
+        self._stage_voltage.value = self._stage_voltage.quantise(self._new.voltage)
+        self._stage_frequency.value = self._stage_frequency.quantise(self._new.frequency)
+
+    def _finger(self) -> Finger:
+        od = self.od
+        motion = od["Finger.Motion"].value
+        if motion == STROKE:
+            return Stroke(
+                od["Finger.Force"].si_value,
+                od["Finger.Speed"].si_value,
+                od["Finger.Range"].si_value,
+                force_variation=od["Finger.Force variation"].si_value,
+                speed_variation=od["Finger.Speed variation"].si_value,
+                seed=od["Simulation.Seed"].value,
+            )
+        if motion == RECORDED and self._recording is not None:
+            return self._recording
+        return Lifted()
+
+
+def _set(entry: Entry, si: float) -> None:
+    entry.value = entry.quantise(si)

@@ -1,0 +1,201 @@
+"""Function block of the stimulator: its object dictionary on one side, the cascade on the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.read_back import ReadBack
+from smarttac_can.nodes.settings import cascade_parameters, keep_model, plate_model
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.signals import Measurement, Setpoint
+
+SIMULATION: Final = ("Simulation", "Finger")
+"""Records that belong to the simulated plate."""
+START_RUN: Final = "Simulation.Start run"
+_DESIGN: Final = ("Friction law", "Controller", "Limit", "Calibration")
+_MODEL: Final = "Model"
+_ZERO: Final = "Gauge zero"
+
+_MEASURED: Final = (
+    ("Vibration.W_d", "Plate input.W_d"),
+    ("Vibration.W_q", "Plate input.W_q"),
+    ("Vibration.Tick", "Plate input.Tick"),
+    ("Vibration.Saturation", "Plate input.Saturation"),
+    ("Vibration.Temperature", "Plate input.Temperature"),
+    *((f"Gauge.S{number}", f"Plate input.S{number}") for number in range(1, 7)),
+    ("Vibration.Tick", "Plate input.Gauge tick"),
+)
+_DRIVE: Final = tuple((f"Drive.{name}",) * 2 for name in ("Voltage", "Frequency", "Tick"))
+
+
+class StimulatorBlock:
+    """The nested controllers behind the objects of ``stimulator.eds``.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    plate
+        The plate inside; None if it is a node of its own.
+
+    Attributes
+    ----------
+    cascade
+        The controllers, for tests and reports.
+    """
+
+    def __init__(self, od: ObjectDictionary, plate: PlateBlock | None = None) -> None:
+        self.od = od
+        self._plate = plate
+        if plate is not None:
+            self._measured = _pairs(plate.od, od, _MEASURED)
+            self._driven = _pairs(od, plate.od, _DRIVE)
+        self._input = [od[name] for _, name in _MEASURED]
+        self._setpoint_entries = [
+            od[f"Setpoint.{name}"]
+            for name in ("Voltage", "Frequency", "Amplitude", "COF left", "COF right", "Boundary")
+        ]
+        self._raw_setpoint: list[int] = []
+        self._mode = od["Mode"]
+        self._drive = [od[name] for name, _ in _DRIVE]
+        self._zeros = [od[f"{_ZERO}.Zero of S{number}"] for number in range(1, 7)]
+        self._quality = od[f"{_MODEL}.Quality"]
+        self._state = od[f"{_MODEL}.State"]
+        self._progress = od[f"{_MODEL}.Progress"]
+        self._read_back = ReadBack(od)
+        self.start_run()
+
+    def start_run(self) -> None:
+        """Begin anew: controllers reset and off, tick 0 next; the plate inside is at rest."""
+        if self._plate is not None:
+            self._plate.start_run()
+        self.cascade = Cascade(cascade_parameters(self.od), plate_model(self.od))
+        self._restore_zeros()
+        self._redesign = False
+        self._mode.value = Mode.OFF
+        self._drive[0].value = 0
+        self._read_back.reset()
+
+    def tick(self) -> None:
+        """Have one cycle with the plate inside: it steps and samples, the controllers answer."""
+        plate = self._plate
+        assert plate is not None
+        plate.cycle()
+        for source, target in self._measured:
+            target.value = source.value
+        self.cycle()
+        for source, target in self._driven:
+            target.value = source.value
+        plate.take_drive()
+
+    def cycle(self) -> None:
+        """Compute the drive that answers the measurement in the object dictionary."""
+        cascade = self.cascade
+        if self._redesign:
+            self._reconfigure()
+        mode = self._mode.value
+        if mode != cascade.mode:
+            cascade.set_mode(mode)
+        values = [entry.value * entry.si for entry in self._input]
+        W_d, W_q, _, _, temperature, s1, s2, s3, s4, s5, s6, _ = values
+        tick, saturation = self._input[2].value, self._input[3].value
+        measurement = Measurement(
+            complex(W_d, W_q), (s1, s2, s3, s4, s5, s6), temperature, saturation
+        )
+        raw = [entry.value for entry in self._setpoint_entries]
+        if raw != self._raw_setpoint:
+            self._raw_setpoint = raw
+            self._setpoint = Setpoint(*[entry.si_value for entry in self._setpoint_entries])
+        drive = cascade.update(measurement, self._setpoint)
+        voltage, frequency, answered = self._drive
+        voltage.value = voltage.quantise(drive.voltage)
+        frequency.value = frequency.quantise(drive.frequency)
+        answered.value = tick
+        self._read_back.publish(cascade, measurement.W, temperature, saturation, tick)
+        if mode == Mode.IDENTIFY:
+            self._follow_identification()
+        # The cascade turns itself off when it is done, or in doubt.
+        self._mode.value = int(cascade.mode)
+
+    def switch_off(self) -> None:
+        """Turn the cascade off and put the drive at 0 V, now."""
+        self._mode.value = Mode.OFF
+        self.cascade.set_mode(Mode.OFF)
+        self._drive[0].value = 0
+        if self._plate is not None:
+            self._plate.switch_off()
+
+    def on_write(self, entry: Entry, value: int) -> None:
+        """Act on a write before it is made.
+
+        Raises
+        ------
+        Abort
+            STATE for an auto-zero without 64 samples, or simulation objects without the plate
+            inside; VALUE for a wrong signature or limits that contradict each other.
+        """
+        record = entry.name.partition(".")[0]
+        if entry.name == START_RUN:
+            self.start_run()
+        elif record in SIMULATION:
+            if self._plate is None:
+                raise Abort(AbortCode.STATE)
+            self._plate.od.write(self._plate.od[entry.name], value)
+        elif entry.name in AUTO_ZERO:
+            self._tare(value)
+        elif record in _DESIGN:
+            cascade_parameters(self.od, (entry, value))
+            self._redesign = True
+        elif record in (_MODEL, _ZERO):
+            self._redesign = True
+
+    def _tare(self, signature: int) -> None:
+        if signature != ZERO:
+            raise Abort(AbortCode.VALUE)
+        try:
+            zeros = self.cascade.tribometer.tare()
+        except RuntimeError as error:
+            raise Abort(AbortCode.STATE) from error
+        for entry, zero in zip(self._zeros, zeros, strict=True):
+            entry.value = entry.quantise(zero)
+        # The zeros in force are those that can be read, and stored.
+        self._restore_zeros()
+
+    def _restore_zeros(self) -> None:
+        s1, s2, s3, s4, s5, s6 = [entry.si_value for entry in self._zeros]
+        # All zero is the default: a plate that was never tared.
+        if any((s1, s2, s3, s4, s5, s6)):
+            self.cascade.tribometer.offsets = (s1, s2, s3, s4, s5, s6)
+
+    def _reconfigure(self) -> None:
+        self._redesign = False
+        self.cascade.adopt(plate_model(self.od))
+        self._show_quality()
+        self.cascade.configure(cascade_parameters(self.od))
+        self._restore_zeros()
+
+    def _show_quality(self) -> None:
+        self._quality.value = self._quality.quantise(self.cascade.model.quality)
+
+    def _follow_identification(self) -> None:
+        identification = self.cascade.identification
+        if identification is None:
+            return
+        self._progress.value = int(100.0 * identification.progress)
+        self._state.value = int(identification.state)
+        if identification.model is not None:
+            # The model in force is the one that can be read, and stored.
+            self.cascade.adopt(keep_model(self.od, identification.model))
+            self._show_quality()
+
+
+def _pairs(
+    source: ObjectDictionary, target: ObjectDictionary, names: Sequence[tuple[str, str]]
+) -> list[tuple[Entry, Entry]]:
+    """Link entries as a TPDO and an RPDO would."""
+    return [(source[one], target[other]) for one, other in names]
