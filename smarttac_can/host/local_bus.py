@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook
-from smarttac_can.host.node import SYNC_COB_ID, TICK_US, Node
+from smarttac_can.host.node import TICK_US, Node
+from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import frame_bits
 
 _STORM_FRAMES = 100_000
@@ -67,7 +68,7 @@ class LocalBus:
     def __init__(
         self,
         *,
-        sync_id: int = SYNC_COB_ID,
+        sync_id: int = SYNC_ID,
         bit_rate: int = 1_000_000,
         log: LogHook | None = None,
     ) -> None:

@@ -9,9 +9,6 @@ from smarttac_can.device.frame import Frame
 TICK_US = 1000
 """The loop tick in us; the timers of a node only ever move by whole ticks."""
 
-SYNC_COB_ID = 0x080
-"""COB-ID of SYNC in the predefined connection set (CiA 301, 7.3.5)."""
-
 
 class Node(Protocol):
     """A CANopen node without clock, bus or thread: frames and time in, frames out."""

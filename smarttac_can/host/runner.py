@@ -8,7 +8,8 @@ from time import monotonic_ns
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import Bus, BusError
-from smarttac_can.host.node import SYNC_COB_ID, TICK_US, Node
+from smarttac_can.host.node import TICK_US, Node
+from smarttac_can.od.cia import SYNC_ID
 
 _TICK_NS = TICK_US * 1000
 _STOP_POLL_S = 0.05
@@ -20,7 +21,7 @@ def run_node(
     stop: Callable[[], bool],
     *,
     lockstep: bool = False,
-    sync_id: int = SYNC_COB_ID,
+    sync_id: int = SYNC_ID,
     clock: Callable[[], int] = monotonic_ns,
 ) -> None:
     """Start a node, run it until told to stop, shut it down and close the bus.
