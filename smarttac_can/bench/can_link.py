@@ -19,6 +19,7 @@ from smarttac_can.bench.errors import (
     WrongDeviceError,
 )
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
+from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
@@ -150,11 +151,6 @@ class CanLink:
         Whether the bench produces the SYNC and waits for every cycle.
     timeout
         Longest wait for an SDO answer in s.
-    clock
-        Time in s for ages and waits.
-    threaded
-        Whether frames arrive in another thread; without, a cycle has come when SYNC was sent, or
-        never comes.
     """
 
     def __init__(
@@ -165,14 +161,14 @@ class CanLink:
         *,
         where: str,
         lockstep: bool,
-        timeout: float = 1.0,
-        clock: Callable[[], float] = monotonic,
-        threaded: bool = True,
+        timeout: float,
     ) -> None:
         self._network = network
         self._lockstep = lockstep
-        self._clock = clock
-        self._threaded = threaded
+        # On a local bus everything happens within the call that sends: there is no other thread
+        # to wait for, and the time is the bus's.
+        self._threaded = not isinstance(network, LocalNetwork)
+        self._clock = monotonic if self._threaded else lambda: network.now
         self._stimulator = RemoteDevice(network, stimulator, where, timeout)
         self._plate = RemoteDevice(network, plate, where, timeout) if plate else None
         self._pdos = published_pdos(stimulator, _PUBLIC_TPDOS, self._stimulator.read)

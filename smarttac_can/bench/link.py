@@ -16,6 +16,20 @@ RECORDED = (
 )
 """Objects of the stimulator that a recording holds, a column each, in the order of a trace."""
 
+PUBLISHED = (
+    "Statusword",
+    "Mode display",
+    "Contact.Tangential force",
+    "Contact.Normal force",
+    "Contact.COF",
+    "Contact.Position",
+    "Vibration.Amplitude",
+    "Vibration.Voltage",
+    "Vibration.Frequency",
+    "Plate temperature",
+)
+"""Objects of the stimulator that a reading needs."""
+
 Row = tuple[int, ...]
 """Raw values of `RECORDED` in one cycle."""
 

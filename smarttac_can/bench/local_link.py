@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.bench.errors import RefusedError
-from smarttac_can.bench.link import RECORDED, Row, Snapshot
+from smarttac_can.bench.link import PUBLISHED, RECORDED, Row, Snapshot
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 
@@ -30,17 +30,14 @@ class LocalLink:
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object."""
-        entry = self._block.od[name]
         try:
-            entry.check(raw)
-            self._block.on_write(entry, raw)
+            self._block.write(name, raw)
         except Abort as error:
             raise RefusedError(f"cannot write {raw} to {name}: {error}") from error
-        entry.value = raw
 
     def snapshot(self) -> Snapshot:
         """Return the present values."""
-        return Snapshot({entry.name: entry.value for entry in self._block.od}, 0.0)
+        return Snapshot({name: int(self._block.od[name].value) for name in PUBLISHED}, 0.0)
 
     def start_run(self) -> None:
         """Put the simulated plate to rest at tick 0 and reset the controllers."""

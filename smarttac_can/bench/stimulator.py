@@ -9,7 +9,7 @@ from typing import Final, Self
 
 from smarttac_can.bench.errors import BenchError, NotRunningError
 from smarttac_can.bench.finger import SimulatedFinger
-from smarttac_can.bench.link import Link, Row
+from smarttac_can.bench.link import PUBLISHED, Link, Row
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
@@ -181,7 +181,7 @@ class Stimulator:
         """
         raw, age = self._link.snapshot()
         try:
-            value = {name: raw[name] * self._od[name].si for name in _READING}
+            value = {name: raw[name] * self._od[name].si for name in PUBLISHED}
         except KeyError as error:
             raise NotRunningError(
                 f"{error} has not been published yet: wait for the event timer of its TPDO, "
@@ -262,17 +262,6 @@ class Stimulator:
             "within 300 Hz of the resonance"
         )
 
-
-_READING: Final = (
-    "Contact.Tangential force",
-    "Contact.Normal force",
-    "Contact.COF",
-    "Contact.Position",
-    "Vibration.Amplitude",
-    "Vibration.Voltage",
-    "Vibration.Frequency",
-    "Plate temperature",
-)
 
 
 def _by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
 from smarttac_can.plant.parameters import PlateParameters
@@ -13,6 +14,7 @@ from smarttac_can.signals import Drive
 
 TICK_MASK: Final = 0xFF
 """The tick count travels as 8 bits."""
+START_RUN: Final = "Simulation.Start run"
 LIFTED, STROKE, RECORDED = range(3)
 """Values of ``Finger.Motion``."""
 
@@ -29,7 +31,7 @@ class PlateBlock:
     od
         Object dictionary of ``plate.eds``.
     recording
-        The finger of motion 2; without one, that motion is a lifted finger.
+        The finger of motion 2; without one, that motion is refused.
 
     Attributes
     ----------
@@ -67,6 +69,7 @@ class PlateBlock:
             ambient=od["Simulation.Ambient temperature"].si_value,
             dead_time=od["Simulation.Dead time"].si_value,
         )
+        self._voltage.value = 0
         self._moving = False
         self._answered = False
         self._driven = False
@@ -119,6 +122,26 @@ class PlateBlock:
         self._old = self._new = Drive(0.0, self._new.frequency)
         self._show_stage()
 
+    def write(self, name: str, raw: int) -> None:
+        """Write a raw value to an object by name; raises `Abort` as an SDO write would."""
+        entry = self.od[name]
+        entry.check(raw)
+        self.on_write(entry, raw)
+        entry.value = raw
+
+    def on_write(self, entry: Entry, value: int) -> None:
+        """Act on a write before it is made.
+
+        Raises
+        ------
+        Abort
+            STATE for the recorded finger where there is no recording.
+        """
+        if entry.name == START_RUN:
+            self.start_run()
+        elif entry.name == "Finger.Motion" and value == RECORDED and self._recording is None:
+            raise Abort(AbortCode.STATE)
+
     def _show_stage(self) -> None:
         self._stage_voltage.value = self._stage_voltage.quantise(self._new.voltage)
         self._stage_frequency.value = self._stage_frequency.quantise(self._new.frequency)
@@ -135,9 +158,7 @@ class PlateBlock:
                 speed_variation=od["Finger.Speed variation"].si_value,
                 seed=od["Simulation.Seed"].value,
             )
-        if motion == RECORDED and self._recording is not None:
-            return self._recording
-        return Lifted()
+        return self._recording if motion == RECORDED and self._recording else Lifted()
 
 
 def _set(entry: Entry, si: float) -> None:

@@ -7,7 +7,7 @@ from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
-from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import cascade_parameters, keep_model, plate_model
 from smarttac_can.od.cia import Abort, AbortCode
@@ -16,7 +16,6 @@ from smarttac_can.signals import Measurement, Setpoint
 
 SIMULATION: Final = ("Simulation", "Finger")
 """Records that belong to the simulated plate."""
-START_RUN: Final = "Simulation.Start run"
 _DESIGN: Final = ("Friction law", "Controller", "Limit", "Calibration")
 _MODEL: Final = "Model"
 _ZERO: Final = "Gauge zero"
@@ -68,6 +67,13 @@ class StimulatorBlock:
         self._state = od[f"{_MODEL}.State"]
         self._progress = od[f"{_MODEL}.Progress"]
         self._read_back = ReadBack(od)
+        self.start_run()
+
+    def reset(self) -> None:
+        """Begin as after power-on: every object at its default, the plate's inside as well."""
+        self.od.reset()
+        if self._plate is not None:
+            self._plate.od.reset()
         self.start_run()
 
     def start_run(self) -> None:
@@ -130,6 +136,13 @@ class StimulatorBlock:
         if self._plate is not None:
             self._plate.switch_off()
 
+    def write(self, name: str, raw: int) -> None:
+        """Write a raw value to an object by name; raises `Abort` as an SDO write would."""
+        entry = self.od[name]
+        entry.check(raw)
+        self.on_write(entry, raw)
+        entry.value = raw
+
     def on_write(self, entry: Entry, value: int) -> None:
         """Act on a write before it is made.
 
@@ -145,7 +158,7 @@ class StimulatorBlock:
         elif record in SIMULATION:
             if self._plate is None:
                 raise Abort(AbortCode.STATE)
-            self._plate.od.write(self._plate.od[entry.name], value)
+            self._plate.write(entry.name, value)
         elif entry.name in AUTO_ZERO:
             self._tare(value)
         elif record in _DESIGN:

@@ -130,6 +130,7 @@ class EmergencyCode(IntEnum):
     """Emergency error codes of CiA 301, table 26, as far as the communication part needs them."""
 
     RESET = 0x0000
+    DATA_SET = 0x6300
     HEARTBEAT = 0x8130
     PROTOCOL = 0x8200
     PDO_LENGTH = 0x8210
@@ -161,6 +162,7 @@ EMCY_COB_ID: Final = 0x1014
 EMCY_INHIBIT: Final = 0x1015
 HEARTBEAT_CONSUMER: Final = 0x1016
 HEARTBEAT_PRODUCER: Final = 0x1017
+IDENTITY: Final = 0x1018
 SYNC_COUNTER: Final = 0x1019
 ERROR_BEHAVIOUR: Final = 0x1029
 SDO_SERVER_FIRST: Final = 0x1200
@@ -196,6 +198,8 @@ COB_EXTENDED: Final = 1 << 29
 
 # Identifiers of the pre-defined connection set; the node-ID is added to those of a node.
 NMT_ID: Final = 0x000
+TPDO_IDS: Final = (0x180, 0x280, 0x380, 0x480)
+RPDO_IDS: Final = (0x200, 0x300, 0x400, 0x500)
 SYNC_ID: Final = 0x080
 EMCY_ID: Final = 0x080
 SDO_TX_ID: Final = 0x580

@@ -247,7 +247,7 @@ class ObjectDictionary:
         entry.check(value)
         entry.value = value
 
-    def reset(self, first: int, last: int) -> None:
+    def reset(self, first: int = 0, last: int = 0xFFFF) -> None:
         """Set the entries of the objects first..last to their defaults."""
         for entry in self:
             if first <= entry.index <= last:

@@ -1,0 +1,41 @@
+"""python-canopen's network on a local bus: its frames go in and out by function calls."""
+
+from __future__ import annotations
+
+import canopen
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.local_bus import LocalBus
+
+
+class LocalNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
+    """A network without threads: what a sent frame causes has happened when sending returns.
+
+    Parameters
+    ----------
+    bus
+        The bus to take part in.
+    """
+
+    def __init__(self, bus: LocalBus) -> None:
+        super().__init__()
+        self._local_bus = bus
+        self._port = bus.connect(self._on_frame)
+
+    @property
+    def now(self) -> float:
+        """Time on the bus in s."""
+        return self._local_bus.time * 1e-6
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        """Send a frame."""
+        self._port.send(Frame(can_id, bytes(data), remote))
+
+    def disconnect(self) -> None:
+        """Shut the nodes down and leave the bus."""
+        self._local_bus.shutdown()
+        self._port.close()
+
+    def _on_frame(self, frame: Frame) -> None:
+        if not frame.rtr:
+            self.notify(frame.can_id, bytearray(frame.data), self.now)

@@ -1,0 +1,82 @@
+"""The plate node: a CANopen device around the function block of the plate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from smarttac_can.device.application import Application
+from smarttac_can.device.device import Device
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.nodes.loop_period import LoopPeriod
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.plant.finger import Trajectory
+
+_DRIVE_RPDO = 1
+
+
+class PlateNode(Application):
+    """Power stage, vibration pick-up and strain gauges, simulated; SYNC is the tick.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``plate.eds``.
+    presets
+        Raw values by name that replace defaults of the EDS at power-on.
+    recording
+        The finger of ``Finger.Motion`` 2.
+    """
+
+    def __init__(
+        self,
+        od: ObjectDictionary,
+        presets: Mapping[str, int] | None = None,
+        recording: Trajectory | None = None,
+    ) -> None:
+        self.od = od
+        self._presets = dict(presets or {})
+        self.block = PlateBlock(od, recording)
+        self.device = Device(od, self)
+        self._period = LoopPeriod(self.device)
+        self.receive = self.device.receive
+        self.advance = self.device.advance
+
+    def start(self) -> list[Frame]:
+        """Power on."""
+        return self.device.start()
+
+    def shutdown(self) -> list[Frame]:
+        """Put the power stage at 0 V."""
+        self.block.switch_off()
+        return []
+
+    def on_state(self, state: NMTState) -> None:
+        """Start from rest at power-on; only OPERATIONAL drives."""
+        if state is NMTState.RESET_APPLICATION:
+            for name, raw in self._presets.items():
+                self.block.write(name, raw)
+            self.block.start_run()
+        elif state is not NMTState.OPERATIONAL:
+            self.block.switch_off()
+
+    def on_sync(self) -> None:
+        """Step to this tick and sample; the measurement TPDOs follow."""
+        if self.device.nmt_state is NMTState.OPERATIONAL and self._period.agrees():
+            self.block.cycle()
+
+    def on_rpdo(self, number: int) -> None:
+        """Take a drive."""
+        if number == _DRIVE_RPDO:
+            self.block.take_drive()
+
+    def on_rpdo_timeout(self, number: int) -> None:
+        """Go to 0 V when the drives stay away."""
+        if number == _DRIVE_RPDO:
+            self.block.switch_off()
+
+    def on_write(self, entry: Entry, value: Any) -> None:
+        """Start a run, or refuse the recorded finger where there is none."""
+        self.block.on_write(entry, value)

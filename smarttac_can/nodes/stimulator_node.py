@@ -1,0 +1,183 @@
+"""The stimulator node: a CANopen device around the function block of the stimulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.application import Application
+from smarttac_can.device.device import Device
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.od.cia import (
+    COB_SYNC_PRODUCER,
+    EVENT_MANUFACTURER,
+    PDO_COB_ID,
+    PDO_TRANSMISSION,
+    RPDO_COMMUNICATION,
+    RPDO_IDS,
+    SYNC_COB_ID,
+    SYNC_PERIOD,
+    TPDO_COMMUNICATION,
+    TPDO_IDS,
+    Abort,
+    AbortCode,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+_STATUS_TPDO: Final = 1
+_PUBLIC_TPDOS: Final = (2, 3, 4)
+_DRIVE_TPDO: Final = 5
+_MEASUREMENT_RPDOS: Final = (5, 6, 7)
+"""The plate's TPDOs 1 to 3."""
+
+
+class StimulatorNode(Application):
+    """Nested controllers and tribometer, with the plate inside or as a node on the bus.
+
+    With the plate inside, the loop ticks by `advance`. With a plate node, a cycle is computed when
+    the last measurement of its tick has come, and the drive goes out at once.
+
+    The public TPDOs 2 to 4 go out in every cycle if their transmission type is 254, else as their
+    type says; TPDO 1 also when status or mode change.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    plate
+        Function block of the plate inside; None with a plate node.
+    plate_node_id
+        Node-ID of the plate node, 1..127, whose default COB-IDs the stimulator links to; 0 with
+        the plate inside.
+    produce_sync
+        Whether this node produces the SYNC that is the tick of the plate node.
+    presets
+        Raw values by name that replace defaults of the EDS at power-on.
+    """
+
+    def __init__(
+        self,
+        od: ObjectDictionary,
+        plate: PlateBlock | None = None,
+        *,
+        plate_node_id: int = 0,
+        produce_sync: bool = False,
+        presets: Mapping[str, int] | None = None,
+    ) -> None:
+        if (plate is None) == (plate_node_id == 0):
+            raise ValueError("a stimulator has the plate either inside or at a node-ID")
+        self.od = od
+        self._plate_node_id = plate_node_id
+        self._produce_sync = produce_sync
+        self._presets = dict(presets or {})
+        self.block = StimulatorBlock(od, plate)
+        self.device = Device(od, self)
+        self._period = LoopPeriod(self.device)
+        self._elapsed = 0
+        self._come: set[int] = set()
+        self._answered = -1
+        self._missed = od["Cycle.Missed deadlines"]
+        self._foreign = od["Cycle.Foreign ticks"]
+        self._lost = od["Cycle.Lost cycles"]
+        self._tick = od["Plate input.Tick"]
+        self._gauge_tick = od["Plate input.Gauge tick"]
+        self._mode = od["Mode"]
+        self._types = [
+            (number, od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
+            for number in _PUBLIC_TPDOS
+        ]
+        self.receive = self.device.receive
+
+    def start(self) -> list[Frame]:
+        """Power on."""
+        return self.device.start()
+
+    def advance(self, microseconds: int) -> list[Frame]:
+        """Let time pass; with the plate inside the loop has at most one cycle, however long."""
+        if not self._plate_node_id:
+            self._elapsed += microseconds
+            if self._elapsed >= TICK_US:
+                self._elapsed %= TICK_US
+                self.block.tick()
+                self._publish()
+        return self.device.advance(microseconds)
+
+    def missed(self, ticks: int) -> None:
+        """Count ticks that the clock has passed over."""
+        self._missed.value += ticks
+
+    def shutdown(self) -> list[Frame]:
+        """Leave the plate at 0 V."""
+        self.block.switch_off()
+        self.device.trigger(_DRIVE_TPDO)
+        return self.device.take()
+
+    def on_state(self, state: NMTState) -> None:
+        """Start from rest at power-on, link to the plate node; only OPERATIONAL drives."""
+        if state is NMTState.RESET_APPLICATION:
+            self.block.reset()
+            for name, raw in self._presets.items():
+                self.block.write(name, raw)
+            self.od["Plate node-ID"].value = self._plate_node_id
+            self._elapsed = 0
+            self.block.start_run()
+        elif state is NMTState.RESET_COMMUNICATION and self._plate_node_id:
+            self._link()
+        if state is not NMTState.OPERATIONAL:
+            self.block.switch_off()
+            self._come.clear()
+            self._answered = -1
+
+    def on_rpdo(self, number: int) -> None:
+        """Pair the measurements of a tick and answer the last of them."""
+        if number not in _MEASUREMENT_RPDOS or not self._plate_node_id:
+            return
+        if number == _MEASUREMENT_RPDOS[0]:
+            if self._come:
+                self._lost.value += 1
+            self._come.clear()
+        self._come.add(number)
+        if len(self._come) < len(_MEASUREMENT_RPDOS):
+            return
+        self._come.clear()
+        tick = self._tick.value
+        if tick != self._gauge_tick.value or tick == self._answered:
+            self._foreign.value += 1
+            return
+        if self._period.agrees():
+            self._answered = tick
+            self.block.cycle()
+            self.device.trigger(_DRIVE_TPDO)
+            self._publish()
+
+    def on_write(self, entry: Entry, value: Any) -> None:
+        """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
+        if entry is self._mode and value and self.device.nmt_state is not NMTState.OPERATIONAL:
+            raise Abort(AbortCode.STATE)
+        self.block.on_write(entry, value)
+        if entry.name == "Simulation.Start run":
+            self._answered = -1
+
+    def _publish(self) -> None:
+        trigger = self.device.trigger
+        trigger(_STATUS_TPDO)
+        for number, transmission in self._types:
+            if transmission.value == EVENT_MANUFACTURER:
+                trigger(number)
+
+    def _link(self) -> None:
+        """Give the PDOs of the loop the plate's COB-IDs, and SYNC the period of the loop."""
+        od = self.od
+        plate = self._plate_node_id
+        for rpdo, base in zip(_MEASUREMENT_RPDOS, TPDO_IDS, strict=False):
+            od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_COB_ID).value = base + plate
+        drive = od.entry(TPDO_COMMUNICATION + _DRIVE_TPDO - 1, PDO_COB_ID)
+        drive.value = RPDO_IDS[0] + plate
+        od.entry(SYNC_PERIOD).value = TICK_US
+        if self._produce_sync:
+            od.entry(SYNC_COB_ID).value |= COB_SYNC_PRODUCER
