@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
-from smarttac_can.plant.mathematics import Float, Mathematics
+from smarttac_can.plant.mathematics import SCALAR, Float, Mathematics
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
 
 SPEED_FLOOR = 1e-12
 """In m/s: keeps 0/0 out of the effective vibration at rest, far below any speed that matters."""
+_REACH_GRID = 5
 
 
 def bare_friction(
@@ -78,3 +79,57 @@ def sliding_coefficient(
     """Return the COF of a steady slide; the arguments are those of the functions above, Fn > 0."""
     bare = bare_friction(m, subject, Fn, occlusion)
     return bare * reduction(m, subject, W, v, f0) * stribeck(subject, v) / Fn
+
+
+def check_reach(
+    subject: Subject[float],
+    mu_low: float,
+    mu_high: float,
+    *,
+    forces: tuple[float, float] = (0.4, 0.6),
+    speeds: tuple[float, float] = (0.048, 0.072),
+    W_max: float = 3e-6,
+    f0: float = 43390.0,
+) -> None:
+    """Refuse a subject whose friction cannot be brought to both references.
+
+    Over all forces, speeds and degrees of occlusion, ``mu(W_max) < 0.95 mu_low`` and
+    ``mu(0) > 1.05 mu_high`` must hold.
+
+    Parameters
+    ----------
+    subject
+        The fingertip.
+    mu_low, mu_high
+        Lower and upper reference of the COF.
+    forces
+        Range of the normal force in N, above 0.
+    speeds
+        Range of the sliding speed in m/s.
+    W_max
+        Largest vibration that the controller asks for, in m peak-to-peak.
+    f0
+        Frequency of the vibration in Hz.
+
+    Raises
+    ------
+    ValueError
+        If a reference is out of reach, with the COF that is.
+    """
+    share = [number / (_REACH_GRID - 1) for number in range(_REACH_GRID)]
+    corners = [
+        (
+            speeds[0] + (speeds[1] - speeds[0]) * by_speed,
+            forces[0] + (forces[1] - forces[0]) * by_force,
+            occlusion,
+        )
+        for by_speed in share
+        for by_force in share
+        for occlusion in (0.0, 1.0)
+    ]
+    lowest = max(sliding_coefficient(SCALAR, subject, W_max, *corner, f0) for corner in corners)
+    highest = min(sliding_coefficient(SCALAR, subject, 0.0, *corner, f0) for corner in corners)
+    if not lowest < 0.95 * mu_low:
+        raise ValueError(f"{subject.name}: COF {lowest:.3f} is not below 0.95 x {mu_low:g}")
+    if not highest > 1.05 * mu_high:
+        raise ValueError(f"{subject.name}: COF {highest:.3f} is not above 1.05 x {mu_high:g}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from math import inf
 
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.force_path import ForcePath, Transition, transition
@@ -18,6 +17,10 @@ from smarttac_can.signals import Drive, Measurement
 
 SUBSTEPS = 4
 """Sub-steps of a tick, by the convergence test."""
+VOLTAGE_MAX = 1e3
+"""Largest voltage in V that the power stage takes [A]."""
+FREQUENCY_MAX = 1e6
+"""Largest frequency in Hz that the power stage takes [A]."""
 CONTACT_GROWTH = 2.0 / 3.0
 """Exponent of the contact area, and with it the finger's load on the mode, over force [L]."""
 
@@ -169,11 +172,15 @@ class Plate:
         Raises
         ------
         ValueError
-            If a voltage or a frequency is negative or not finite; the plate is then unchanged.
+            If a voltage is outside 0..1000 V or a frequency outside 0..1 MHz; the plate is then
+            unchanged.
         """
         for voltage, frequency in (old, new):
-            if not (0.0 <= voltage < inf and 0.0 <= frequency < inf):
-                raise ValueError(f"drive {voltage} V, {frequency} Hz is outside 0..inf")
+            if not (0.0 <= voltage <= VOLTAGE_MAX and 0.0 <= frequency <= FREQUENCY_MAX):
+                raise ValueError(
+                    f"drive {voltage} V, {frequency} Hz is outside "
+                    f"0..{VOLTAGE_MAX:g} V, 0..{FREQUENCY_MAX:g} Hz"
+                )
         tick = self.tick + 1
         x0, Fn0 = self.finger_state
         finger_state = self._finger.at(tick * TICK)
@@ -221,8 +228,7 @@ class Plate:
         W0 = abs(resonator.W)
         for _ in range(count):
             W1 = abs(resonator.step())
-            last = Ft
             Ft = skin_step(length, 0.5 * (W0 + W1), v_bone, bare)
-            path_step(phi, 0.5 * (last + Ft))
+            path_step(phi, Ft)
             W0 = W1
         self.Ft = Ft

@@ -93,7 +93,7 @@ def stack(subjects: Sequence[Subject[float]], name: str = "population") -> Subje
 
 
 def _preset(
-    name: str, mu0: float, rho: float, W0: float, p: float, load_damping: float = 4.0
+    name: str, mu0: float, rho: float, W0: float, p: float, load_damping: float
 ) -> Subject[float]:
     return Subject(
         name=name,
@@ -104,8 +104,8 @@ def _preset(
         rho=rho,
         W0=W0,
         p=p,
-        stribeck=1.2,
-        stribeck_speed=5e-3,
+        stribeck=1.1,
+        stribeck_speed=30e-3,
         relaxation_length=11.5e-6,
         skin_mass=1e-4,
         skin_stiffness=1e3,
@@ -116,11 +116,11 @@ def _preset(
 
 
 SUBJECTS: tuple[Subject[float], ...] = (
-    _preset("dry", 0.36, 0.20, 1.5e-6, 1.3),
-    _preset("fair", 0.46, 0.30, 1.5e-6, 1.3),
-    _preset("supple", 0.56, 0.35, 1.5e-6, 1.3),
-    _preset("moist", 0.66, 0.40, 1.5e-6, 1.3),
-    _preset("sticky", 0.50, 0.15, 1.0e-6, 1.6),
+    _preset("dry", 0.33, 0.22, 1.8e-6, 1.3, 11.0),
+    _preset("fair", 0.445, 0.25, 2.3e-6, 1.35, 8.0),
+    _preset("supple", 0.555, 0.28, 2.4e-6, 1.4, 7.5),
+    _preset("moist", 0.652, 0.45, 2.0e-6, 1.2, 10.5),
+    _preset("sticky", 0.85, 0.15, 1.3e-6, 1.6, 9.0),
 )
 """The five subjects of Fig. 2; the first four are those of Table I, in its order."""
 
@@ -138,8 +138,8 @@ def random_subjects(count: int, seed: int) -> list[Subject[float]]:
     require("count", count, 1, 1_000_000)
     require("seed", seed, 0, 2**63 - 1)
     rng = np.random.default_rng([seed, 0x5B])
-    low = np.array([0.30, 0.15, 0.8e-6, 1.0, 2.0, 0.70])
-    high = np.array([0.90, 0.50, 3.0e-6, 2.0, 7.0, 1.00])
+    low = np.array([0.30, 0.15, 0.8e-6, 1.0, 5.0, 0.70])
+    high = np.array([0.90, 0.50, 3.0e-6, 2.0, 14.0, 1.00])
     subjects = []
     for number, row in enumerate((low + (high - low) * rng.random((count, 6))).tolist(), 1):
         mu0, rho, W0, p, load_damping, exponent = row
