@@ -1,6 +1,44 @@
-"""Worst-case length of CAN frames on the wire."""
+"""Time on the wire: bus load and worst-case response from the PDO parameters."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+from math import ceil
+from typing import Final, NamedTuple
+
+from smarttac_can.od.cia import (
+    ACYCLIC,
+    CAN_ID_MASK,
+    COB_INVALID,
+    COB_SYNC_PRODUCER,
+    CYCLIC_LAST,
+    EVENT_MANUFACTURER,
+    PDO_COB_ID,
+    PDO_COUNT,
+    PDO_EVENT,
+    PDO_INHIBIT,
+    PDO_TRANSMISSION,
+    SYNC_COB_ID,
+    SYNC_COUNTER,
+    SYNC_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+
+_LONGEST: Final = 8
+
+
+class CyclicFrame(NamedTuple):
+    """A frame that comes at most once a period."""
+
+    can_id: int
+    """Identifier; the lower one wins the bus."""
+    size: int
+    """Data bytes."""
+    period: float
+    """Shortest time between two of them in s."""
 
 
 def frame_bits(data_bytes: int) -> int:
@@ -18,7 +56,7 @@ def frame_bits(data_bytes: int) -> int:
     and then one every four (Davis, Burns, Bril, Lukkien, Real-Time Systems 35 (2007) 239,
     doi:10.1007/s11241-007-9012-7). 8 bytes give 135.
     """
-    if not 0 <= data_bytes <= 8:
+    if not 0 <= data_bytes <= _LONGEST:
         raise ValueError(f"data_bytes {data_bytes} is outside 0..8")
     return 47 + 8 * data_bytes + (34 + 8 * data_bytes - 1) // 4
 
@@ -28,3 +66,94 @@ def frame_seconds(data_bytes: int, bit_rate: int) -> float:
     if bit_rate <= 0:
         raise ValueError(f"bit_rate {bit_rate} is not above 0")
     return frame_bits(data_bytes) / bit_rate
+
+
+def cyclic_frames(ods: Iterable[ObjectDictionary], sync_period: float) -> list[CyclicFrame]:
+    """SYNC and all valid TPDOs of a bus with the shortest period each can have, by priority.
+
+    Parameters
+    ----------
+    ods
+        One dictionary for each node.
+    sync_period
+        Time between two SYNCs in s, above 0. Type 0 and event-driven TPDOs that have neither
+        inhibit nor event time are taken to come once in this time.
+    """
+    if sync_period <= 0:
+        raise ValueError(f"sync_period {sync_period} is not above 0")
+    ods = list(ods)
+    sync_id, counter = SYNC_ID, 0
+    for od in ods:
+        if od.number(SYNC_COB_ID) & COB_SYNC_PRODUCER:
+            sync_id = od.number(SYNC_COB_ID) & CAN_ID_MASK
+        counter = max(counter, od.number(SYNC_COUNTER))
+    frames = [CyclicFrame(sync_id, 1 if counter else 0, sync_period)]
+    for od in ods:
+        for offset in range(PDO_COUNT):
+            communication = TPDO_COMMUNICATION + offset
+            cob_id = od.number(communication, PDO_COB_ID, COB_INVALID)
+            size = _mapped_bytes(od, TPDO_MAPPING + offset)
+            if not cob_id & COB_INVALID and size:
+                period = _shortest_period(od, communication, sync_period)
+                frames.append(CyclicFrame(cob_id & CAN_ID_MASK, size, period))
+    return sorted(frames)
+
+
+def cycle_seconds(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
+    """Time in s for one of each frame, back to back."""
+    return sum(frame_seconds(frame.size, bit_rate) for frame in frames)
+
+
+def bus_load(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
+    """Share of the time the bus is busy in the worst case; above 1 it cannot work."""
+    return sum(frame_seconds(frame.size, bit_rate) / frame.period for frame in frames)
+
+
+def response_time(frames: Iterable[CyclicFrame], can_id: int, bit_rate: int) -> float:
+    """Longest time in s from a frame being ready to its end on the bus.
+
+    It may wait for one 8-byte frame of lower priority, such as an SDO, and for all of higher
+    priority (Davis et al. 2007, sufficient test, doi:10.1007/s11241-007-9012-7).
+
+    Raises
+    ------
+    ValueError
+        No frame has this CAN-ID, or it can come later than its own next period.
+    """
+    frames = list(frames)
+    own = next((frame for frame in frames if frame.can_id == can_id), None)
+    if own is None:
+        raise ValueError(f"can_id {can_id} is none of the frames")
+    higher = [frame for frame in frames if frame.can_id < can_id]
+    # Rational, so that an interference of exactly n periods is not rounded up to n + 1.
+    bit = Fraction(1, bit_rate)
+    period = Fraction(own.period).limit_denominator(10**9)
+    length = frame_bits(own.size) * bit
+    wait = before = Fraction(0)
+    blocking = frame_bits(_LONGEST) * bit
+    while True:
+        wait = blocking
+        for frame in higher:
+            apart = Fraction(frame.period).limit_denominator(10**9)
+            wait += ceil((before + bit) / apart) * frame_bits(frame.size) * bit
+        if wait + length > period:
+            raise ValueError(f"can_id {can_id} can miss its period of {own.period:g} s")
+        if wait == before:
+            return float(wait + length)
+        before = wait
+
+
+def _mapped_bytes(od: ObjectDictionary, mapping: int) -> int:
+    count = od.number(mapping)
+    return sum(od.number(mapping, subindex) & 0xFF for subindex in range(1, count + 1)) // 8
+
+
+def _shortest_period(od: ObjectDictionary, communication: int, sync_period: float) -> float:
+    transmission = od.number(communication, PDO_TRANSMISSION)
+    if ACYCLIC < transmission <= CYCLIC_LAST:
+        return transmission * sync_period
+    if transmission >= EVENT_MANUFACTURER:
+        inhibit = od.number(communication, PDO_INHIBIT) / 10_000
+        event = od.number(communication, PDO_EVENT) / 1000
+        return inhibit or event or sync_period
+    return sync_period

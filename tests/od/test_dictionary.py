@@ -1,0 +1,132 @@
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.od.cia import Abort, AbortCode, DataType, ObjectType
+from smarttac_can.od.dictionary import MAX_BYTES, Entry, Object, ObjectDictionary
+from smarttac_can.od.units import Unit
+
+MILLIVOLT = Unit("mV", 10.0, 0.01)
+
+
+def voltage() -> Entry:
+    return Entry(
+        0x2100, 1, "Setpoint.Voltage", DataType.UNSIGNED16, "rww",
+        low=5, high=20000, default=100, pdo=True, unit=MILLIVOLT,
+    )  # fmt: skip
+
+
+def dictionary(*entries: Entry) -> ObjectDictionary:
+    objects = [Object(e.index, e.name, ObjectType.VAR, {e.subindex: e}) for e in entries]
+    return ObjectDictionary(0x20, objects)
+
+
+def test_value_in_si() -> None:
+    entry = voltage()
+    assert entry.si_value == 1.0
+    assert (entry.unit, entry.factor, entry.si) == ("mV", 10.0, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("si", "raw"),
+    [(1.0, 100), (1.004, 100), (1.006, 101), (-3.0, 5), (1e9, 20000), (float("inf"), 20000)],
+)
+def test_quantise_rounds_and_clips(si: float, raw: int) -> None:
+    assert voltage().quantise(si) == raw
+
+
+def test_quantise_rounds_half_to_even() -> None:
+    entry = Entry(0x2000, 0, "Count", DataType.INTEGER16, "rw")
+    assert [entry.quantise(x) for x in (0.5, 1.5, -0.5, -1.5)] == [0, 2, 0, -2]
+
+
+def test_quantise_refuses_what_has_no_nearest_integer() -> None:
+    with pytest.raises(ValueError, match="NaN"):
+        voltage().quantise(float("nan"))
+    with pytest.raises(TypeError, match="Ratio is REAL32, not an integer"):
+        Entry(0x2000, 0, "Ratio", DataType.REAL32, "rw").quantise(1.0)
+
+
+@given(st.floats(allow_nan=False))
+@settings(deadline=None, max_examples=100)
+def test_quantise_never_leaves_the_limits(si: float) -> None:
+    entry = voltage()
+    dictionary(entry).write(entry, entry.quantise(si))
+
+
+@pytest.mark.parametrize(
+    ("data_type", "value", "code"),
+    [
+        (DataType.UNSIGNED8, 256, AbortCode.TOO_HIGH),
+        (DataType.UNSIGNED8, -1, AbortCode.TOO_LOW),
+        (DataType.UNSIGNED8, 1.0, AbortCode.LENGTH),
+        (DataType.REAL64, float("nan"), AbortCode.VALUE),
+        (DataType.REAL32, float("inf"), AbortCode.TOO_HIGH),
+        (DataType.VISIBLE_STRING, b"x", AbortCode.LENGTH),
+        (DataType.DOMAIN, "x", AbortCode.LENGTH),
+        (DataType.DOMAIN, bytes(MAX_BYTES + 1), AbortCode.TOO_LONG),
+    ],
+)
+def test_write_refuses_and_changes_nothing(data_type: DataType, value: object, code: int) -> None:
+    entry = Entry(0x2000, 0, "X", data_type, "rw", default=0)
+    with pytest.raises(Abort) as refusal:
+        dictionary(entry).write(entry, value)
+    assert refusal.value.code == code
+    assert entry.value == 0
+
+
+@pytest.mark.parametrize(
+    ("access", "readable", "writable", "tpdo", "rpdo"),
+    [
+        ("ro", True, False, True, False),
+        ("wo", False, True, False, True),
+        ("rw", True, True, True, True),
+        ("rwr", True, True, True, False),
+        ("rww", True, True, False, True),
+        ("const", True, False, False, False),
+    ],
+)
+def test_access(access: str, readable: bool, writable: bool, tpdo: bool, rpdo: bool) -> None:
+    entry = Entry(0x2000, 0, "X", DataType.UNSIGNED8, access, pdo=True)
+    assert (entry.readable, entry.writable) == (readable, writable)
+    assert (entry.tpdo_mappable, entry.rpdo_mappable) == (tpdo, rpdo)
+    assert not Entry(0x2000, 0, "X", DataType.UNSIGNED8, access).tpdo_mappable
+
+
+def test_lookup() -> None:
+    entry = voltage()
+    od = dictionary(entry)
+    assert od["Setpoint.Voltage"] is od.entry(0x2100, 1) is od.get(0x2100, 1) is entry
+    assert "Setpoint.Voltage" in od
+    assert list(od) == [entry]
+    assert od.number(0x2100, 1) == 100
+    assert od.number(0x2100, 2, 7) == 7
+    with pytest.raises(KeyError, match="'Voltage' is not in the EDS"):
+        od["Voltage"]
+    for address, code in (((0x2101, 0), AbortCode.NO_OBJECT), ((0x2100, 2), AbortCode.NO_SUBINDEX)):
+        with pytest.raises(Abort) as refusal:
+            od.entry(*address)
+        assert refusal.value.code == code
+
+
+def test_ambiguous_name_is_an_error_only_when_looked_up() -> None:
+    od = dictionary(
+        Entry(0x2000, 0, "Same", DataType.UNSIGNED8, "rw"),
+        Entry(0x2001, 0, "Same", DataType.UNSIGNED8, "rw"),
+    )
+    assert "Same" not in od
+    with pytest.raises(KeyError, match="'Same' stands for several entries"):
+        od["Same"]
+
+
+def test_reset_touches_only_its_range() -> None:
+    first, second = voltage(), Entry(0x1017, 0, "Heartbeat", DataType.UNSIGNED16, "rw", default=3)
+    od = dictionary(first, second)
+    first.value = second.value = 500
+    od.reset(0x1000, 0x1FFF)
+    assert (first.value, second.value) == (500, 3)
+
+
+def test_abort_says_what_it_is() -> None:
+    assert str(Abort(AbortCode.TOO_HIGH)) == "abort 06090031: value written too high"
+    assert str(Abort(0x08001234)) == "abort 08001234: manufacturer specific"
