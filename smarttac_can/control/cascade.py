@@ -176,7 +176,7 @@ class Cascade:
             return
         if self.mode is Mode.IDENTIFY and self.identification is not None:
             self.identification.fail("another mode was chosen")
-        self._from_off = self.mode is Mode.OFF
+        self._from_off = self.mode is Mode.OFF or (self._fresh and self._from_off)
         self._fresh = True
         self.mode = mode
 

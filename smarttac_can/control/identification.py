@@ -36,7 +36,7 @@ STEP_TICKS = 24
 STEP_PAIRS = 4
 A_MIN = 1e-5
 A_MAX = math.exp(-TICK / 1e-2)
-"""Bounds of abs(A): a lag of 0.09 ms, too short for a 1 ms tick, and of 10 ms."""
+"""Bounds of abs(A): lags of 0.09 ms, far too short for the tick, and of 10 ms."""
 SWEEP_POINTS = 17
 SWEEP_SETTLING = 7.0
 """Ticks between two frequencies, in time constants."""
@@ -74,7 +74,7 @@ class Identification:
         Limits of the frequency in Hz.
     """
 
-    __slots__ = ("_expected", "_procedure", "_ticks", "failure", "model", "state")
+    __slots__ = ("_procedure", "_started", "failure", "model", "progress", "state")
 
     def __init__(self, frequency: float, V_max: float, f_min: float, f_max: float) -> None:
         self.state = State.RUNNING
@@ -82,17 +82,11 @@ class Identification:
         """The plate, once the state is DONE."""
         self.failure = ""
         """Why it failed, once the state is FAILED."""
-        self._ticks = 0
-        self._expected = 600
+        self.progress = 0.0
+        """Fraction of the procedure that is over, 0..1; 1 when it ended, however."""
+        self._started = False
         start = min(max(frequency, f_min), f_max)
         self._procedure = self._identify(start, V_max, f_min, f_max)
-
-    @property
-    def progress(self) -> float:
-        """Fraction of the procedure that is over, 0..1; 1 when done, however it ended."""
-        if self.state is not State.RUNNING:
-            return 1.0
-        return min(self._ticks / self._expected, 0.99)
 
     def update(self, W: complex) -> Drive | None:
         """Take the vibration of this tick and return its drive; None once it is over."""
@@ -100,15 +94,16 @@ class Identification:
             return None
         try:
             # The first measurement belongs to a drive that is not ours.
-            drive = self._procedure.send(W) if self._ticks else next(self._procedure)
+            drive = self._procedure.send(W) if self._started else next(self._procedure)
         except StopIteration as end:
             self.model = end.value
             self.state = State.DONE
+            self.progress = 1.0
             return None
         except IdentificationError as error:
             self.fail(str(error))
             return None
-        self._ticks += 1
+        self._started = True
         return drive
 
     def fail(self, reason: str) -> None:
@@ -117,12 +112,16 @@ class Identification:
             return
         self.failure = reason
         self.state = State.FAILED
+        self.progress = 1.0
         self._procedure.close()
 
     def _identify(self, start: float, V_max: float, f_min: float, f_max: float) -> Procedure:
-        yield from _hold(0.0, start, REST_TICKS)
+        for _ in range(REST_TICKS):
+            yield Drive(0.0, start)
         offset = _mean((yield from _hold(0.0, start, OFFSET_TICKS)))
+        self.progress = 0.1
         V = yield from _probe(V_max, start, offset)
+        self.progress = 0.2
         tau, f0, gain = yield from _steps(V, start, offset)
         if not f_min <= f0 <= f_max:
             raise IdentificationError(f"resonance {f0:.0f} Hz is outside {f_min:.0f}..{f_max:.0f}")
@@ -130,9 +129,9 @@ class Identification:
         low, high = max(f0 - half, f_min), min(f0 + half, f_max)
         V = min(W_SWEEP / gain, V_max)
         settling = math.ceil(SWEEP_SETTLING * tau / TICK)
-        self._expected = self._ticks + SWEEP_POINTS * (settling + SWEEP_TICKS)
         points: list[tuple[float, complex]] = []
         for i in range(SWEEP_POINTS):
+            self.progress = 0.4 + 0.6 * i / SWEEP_POINTS
             f = low + (high - low) * i / (SWEEP_POINTS - 1)
             yield from _hold(V, f, settling)
             points.append((f, _mean((yield from _hold(V, f, SWEEP_TICKS))) - offset))
@@ -181,10 +180,10 @@ def _steps(
             if voltage > 0.0:
                 driven.append((now_mean, then_mean))
     A = product / square if square > 0.0 else 0j
-    if not abs(A) < A_MAX:
-        raise IdentificationError(f"the response to a step does not decay: A = {abs(A):.3g}")
-    if abs(A) < A_MIN:
-        raise IdentificationError(f"the response to a step shows no lag: A = {abs(A):.3g}")
+    if not A_MIN < abs(A) < A_MAX:
+        raise IdentificationError(
+            f"the response to a step is no decay: {abs(A):.3g} is outside {A_MIN:.3g}..{A_MAX:.3g}"
+        )
     tau = -TICK / math.log(abs(A))
     dw = -cmath.phase(A) / TICK
     W = _mean([(then - A * now) / (1.0 - A) for now, then in driven]) - offset

@@ -154,15 +154,20 @@ class Tribometer:
 
     @property
     def offsets(self) -> Forces:
-        """Zero of S1..S6 in N, -20..20; setting it restores a stored tare."""
+        """Zero of S1..S6 in N, -20..20; another zero ends a touch."""
         return self._offsets
 
     @offsets.setter
     def offsets(self, offsets: Forces) -> None:
         for gauge, offset in enumerate(offsets, 1):
             require(f"zero of S{gauge}", offset, -20.0, 20.0)
-        self._offsets = offsets
         self.tared = True
+        if offsets == self._offsets:
+            return
+        self._offsets = offsets
+        # What was felt before belongs to another zero: no touch, and no position to hold.
+        self._touching = False
+        self._filter = PositionFilter()
 
     def tare(self) -> Forces:
         """Take the mean of the last 64 raw samples as the zero of S1..S6, and return it in N.

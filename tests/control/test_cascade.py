@@ -1,0 +1,354 @@
+import math
+import random
+import statistics
+
+import pytest
+from first_order_plate import Finger, FirstOrderPlate, gauges, setpoint
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.control.cascade import Cascade, Limit, Mode
+from smarttac_can.control.friction import Law
+from smarttac_can.control.model import PlateModel
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.signals import Drive, Measurement
+
+REGULATING = (Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+LIMITS = CascadeParameters(V_max=40.0, W_max=2e-6, f_min=43000.0, f_max=43800.0)
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+likely = st.floats(-3e-6, 3e-6)
+force = st.floats(-4.0, 4.0)
+measurements = st.builds(
+    Measurement,
+    st.builds(complex, likely | anything, likely | anything),
+    st.tuples(*[force | anything] * 6),
+    anything,
+    st.integers(0, 127),
+)
+setpoints = st.builds(
+    setpoint,
+    st.floats(0.0, 200.0) | anything,
+    st.floats(42e3, 45e3) | anything,
+    st.floats(0.0, 5e-6) | anything,
+    st.floats(0.05, 2.0) | anything,
+    st.floats(0.05, 2.0) | anything,
+    st.floats(-0.04, 0.04) | anything,
+)
+
+
+def run(cascade, plate, target, ticks, forces=None):
+    """Step the closed loop; return the drives."""
+    drives = []
+    for _ in range(ticks):
+        measurement = plate.measure(forces(plate.W) if forces else (0.0,) * 6)
+        drives.append(cascade.update(measurement, target))
+        plate.step(drives[-1])
+    return drives
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([*Mode, *REGULATING]), measurements, setpoints),
+        min_size=1,
+        max_size=30,
+    )
+)
+@settings(deadline=None, max_examples=150)
+def test_no_drive_leaves_the_limits_whatever_comes_in(ticks):
+    cascade = Cascade(LIMITS)
+    for mode, measurement, target in ticks:
+        cascade.set_mode(mode)
+        drive = cascade.update(measurement, target)
+        assert 0.0 <= drive.voltage <= 40.0
+        assert 43000.0 <= drive.frequency <= 43800.0
+        assert drive == cascade.drive
+        assert 0.0 <= cascade.W_ref < math.inf
+        published = (*cascade.contact, cascade.amplitude, cascade.E, cascade.mu_ref)
+        assert all(math.isfinite(value) for value in published)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e200])
+@pytest.mark.parametrize("where", range(8))
+@pytest.mark.parametrize("mode", [Mode.OPEN_LOOP, *REGULATING, Mode.IDENTIFY])
+def test_a_bad_measurement_turns_the_drive_off(mode, where, bad):
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(mode)
+    run(cascade, plate, setpoint(voltage=20.0), 10)
+    numbers = [1e-6, 0.0, *gauges(Fn=0.5)]
+    numbers[where] = bad
+    measurement = Measurement(complex(*numbers[:2]), tuple(numbers[2:]), 20.0, 0)
+    assert cascade.update(measurement, setpoint(voltage=20.0)).voltage == 0.0
+    assert cascade.mode is Mode.OFF
+    assert cascade.reason.endswith("measurement is not finite")
+
+
+@pytest.mark.parametrize("where", range(6))
+def test_a_bad_setpoint_turns_the_drive_off(where):
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(), 10)
+    values = list(setpoint())
+    values[where] = math.nan
+    assert cascade.update(plate.measure(), setpoint(*values)).voltage == 0.0
+    assert (cascade.mode, cascade.reason) == (Mode.OFF, "set-point is not finite")
+
+
+def test_a_friction_reference_of_zero_turns_the_drive_off():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.FRICTION)
+    assert cascade.update(plate.measure(), setpoint(mu_right=0.0)).voltage == 0.0
+    assert (cascade.mode, cascade.reason) == (Mode.OFF, "COF reference is not above 0")
+
+
+def test_a_controller_that_fails_inside_turns_the_drive_off():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.AMPLITUDE)
+    run(cascade, plate, setpoint(), 10)
+    cascade._amplitude_loop.pi.Kp = math.nan
+    assert cascade.update(plate.measure(), setpoint()).voltage == 0.0
+    assert (cascade.mode, cascade.reason) == (Mode.OFF, "drive is not finite")
+
+
+def test_the_reason_lasts_until_another_mode_is_chosen():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.update(Measurement(complex(math.nan, 0.0), gauges(), 20.0, 0), setpoint())
+    run(cascade, plate, setpoint(), 3)
+    assert cascade.reason
+    cascade.set_mode(Mode.AMPLITUDE)
+    assert cascade.reason == ""
+
+
+def test_there_is_no_such_mode():
+    cascade = Cascade()
+    with pytest.raises(ValueError, match=r"^6 is not a valid Mode$"):
+        cascade.set_mode(6)
+    assert cascade.mode is Mode.OFF
+
+
+@pytest.mark.parametrize("mode", [Mode.OPEN_LOOP, *REGULATING, Mode.IDENTIFY])
+def test_off_is_at_once(mode):
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(mode)
+    run(cascade, plate, setpoint(voltage=20.0), 150)
+    assert cascade.drive.voltage > 0.0
+    cascade.set_mode(Mode.OFF)
+    assert cascade.drive.voltage == 0.0
+    assert cascade.update(plate.measure(), setpoint(voltage=20.0)).voltage == 0.0
+    assert (cascade.W_ref, cascade.mu_ref, cascade.E, cascade.limited) == (0.0, 0.0, 0.0, 0)
+
+
+@given(
+    before=st.sampled_from([Mode.OPEN_LOOP, *REGULATING]),
+    after=st.sampled_from(REGULATING),
+    ticks=st.integers(1, 60),
+    amplitude=st.floats(0.2e-6, 2e-6),
+    detuning=st.floats(-100.0, 100.0),
+)
+@settings(deadline=None, max_examples=100)
+def test_a_mode_change_moves_the_drive_by_what_the_new_error_asks_for(
+    before, after, ticks, amplitude, detuning
+):
+    cascade, plate, finger = Cascade(), FirstOrderPlate(), Finger()
+    target = setpoint(voltage=15.0, frequency=43390.0 + detuning, amplitude=amplitude)
+    cascade.set_mode(before)
+    old = run(cascade, plate, target, ticks, finger.touch)[-1]
+    if before is after:
+        return
+    cascade.set_mode(after)
+    new = cascade.update(plate.measure(finger.touch(plate.W)), target)
+    Kp = cascade._amplitude_loop.pi.Kp
+    assert abs(new.voltage - old.voltage) <= Kp * abs(cascade.W_ref - abs(plate.W)) + 1e-9
+    if after is not Mode.AMPLITUDE:
+        bound = abs(cascade._resonance_loop.pi.Kp * plate.W.imag / plate.W.real)
+        assert abs(new.frequency - old.frequency) <= bound + 1e-9
+
+
+def test_settled_loops_hand_over_without_any_bump():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.OPEN_LOOP)
+    old = run(cascade, plate, setpoint(voltage=20.0), 60)[-1]
+    cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+    new = run(cascade, plate, setpoint(amplitude=1e-6), 60)
+    assert [drive.voltage for drive in new] == pytest.approx([old.voltage] * 60, abs=1e-6)
+
+
+def test_from_off_the_resonance_loop_starts_at_the_setpoint():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.OPEN_LOOP)
+    cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+    assert cascade.update(plate.measure(), setpoint(frequency=43250.0)).frequency == 43250.0
+
+
+def test_from_amplitude_to_resonance_the_frequency_in_force_is_kept():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+    run(cascade, plate, setpoint(frequency=43250.0), 60)
+    cascade.set_mode(Mode.FRICTION)
+    drive = cascade.update(plate.measure(), setpoint(frequency=43250.0))
+    assert drive.frequency == pytest.approx(43390.0, abs=0.1)
+
+
+def test_open_loop_is_the_setpoint_within_limits():
+    cascade, plate = Cascade(LIMITS), FirstOrderPlate()
+    cascade.set_mode(Mode.OPEN_LOOP)
+    assert cascade.update(plate.measure(), setpoint(12.5, 43333.0)) == Drive(12.5, 43333.0)
+    assert cascade.limited == 0
+    assert cascade.update(plate.measure(), setpoint(41.0, 43900.0)) == Drive(40.0, 43800.0)
+    assert cascade.limited == Limit.VOLTAGE | Limit.FREQUENCY
+
+
+def test_limits_of_the_amplitude_loop_are_told():
+    cascade, plate = Cascade(LIMITS), FirstOrderPlate()
+    cascade.set_mode(Mode.AMPLITUDE)
+    cascade.update(plate.measure(), setpoint(amplitude=2.5e-6))
+    assert cascade.W_ref == 2e-6
+    assert cascade.limited == Limit.AMPLITUDE | Limit.VOLTAGE
+    run(cascade, plate, setpoint(amplitude=1.5e-6), 30)
+    assert cascade.limited == 0
+
+
+def test_configure_is_bumpless_and_takes_effect():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+    old = run(cascade, plate, setpoint(), 60)[-1]
+    cascade.configure(CascadeParameters(amplitude_pole=0.6, V_max=25.0))
+    new = run(cascade, plate, setpoint(), 30)
+    assert [drive.voltage for drive in new] == pytest.approx([old.voltage] * 30, abs=1e-6)
+    errors = []
+    for _ in range(5):
+        errors.append(1.1e-6 - abs(plate.W))
+        run(cascade, plate, setpoint(amplitude=1.1e-6), 1)
+    assert errors[3] / errors[2] == pytest.approx(0.6, abs=0.01)
+    run(cascade, plate, setpoint(amplitude=3e-6), 50)
+    assert cascade.drive.voltage == 25.0
+
+
+def test_configure_ends_an_identification():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.IDENTIFY)
+    run(cascade, plate, setpoint(), 150)
+    cascade.configure(LIMITS)
+    assert cascade.drive.voltage == 0.0
+    assert (cascade.mode, cascade.reason) == (
+        Mode.OFF,
+        "identification: parameters were changed",
+    )
+
+
+def test_adopted_model_is_designed_for():
+    cascade = Cascade(model=PlateModel(gain=100e-9))
+    assert cascade.model.gain == 100e-9
+    cascade.adopt(PlateModel())
+    assert cascade.model == PlateModel()
+    plate = FirstOrderPlate()
+    cascade.set_mode(Mode.AMPLITUDE)
+    run(cascade, plate, setpoint(), 2)
+    assert abs(plate.W) == pytest.approx(0.96e-6)
+
+
+MU_REF = 0.42
+
+
+def friction_loop(law, mu0=0.6, noise=0.0):
+    """COFs over the second half of a run with the finger left of the boundary."""
+    cascade, plate = Cascade(CascadeParameters(law=law)), FirstOrderPlate()
+    finger, shake = Finger(mu0), random.Random(1)
+    cascade.set_mode(Mode.FRICTION)
+    cofs = []
+
+    def touch(W):
+        return tuple(s + shake.gauss(0.0, noise) for s in finger.touch(W, x=-0.01))
+
+    for _ in range(2000):
+        run(cascade, plate, setpoint(mu_left=MU_REF), 1, touch)
+        cofs.append(finger.friction(plate.W))
+    assert cascade.mode is Mode.FRICTION
+    assert cascade.mu_ref == MU_REF
+    return cofs[1000:]
+
+
+@pytest.mark.parametrize("mu0", [0.58, 0.6, 0.65])
+def test_law_measured_reaches_the_reference(mu0):
+    cofs = friction_loop(Law.MEASURED, mu0)
+    assert statistics.fmean(cofs) == pytest.approx(MU_REF, rel=1e-3)
+    assert max(cofs) - min(cofs) < 1e-3
+
+
+def test_law_measured_reaches_the_reference_in_noise():
+    cofs = friction_loop(Law.MEASURED, noise=4.3e-3)
+    assert statistics.fmean(cofs) == pytest.approx(MU_REF, rel=0.02)
+
+
+def test_law_accumulate_ends_in_a_limit_cycle_where_measured_settles():
+    cofs = friction_loop(Law.ACCUMULATE)
+    assert max(cofs) - min(cofs) > 0.1 * MU_REF
+    # It neither decays nor grows.
+    assert max(cofs[:500]) == pytest.approx(max(cofs[500:]), rel=0.01)
+
+
+@pytest.mark.parametrize("mu0", [0.6, 0.7])
+def test_law_nominal_leaves_a_static_error(mu0):
+    cofs = friction_loop(Law.NOMINAL, mu0)
+    error = (cofs[-1] - MU_REF) / MU_REF
+    assert abs(error) > 0.05
+    # What is left is the error whose step holds the plate where it is.
+    finger = Finger(mu0)
+    assert finger.friction(1e-6 + 4e-6 * error) == pytest.approx(cofs[-1], rel=1e-3)
+
+
+def test_unreachable_reference_is_told():
+    cascade, plate, finger = Cascade(), FirstOrderPlate(), Finger(mu0=0.6)
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(mu_left=0.9), 200, lambda W: finger.touch(W, x=-0.01))
+    assert cascade.W_ref == 0.0
+    assert cascade.limited & Limit.AMPLITUDE
+
+
+def test_out_of_contact_the_amplitude_waits_at_its_nominal_value():
+    cascade, plate, finger = Cascade(), FirstOrderPlate(), Finger()
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(amplitude=0.7e-6), 200, finger.touch)
+    assert abs(plate.W) > 1e-6
+    run(cascade, plate, setpoint(amplitude=0.7e-6), 100, lambda W: gauges(Fx=0.05, Fn=0.02))
+    assert abs(plate.W) == pytest.approx(0.7e-6, rel=1e-3)
+    assert cascade.E == 0.0
+    assert cascade.mu_ref > 0.0
+
+
+def test_reference_changes_with_the_side():
+    cascade, plate, finger = Cascade(), FirstOrderPlate(), Finger()
+    cascade.set_mode(Mode.FRICTION)
+    references = []
+    for x in (-8e-3, -8e-3, 8e-3, 8e-3, -8e-3):
+        run(cascade, plate, setpoint(boundary=1e-3), 100, lambda W, x=x: finger.touch(W, x=x))
+        references.append(cascade.mu_ref)
+    assert references == [0.3, 0.3, 0.4, 0.4, 0.3]
+
+
+def test_two_runs_are_the_same_bits():
+    def trace():
+        cascade, plate, finger = Cascade(), FirstOrderPlate(noise=1e-9), Finger()
+        cascade.set_mode(Mode.FRICTION)
+        return run(cascade, plate, setpoint(), 300, finger.touch)
+
+    assert trace() == trace()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"amplitude_pole": 1.2}, r"amplitude_pole 1\.2 is outside 0\.\.0\.95"),
+        ({"resonance_pole": -0.1}, r"resonance_pole -0\.1 is outside 0\.\.0\.95"),
+        ({"law": 3}, "3 is not a valid Law"),
+        ({"contact_force": 0.0}, r"contact_force 0 is outside 0\.01\.\.10"),
+        ({"V_max": math.nan}, r"V_max nan is outside 0\.\.500"),
+        ({"f_min": 43900.0, "f_max": 43800.0}, r"f_max 43800 is outside 43900\.\.1e\+06"),
+        ({"dead_time": 1e-3}, r"dead_time 0\.001 is outside 0\.\.0\.001"),
+        ({"lateral": ((1.0, 0.0), (0.0, math.inf))}, r"lateral inf is outside -10\.\.10"),
+        ({"gauge_positions": (0.0, 0.0, 0.0, 0.05)}, r"gauge_positions 0\.05 is outside"),
+    ],
+)
+def test_parameters_are_checked(wrong, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        CascadeParameters(**wrong)

@@ -1,0 +1,104 @@
+import math
+
+import numpy as np
+import pytest
+from first_order_plate import FirstOrderPlate
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.control.design import amplitude_pi, dominant_pole, resonance_pi
+from smarttac_can.control.model import PlateModel
+from smarttac_can.signals import Drive
+
+TICK = 1e-3
+
+
+def impulse_response(model, dead_time):
+    """a, b0, b1 of the sampled plant, from the simulated plate instead of the formula."""
+    plate = FirstOrderPlate(model, dead_time)
+    samples = []
+    for voltage in (1.0, 0.0, 0.0):
+        plate.step(Drive(voltage, model.f0))
+        samples.append(plate.W.real)
+    # h = b0, b1 + a b0, a (b1 + a b0)
+    a = samples[2] / samples[1]
+    return a, samples[0], samples[1] - a * samples[0]
+
+
+@given(tau=st.floats(0.3e-3, 3e-3), dead_time=st.floats(0.0, 0.999e-3), pole=st.floats(0.02, 0.95))
+@settings(deadline=None, max_examples=60)
+def test_closed_loop_has_the_pole_asked_for_or_the_fastest_possible(tau, dead_time, pole):
+    model = PlateModel(gain=30e-9, tau=tau)
+    a, b0, b1 = impulse_response(model, dead_time)
+    pi = amplitude_pi(model, pole, dead_time)
+    assert pi.a == pytest.approx(a, rel=1e-9)
+    roots = np.roots([1.0, pi.Kp * b0 - 1.0, pi.Kp * b1])
+    reached = dominant_pole(tau, pole, dead_time)
+    # The tolerance is that of a double root.
+    assert max(abs(roots)) == pytest.approx(reached, abs=1e-6)
+    assert np.allclose(roots.imag, 0.0, atol=1e-6)
+    assert reached >= pole
+
+
+def test_without_dead_time_every_pole_is_reached():
+    model = PlateModel()
+    a = math.exp(-TICK / model.tau)
+    pi = amplitude_pi(model, 0.2)
+    assert pi.Kp == pytest.approx(0.8 / (model.gain * (1.0 - a)))
+    assert dominant_pole(model.tau, 0.0, 0.0) == 0.0
+
+
+def test_dead_time_is_continuous_at_zero():
+    model = PlateModel()
+    assert amplitude_pi(model, 0.2, 1e-12).Kp == pytest.approx(amplitude_pi(model, 0.2).Kp)
+
+
+def test_dead_time_of_almost_a_tick_allows_a_double_pole_of_one_half():
+    assert dominant_pole(1e-3, 0.1, 0.9999e-3) == pytest.approx(0.5, abs=1e-3)
+
+
+def test_resonance_controller_is_for_the_gain_of_minus_tau():
+    model = PlateModel()
+    pi = resonance_pi(model, 0.2)
+    assert pi.Kp * (-2.0 * math.pi * model.tau) == pytest.approx(
+        amplitude_pi(model, 0.2).Kp * model.gain
+    )
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.3e-3, 0.7e-3])
+def test_step_does_not_overshoot(dead_time):
+    model = PlateModel()
+    plate = FirstOrderPlate(model, dead_time)
+    pi = amplitude_pi(model, 0.1, dead_time)
+    for _ in range(100):
+        error = 1e-6 - abs(plate.W)
+        assert error > -1e-14
+        voltage = pi.compute(error)
+        pi.update(error, voltage)
+        plate.step(Drive(voltage, model.f0))
+    assert abs(plate.W) == pytest.approx(1e-6)
+
+
+@pytest.mark.parametrize("pole", [-0.01, 0.951, math.nan])
+def test_pole_out_of_range(pole):
+    with pytest.raises(ValueError, match=r"^pole .* is outside 0\.\.0\.95$"):
+        amplitude_pi(PlateModel(), pole)
+
+
+@pytest.mark.parametrize("dead_time", [-1e-6, 1e-3, math.nan])
+def test_dead_time_out_of_range(dead_time):
+    with pytest.raises(ValueError, match=r"^dead_time .* is outside 0\.\.0\.001, the end excl"):
+        resonance_pi(PlateModel(), 0.3, dead_time)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"gain": 0.0}, {"gain": -50e-9}, {"tau": 0.0}, {"f0": math.inf}, {"tau": math.nan}]
+)
+def test_model_out_of_range(wrong):
+    (name,) = wrong
+    with pytest.raises(ValueError, match=rf"^{name} .* is outside "):
+        PlateModel(**wrong)
+
+
+def test_quality():
+    assert PlateModel(50e-9, 0.944e-3, 43390.0).quality == pytest.approx(128.7, abs=0.05)

@@ -1,0 +1,162 @@
+import random
+
+import pytest
+from first_order_plate import FirstOrderPlate, gauges, setpoint
+
+from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.control.identification import State
+from smarttac_can.control.model import PlateModel
+from smarttac_can.control.parameters import CascadeParameters
+
+NULLS = (0.7, -1.1, 0.3, -0.2, 1.2, -0.9)
+
+
+def identify(plate, start, cascade=None, forces=(0.0,) * 6):
+    """Run the mode to its end; return the cascade, the ticks and the largest amplitude in m."""
+    cascade = Cascade() if cascade is None else cascade
+    cascade.set_mode(Mode.IDENTIFY)
+    target = setpoint(frequency=start)
+    ticks, largest, progress = 0, 0.0, 0.0
+    while True:
+        drive = cascade.update(plate.measure(forces), target)
+        if cascade.mode is not Mode.IDENTIFY:
+            break
+        assert cascade.identification.state is State.RUNNING
+        assert progress <= cascade.identification.progress < 1.0
+        progress = cascade.identification.progress
+        plate.step(drive)
+        largest = max(largest, abs(plate.W))
+        ticks += 1
+    assert drive.voltage == 0.0
+    assert cascade.mode is Mode.OFF
+    assert cascade.identification.progress == 1.0
+    return cascade, ticks, largest
+
+
+def drawn_plate(seed):
+    draw = random.Random(seed)
+    model = PlateModel(
+        gain=draw.uniform(10e-9, 200e-9),
+        tau=draw.uniform(0.5e-3, 2e-3),
+        f0=43390.0 + draw.uniform(-100.0, 100.0),
+    )
+    offset = complex(draw.gauss(0.0, 5e-9), draw.gauss(0.0, 5e-9))
+    plate = FirstOrderPlate(model, noise=1e-9, offset=offset, seed=seed)
+    return plate, model.f0 + draw.uniform(-300.0, 300.0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_accuracy_with_noise_quantisation_offset_and_a_wrong_start(seed):
+    plate, start = drawn_plate(seed)
+    cascade, ticks, largest = identify(plate, start)
+    assert cascade.identification.state is State.DONE, cascade.reason
+    assert cascade.reason == ""
+    true, found = plate.model, cascade.model
+    assert found.f0 == pytest.approx(true.f0, abs=1.0)
+    assert found.tau == pytest.approx(true.tau, rel=0.02)
+    assert found.gain == pytest.approx(true.gain, rel=0.01)
+    assert ticks < 1500
+    assert largest < 1e-6
+
+
+@pytest.mark.parametrize("start", [43090.0, 43690.0])
+@pytest.mark.parametrize("dead_time", [0.0, 0.9e-3])
+def test_dead_time_does_not_disturb(start, dead_time):
+    plate = FirstOrderPlate(noise=1e-9, dead_time=dead_time)
+    cascade, _, _ = identify(plate, start)
+    assert cascade.model.f0 == pytest.approx(43390.0, abs=1.0)
+    assert cascade.model.tau == pytest.approx(plate.model.tau, rel=0.02)
+    assert cascade.model.gain == pytest.approx(plate.model.gain, rel=0.01)
+
+
+def test_residual_vibration_of_the_mode_before_does_not_disturb():
+    plate = FirstOrderPlate(PlateModel(tau=2e-3), noise=1e-9)
+    plate.W = 4e-6j
+    cascade, _, _ = identify(plate, 43390.0)
+    assert cascade.model.tau == pytest.approx(2e-3, rel=0.02)
+
+
+def test_loops_are_redesigned_for_what_was_found():
+    true = PlateModel(gain=150e-9, tau=1.5e-3, f0=43300.0)
+    plate = FirstOrderPlate(true)
+    cascade, _, _ = identify(plate, 43390.0)
+    plate.W = 0j
+    cascade.set_mode(Mode.AMPLITUDE)
+    errors = []
+    for _ in range(4):
+        errors.append(1e-6 - abs(plate.W))
+        plate.step(cascade.update(plate.measure(), setpoint(frequency=43300.0)))
+    # The pole asked for is 0.2; the model it was designed for before is three times off.
+    assert errors[2] / errors[1] == pytest.approx(0.2, abs=0.01)
+
+
+def failure(plate, start=43390.0, **kwargs):
+    cascade, _, _ = identify(plate, start, **kwargs)
+    assert cascade.identification.state is State.FAILED
+    assert cascade.model == PlateModel()
+    assert cascade.reason == f"identification: {cascade.identification.failure}"
+    return cascade.identification.failure
+
+
+def test_dead_plate():
+    class Dead(FirstOrderPlate):
+        def step(self, drive):
+            pass
+
+    assert failure(Dead(noise=1e-9)) == "no vibration of 0.15 um at 150 V"
+
+
+def test_resonance_outside_the_limits():
+    cascade = Cascade(CascadeParameters(f_min=43300.0, f_max=43500.0))
+    plate = FirstOrderPlate(PlateModel(f0=43100.0))
+    assert failure(plate, 43300.0, cascade=cascade).startswith("resonance 43100 Hz is outside")
+
+
+def test_too_much_vibration():
+    assert "is above 1.5 um" in failure(FirstOrderPlate(offset=2e-6 + 0j))
+
+
+def test_plate_without_lag():
+    class Stiff(FirstOrderPlate):
+        def step(self, drive):
+            self.W = complex(drive.voltage * 50e-9)
+
+    assert failure(Stiff()).startswith("the response to a step is no decay: ")
+    assert failure(Stiff(noise=1e-9))
+
+
+def test_plate_that_changes_under_the_sweep():
+    class Changing(FirstOrderPlate):
+        ticks = 0
+
+        def step(self, drive):
+            self.ticks += 1
+            if self.ticks == 450:
+                self.model = PlateModel(gain=35e-9, tau=0.7e-3)
+            super().step(drive)
+
+    assert failure(Changing(noise=1e-9)).endswith("% off a resonance")
+
+
+def test_finger_on_the_plate():
+    cascade = Cascade()
+    for _ in range(64):
+        cascade.update(FirstOrderPlate().measure(NULLS), setpoint())
+    cascade.tribometer.tare()
+    loaded = tuple(n + s for n, s in zip(NULLS, gauges(Fn=0.5), strict=True))
+    reason = failure(FirstOrderPlate(), cascade=cascade, forces=loaded)
+    assert reason == "the plate is loaded with 0.50 N"
+
+
+def test_nulls_of_an_untared_tribometer_do_not_count_as_a_finger():
+    cascade, _, _ = identify(FirstOrderPlate(), 43390.0, forces=NULLS)
+    assert cascade.identification.state is State.DONE
+
+
+def test_leaving_the_mode_ends_it():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.IDENTIFY)
+    plate.step(cascade.update(plate.measure(), setpoint()))
+    cascade.set_mode(Mode.OFF)
+    assert cascade.identification.state is State.FAILED
+    assert cascade.identification.update(0j) is None

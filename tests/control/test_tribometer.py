@@ -1,0 +1,177 @@
+import math
+import random
+import statistics
+from itertools import pairwise
+
+import pytest
+from first_order_plate import GAUGE_X, gauges
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.control.friction import Boundary
+from smarttac_can.control.tribometer import PositionFilter, Tribometer, calibration
+
+CROSSTALK = ((1.0, 0.04), (-0.03, 1.02))
+NULLS = (0.7, -1.1, 0.3, -0.2, 1.2, -0.9)
+SIGMA = 4.3e-3
+
+
+def tribometer(crosstalk=((1.0, 0.0), (0.0, 1.0)), contact_force=0.1):
+    return Tribometer(calibration(crosstalk), GAUGE_X, SIGMA, contact_force)
+
+
+def seen_through(crosstalk, forces, nulls=(0.0,) * 6):
+    Fx, Fy, *normal = forces
+    (xx, xy), (yx, yy) = crosstalk
+    raw = (xx * Fx + xy * Fy, yx * Fx + yy * Fy, *normal)
+    return tuple(s + n for s, n in zip(raw, nulls, strict=True))
+
+
+@given(
+    Fx=st.floats(-2.0, 2.0),
+    Fy=st.floats(-2.0, 2.0),
+    Fn=st.floats(0.2, 3.0),
+    x=st.floats(-0.02, 0.02),
+)
+@settings(deadline=None, max_examples=50)
+def test_forces_and_position_come_back(Fx, Fy, Fn, x):
+    instrument = tribometer(CROSSTALK)
+    for _ in range(64):
+        instrument.update(NULLS)
+    instrument.tare()
+    contact = instrument.update(seen_through(CROSSTALK, gauges(Fx, Fy, Fn, x), NULLS))
+    assert contact.Fx == pytest.approx(Fx, abs=1e-12)
+    assert contact.Fy == pytest.approx(Fy, abs=1e-12)
+    assert contact.Fn == pytest.approx(Fn)
+    assert contact.mu == pytest.approx(math.hypot(Fx, Fy) / Fn, abs=1e-12)
+    assert contact.position == pytest.approx(x, abs=1e-12)
+    assert contact.touching
+
+
+@pytest.mark.parametrize("crosstalk", [((1.0, 1.0), (1.0, 1.0)), ((math.nan, 0.0), (0.0, 1.0))])
+def test_loads_that_cannot_be_told_apart(crosstalk):
+    with pytest.raises(ValueError, match=r"^crosstalk determinant .* is inside -0\.1\.\.0\.1$"):
+        calibration(crosstalk)
+
+
+def test_uncertainty_is_the_spread_of_the_measured_cof():
+    noise = random.Random(1)
+    instrument = tribometer()
+    clean = gauges(Fx=0.2, Fn=0.5)
+    contacts = [
+        instrument.update(tuple(s + noise.gauss(0.0, SIGMA) for s in clean)) for _ in range(4000)
+    ]
+    spread = statistics.stdev(contact.mu for contact in contacts)
+    assert statistics.fmean(contact.u_mu for contact in contacts) == pytest.approx(spread, rel=0.05)
+    assert spread == pytest.approx(0.011, rel=0.05)
+
+
+def test_cof_is_masked_below_the_contact_force_with_hysteresis():
+    instrument = tribometer(contact_force=0.1)
+    touching = []
+    for Fn in (0.0, 0.09, 0.11, 0.09, 0.071, 0.069, 0.09, 0.11):
+        contact = instrument.update(gauges(Fx=0.05, Fn=Fn))
+        touching.append(contact.touching)
+        if not contact.touching:
+            assert contact.mu == contact.u_mu == contact.speed == 0.0
+    assert touching == [False, False, True, True, True, False, False, True]
+
+
+def test_position_is_held_when_the_finger_lifts():
+    instrument = tribometer()
+    instrument.update(gauges(Fn=0.5, x=4e-3))
+    lifted = instrument.update(gauges(Fn=0.0))
+    assert lifted.position == pytest.approx(4e-3)
+    assert instrument.update(gauges(Fn=0.5, x=-4e-3)).position == pytest.approx(-4e-3)
+
+
+def test_negative_normal_force_is_no_contact():
+    assert not tribometer().update(gauges(Fx=1.0, Fn=-0.5)).touching
+
+
+def test_tare_needs_64_samples():
+    instrument = tribometer()
+    for _ in range(63):
+        instrument.update(NULLS)
+    with pytest.raises(RuntimeError, match=r"^a tare needs 64 samples, 63 were seen$"):
+        instrument.tare()
+    assert not instrument.tared
+    instrument.update(NULLS)
+    assert instrument.tare() == pytest.approx(NULLS)
+    assert instrument.tared
+
+
+def test_tare_is_the_mean_of_the_last_64_raw_samples():
+    instrument = tribometer()
+    for i in range(200):
+        instrument.update((i / 256.0, *NULLS[1:]))
+    assert instrument.tare()[0] == pytest.approx(statistics.fmean(range(136, 200)) / 256.0)
+    # Raw samples: a second tare finds the same.
+    assert instrument.tare()[0] == pytest.approx(statistics.fmean(range(136, 200)) / 256.0)
+
+
+def test_a_stored_tare_is_restored():
+    instrument = tribometer()
+    instrument.offsets = NULLS
+    assert instrument.update(NULLS)[:3] == (0.0, 0.0, 0.0)
+
+
+def test_another_zero_ends_the_touch_and_the_same_does_not():
+    instrument = tribometer()
+    instrument.offsets = NULLS
+    pressed = tuple(n + s for n, s in zip(NULLS, gauges(Fn=0.09), strict=True))
+    instrument.update(tuple(n + s for n, s in zip(NULLS, gauges(Fn=0.2), strict=True)))
+    instrument.offsets = NULLS
+    assert instrument.update(pressed).touching
+    instrument.offsets = (0.0, *NULLS[1:])
+    assert not instrument.update(pressed).touching
+
+
+def test_an_absurd_zero_is_refused():
+    instrument = tribometer()
+    with pytest.raises(ValueError, match=r"^zero of S3 20.5 is outside -20\.\.20$"):
+        instrument.offsets = (0.0, 0.0, 20.5, 0.0, 0.0, 0.0)
+    assert instrument.offsets == (0.0,) * 6
+
+
+@pytest.mark.parametrize("speed", [-0.2, 0.05])
+def test_steady_speed_is_followed_without_lag(speed):
+    line = PositionFilter()
+    line.begin(0.01)
+    for k in range(1, 200):
+        line.update(0.01 + speed * k * 1e-3)
+        assert line.position == pytest.approx(0.01 + speed * k * 1e-3, abs=1e-12)
+        assert line.speed == pytest.approx(speed)
+
+
+def test_filter_cuts_the_noise_of_the_position_to_a_quarter():
+    noise, line = random.Random(2), PositionFilter()
+    line.begin(0.0)
+    positions = []
+    for _ in range(20000):
+        line.update(noise.gauss(0.0, 1e-3))
+        positions.append(line.position)
+    assert statistics.pstdev(positions[500:]) == pytest.approx(0.25e-3, rel=0.05)
+
+
+def test_start_of_a_touch_is_the_least_squares_line():
+    noise, line = random.Random(3), PositionFilter()
+    samples = [noise.gauss(0.0, 1e-3) for _ in range(12)]
+    line.begin(samples[0])
+    for sample in samples[1:]:
+        line.update(sample)
+    slope, intercept = statistics.linear_regression(range(12), samples)
+    assert line.position == pytest.approx(intercept + 11 * slope)
+    assert line.speed == pytest.approx(slope * 1e3)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_noisy_boundary_is_crossed_once_a_pass(seed):
+    """Light finger, slow stroke: 0.2 N at 20 mm/s, where a raw position errs by 1.2 mm."""
+    noise, instrument, boundary = random.Random(seed), tribometer(), Boundary(1e-3)
+    sides = []
+    for k in range(1000):
+        clean = gauges(Fn=0.2, x=2e-5 * k - 0.01)
+        contact = instrument.update(tuple(s + noise.gauss(0.0, SIGMA) for s in clean))
+        sides.append(boundary.update(contact.position, 0.0))
+    assert sum(a != b for a, b in pairwise(sides[20:])) == 1
