@@ -47,7 +47,7 @@ class RPDO(PDO):
         self._application = application
         self._deadline = port.clock.timer(self._on_deadline)
         self._late = False
-        self._fault: EmergencyCode | None = None
+        self._faults: set[EmergencyCode] = set()
         self._latch: bytes | None = None
 
     @property
@@ -60,7 +60,8 @@ class RPDO(PDO):
         self._latch = None
         self._deadline.stop()
         self._in_time()
-        self._no_fault()
+        for code in sorted(self._faults):
+            self._settle(code)
 
     def listen(self) -> None:
         """Hear the PDO."""
@@ -74,16 +75,19 @@ class RPDO(PDO):
         data = frame.data
         size = self.mapping.size
         if len(data) < size:
+            self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
             self._report(EmergencyCode.PDO_LENGTH, bytes((len(data), size)))
             return
         if self.event_time:
             self._deadline.start(self.event_time)
             self._in_time()
         if len(data) > size:
+            self._settle(EmergencyCode.PDO_LENGTH)
             self._report(EmergencyCode.PDO_LENGTH_EXCEEDED, bytes((len(data), size)))
             data = data[:size]
-        elif self._fault is not None and self._fault is not EmergencyCode.PROTOCOL:
-            self._no_fault()
+        elif self._faults:
+            self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
+            self._settle(EmergencyCode.PDO_LENGTH)
         if self.transmission <= CYCLIC_LAST:
             self._latch = data
         else:
@@ -102,21 +106,20 @@ class RPDO(PDO):
         if broken is not None:
             self._report(EmergencyCode.PROTOCOL, _where(broken))
             return
-        if self._fault is EmergencyCode.PROTOCOL:
-            self._no_fault()
+        if self._faults:
+            self._settle(EmergencyCode.PROTOCOL)
         self._application.on_rpdo(self.number)
 
     def _report(self, code: EmergencyCode, vendor: bytes) -> None:
-        if self._fault is not code:
-            self._no_fault()
-            self._fault = code
+        if code not in self._faults:
+            self._faults.add(code)
             vendor = self.number.to_bytes(2, "little") + vendor
             self._emergency.report(code, ErrorRegister.COMMUNICATION, vendor, self.number)
 
-    def _no_fault(self) -> None:
-        if self._fault is not None:
-            self._emergency.clear(self._fault, self.number)
-            self._fault = None
+    def _settle(self, code: EmergencyCode) -> None:
+        if code in self._faults:
+            self._faults.remove(code)
+            self._emergency.clear(code, self.number)
 
     def _in_time(self) -> None:
         if self._late:

@@ -1,0 +1,116 @@
+import pytest
+from transcript import download, make_device, play, started
+
+from smarttac_can.device.nmt import NMTState
+
+WATCH_NODE_5_FOR_20_MS = "> 620 23 16 10 01 14 00 05 00\n< 5A0 60 16 10 01 00 00 00 00\n"
+
+
+def test_producer_sends_the_state_every_period_and_nothing_between() -> None:
+    device = make_device()
+    play(
+        device,
+        """
+        power
+        < 720 00
+        > 620 2B 17 10 00 03 00 00 00     # 3 ms
+        < 5A0 60 17 10 00 00 00 00 00
+        + 2999us
+        + 1us
+        < 720 7F
+        + 2x 1ms
+        + 1ms
+        < 720 7F
+        > 000 01 20                       # a change of state is no heartbeat
+        + 2x 1ms
+        + 1ms
+        < 720 05
+        > 620 2B 17 10 00 00 00 00 00     # off
+        < 5A0 60 17 10 00 00 00 00 00
+        + 10x 1ms
+        """,
+    )
+
+
+def test_a_late_call_sends_one_heartbeat_and_keeps_the_phase() -> None:
+    device = started()
+    assert download(device, 0x1017, 0, 10, 2) == 0
+    play(device, "+ 35ms\n< 720 05\n+ 4ms\n+ 1ms\n< 720 05")
+
+
+def test_writing_the_same_period_back_does_not_restart_it() -> None:
+    device = started()
+    download(device, 0x1017, 0, 10, 2)
+    device.advance(9000)
+    download(device, 0x1017, 0, 10, 2)
+    play(device, "+ 1ms\n< 720 05")
+
+
+def test_consumer_reports_loss_and_return() -> None:
+    device = started()
+    play(
+        device,
+        WATCH_NODE_5_FOR_20_MS
+        + """
+        + 50ms                               # not seen yet: not lost
+        > 705 05
+        + 19ms
+        > 705 05
+        + 19ms
+        + 1ms
+        < 0A0 30 81 11 05 00 00 00 00
+        + 50ms                               # once
+        > 705 7F
+        < 0A0 00 00 00 00 00 00 00 00
+        """,
+    )
+    assert device.nmt_state == NMTState.PRE_OPERATIONAL, "1029h:1 is 0"
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "state"),
+    [
+        (0, NMTState.PRE_OPERATIONAL),
+        (1, NMTState.OPERATIONAL),
+        (2, NMTState.STOPPED),
+    ],
+)
+def test_error_behaviour_on_loss(behaviour: int, state: NMTState) -> None:
+    device = started()
+    assert download(device, 0x1029, 1, behaviour, 1) == 0
+    play(device, WATCH_NODE_5_FOR_20_MS + "> 705 05\n+ 20ms\n< 0A0 30 81 11 05 00 00 00 00")
+    assert device.nmt_state == state
+
+
+def test_loss_in_pre_operational_stays_there() -> None:
+    device = started(operational=False)
+    play(device, WATCH_NODE_5_FOR_20_MS + "> 705 05\n+ 20ms\n< 0A0 30 81 11 05 00 00 00 00")
+    assert device.nmt_state == NMTState.PRE_OPERATIONAL
+
+
+def test_one_node_cannot_be_watched_twice() -> None:
+    device = started()
+    assert download(device, 0x1016, 1, 0x50014, 4) == 0
+    assert download(device, 0x1016, 2, 0x50020, 4) == 0x06040043
+    assert device.od.entry(0x1016, 2).value == 0
+    assert download(device, 0x1016, 1, 0x50030, 4) == 0
+    assert download(device, 0x1016, 2, 0x60020, 4) == 0
+    assert download(device, 0x1016, 1, 0x60030, 4) == 0x06040043
+
+
+def test_switching_the_watch_off_takes_the_error_back() -> None:
+    device = started()
+    play(
+        device,
+        WATCH_NODE_5_FOR_20_MS
+        + """
+        > 705 05
+        + 20ms
+        < 0A0 30 81 11 05 00 00 00 00
+        > 620 23 16 10 01 00 00 00 00
+        < 0A0 00 00 00 00 00 00 00 00
+        < 5A0 60 16 10 01 00 00 00 00
+        > 705 05
+        + 50ms
+        """,
+    )
