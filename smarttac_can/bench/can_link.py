@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
-from typing import Final
+from typing import Any, Final
 
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
@@ -92,10 +92,10 @@ class RemoteDevice:
             )
         self._heartbeat_s = self.read(od.entry(HEARTBEAT_PRODUCER)) * 1e-3
 
-    def read(self, entry: Entry) -> int:
+    def read(self, entry: Entry) -> Any:
         """Read an entry over SDO."""
         with self._explained(f"read {entry.name}"):
-            return int(unpack(entry.data_type, self._sdo.upload(entry.index, entry.subindex)))
+            return unpack(entry.data_type, self._sdo.upload(entry.index, entry.subindex))
 
     def write(self, entry: Entry, raw: int) -> None:
         """Write an entry over SDO."""
@@ -186,7 +186,11 @@ class CanLink:
     def read(self, name: str) -> int:
         """Read the raw value of an object over SDO."""
         device = self._owner(name)
-        return device.read(device.od[name])
+        return int(device.read(device.od[name]))
+
+    def text(self, name: str) -> str:
+        """Read a string over SDO."""
+        return str(self._stimulator.read(self._stimulator.od[name]))
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object over SDO."""

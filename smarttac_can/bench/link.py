@@ -52,6 +52,10 @@ class Link(Protocol):
         """Read the raw value of an object of the stimulator, or of the simulation."""
         ...
 
+    def text(self, name: str) -> str:
+        """Read an object of the stimulator that is a string."""
+        ...
+
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object of the stimulator, or of the simulation."""
         ...

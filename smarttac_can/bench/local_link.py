@@ -28,6 +28,10 @@ class LocalLink:
         """Read the raw value of an object."""
         return int(self._block.od[name].value)
 
+    def text(self, name: str) -> str:
+        """Read an object that is a string."""
+        return str(self._block.od[name].value)
+
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object."""
         try:

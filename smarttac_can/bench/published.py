@@ -54,7 +54,7 @@ class PublishedPdo:
         self.received: float | None = None
 
     def take(self, data: bytes, now: float) -> bool:
-        """Take received data; return False, and keep the old, if the length is not the mapping's."""
+        """Take received data; of a length that is not the mapping's, return False."""
         if len(data) != self._struct.size:
             return False
         self.values = self._struct.unpack(data)

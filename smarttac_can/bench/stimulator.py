@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from smarttac_can.bench.errors import BenchError, NotRunningError
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import PUBLISHED, Link, Row
+from smarttac_can.bench.open_link import (
+    STIMULATOR_ID,
+    LinkName,
+    open_can_link,
+    open_simulated_link,
+)
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
 from smarttac_can.control.identification import State
 from smarttac_can.control.model import PlateModel
+from smarttac_can.host.bus import LogHook
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.od.dictionary import ObjectDictionary
 
@@ -55,7 +62,7 @@ class Reading:
 class Stimulator:
     """A SMARTTAC stimulator at the bench; a context manager that leaves it at 0 V.
 
-    `smarttac_can.bench.connect` and `smarttac_can.bench.simulate` make one.
+    `connect` and `simulate` make one.
 
     Parameters
     ----------
@@ -74,6 +81,77 @@ class Stimulator:
         self._link = link
         self._od = od
         self.finger = SimulatedFinger(self)
+
+    @classmethod
+    def connect(
+        cls,
+        *,
+        interface: str | None = None,
+        channel: str | None = None,
+        node_id: int = STIMULATOR_ID,
+        plate_node_id: int | None = None,
+        lockstep: bool = False,
+        timeout: float = 1.0,
+        **options: Any,
+    ) -> Self:
+        """Connect to a stimulator on a CAN bus and start it, and its plate node if it has one.
+
+        Parameters
+        ----------
+        interface, channel, options
+            As python-can has them; what is not given comes from python-can's configuration.
+        node_id
+            Node-ID of the stimulator, 1..127.
+        plate_node_id
+            Node-ID of the plate node, 1..127; None with the plate inside the stimulator.
+        lockstep
+            Whether the nodes were started with ``--lockstep``: the bench then produces the SYNC.
+        timeout
+            Longest wait for an SDO answer in s.
+
+        Raises
+        ------
+        BenchError
+            If the bus cannot be opened, no node answers, or it is another device.
+        """
+        return cls(
+            *open_can_link(
+                interface=interface,
+                channel=channel,
+                node_id=node_id,
+                plate_node_id=plate_node_id,
+                lockstep=lockstep,
+                timeout=timeout,
+                options=options,
+            )
+        )
+
+    @classmethod
+    def simulate(
+        cls,
+        link: LinkName = "bus",
+        *,
+        plate_inside: bool = False,
+        presets: Mapping[str, int] | None = None,
+        log: LogHook | None = None,
+    ) -> Self:
+        """Simulate a stimulator and its plate inside this process, without threads or waiting.
+
+        Parameters
+        ----------
+        link
+            ``bus`` for two CANopen nodes and this bench on a virtual CAN bus, in lockstep;
+            ``local`` for their function blocks without CANopen: the same numbers, faster.
+        plate_inside
+            Whether the plate is inside the stimulator node; without a bus it always is.
+        presets
+            Raw values by name that replace defaults of the stimulator's EDS.
+        log
+            Called with the time stamp in us and the frame, for every frame on the bus.
+        """
+        return cls(
+            *open_simulated_link(link, plate_inside=plate_inside, presets=presets or {}, log=log)
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -169,6 +247,11 @@ class Stimulator:
     def boundary(self, millimetres: float) -> None:
         self.set("Setpoint.Boundary", millimetres * 1e3)
 
+    @property
+    def message(self) -> str:
+        """Why the stimulator turned itself off; empty if it did not."""
+        return self._link.text("Message")
+
     def read(self) -> Reading:
         """Return what the stimulator published last, with its age.
 
@@ -257,11 +340,11 @@ class Stimulator:
                 )
             if state == State.FAILED:
                 break
+        self.mode = Mode.OFF
         raise BenchError(
-            "the plate could not be identified: lift the finger, tare, and set the frequency "
-            "within 300 Hz of the resonance"
+            f"the plate could not be identified ({self.message or 'no end in sight'}): lift the "
+            "finger, tare, and set the frequency within 300 Hz of the resonance"
         )
-
 
 
 def _by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:

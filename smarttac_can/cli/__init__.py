@@ -1,0 +1,25 @@
+"""The command ``smarttac``."""
+
+from __future__ import annotations
+
+import click
+
+from smarttac_can import __version__
+from smarttac_can.cli.nodes import node, plate
+from smarttac_can.cli.reproduction import demo, report, reproduce
+
+EXAMPLE = """\b
+Examples:
+  smarttac demo
+  smarttac node --interface socketcan --channel vcan0
+"""
+
+
+@click.group(epilog=EXAMPLE, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__)
+def main() -> None:
+    """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""
+
+
+for command in (demo, reproduce, report, node, plate):
+    main.add_command(command)

@@ -65,7 +65,10 @@ class PythonCanBus:
         try:
             self._bus = can.Bus(channel=channel, interface=interface, **options)
         except Exception as error:  # drivers raise what they like, down to NameError
-            asked = f"{interface or 'configured'} bus, channel {channel or 'configured'}"
+            if interface is None:
+                asked = "bus of python-can's configuration (no interface was given)"
+            else:
+                asked = f"{interface} bus, channel {channel or 'configured'}"
             raise BusError(f"cannot open the {asked}: {error}") from error
         self._log = log
         # A multicast socket hears itself, and its address is that of every other party on this

@@ -1,4 +1,4 @@
-"""Function block of the plate: its object dictionary on one side, the simulated plate on the other."""
+"""Function block of the plate: its object dictionary here, the simulated plate there."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
@@ -63,6 +64,9 @@ class StimulatorBlock:
         self._mode = od["Mode"]
         self._drive = [od[name] for name, _ in _DRIVE]
         self._zeros = [od[f"{_ZERO}.Zero of S{number}"] for number in range(1, 7)]
+        self._tare_at_power_on = od["Tare at power-on"]
+        self._cycles = od["Cycle.Cycles"]
+        self._message = od["Message"]
         self._quality = od[f"{_MODEL}.Quality"]
         self._state = od[f"{_MODEL}.State"]
         self._progress = od[f"{_MODEL}.Progress"]
@@ -83,6 +87,7 @@ class StimulatorBlock:
         self.cascade = Cascade(cascade_parameters(self.od), plate_model(self.od))
         self._restore_zeros()
         self._redesign = False
+        self._awaits_tare = bool(self._tare_at_power_on.value) and not self.cascade.tribometer.tared
         self._mode.value = Mode.OFF
         self._drive[0].value = 0
         self._read_back.reset()
@@ -118,6 +123,8 @@ class StimulatorBlock:
             self._raw_setpoint = raw
             self._setpoint = Setpoint(*[entry.si_value for entry in self._setpoint_entries])
         drive = cascade.update(measurement, self._setpoint)
+        if self._awaits_tare and self._cycles.value >= TARE_SAMPLES:
+            self._tare()
         voltage, frequency, answered = self._drive
         voltage.value = voltage.quantise(drive.voltage)
         frequency.value = frequency.quantise(drive.frequency)
@@ -126,7 +133,9 @@ class StimulatorBlock:
         if mode == Mode.IDENTIFY:
             self._follow_identification()
         # The cascade turns itself off when it is done, or in doubt.
-        self._mode.value = int(cascade.mode)
+        if mode != cascade.mode:
+            self._mode.value = int(cascade.mode)
+            self._message.value = cascade.reason
 
     def switch_off(self) -> None:
         """Turn the cascade off and put the drive at 0 V, now."""
@@ -160,20 +169,21 @@ class StimulatorBlock:
                 raise Abort(AbortCode.STATE)
             self._plate.write(entry.name, value)
         elif entry.name in AUTO_ZERO:
-            self._tare(value)
+            if value != ZERO:
+                raise Abort(AbortCode.VALUE)
+            try:
+                self._tare()
+            except RuntimeError as error:
+                raise Abort(AbortCode.STATE) from error
         elif record in _DESIGN:
             cascade_parameters(self.od, (entry, value))
             self._redesign = True
         elif record in (_MODEL, _ZERO):
             self._redesign = True
 
-    def _tare(self, signature: int) -> None:
-        if signature != ZERO:
-            raise Abort(AbortCode.VALUE)
-        try:
-            zeros = self.cascade.tribometer.tare()
-        except RuntimeError as error:
-            raise Abort(AbortCode.STATE) from error
+    def _tare(self) -> None:
+        zeros = self.cascade.tribometer.tare()
+        self._awaits_tare = False
         for entry, zero in zip(self._zeros, zeros, strict=True):
             entry.value = entry.quantise(zero)
         # The zeros in force are those that can be read, and stored.

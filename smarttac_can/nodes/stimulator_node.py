@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from smarttac_can.control.cascade import Mode
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame

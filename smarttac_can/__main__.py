@@ -1,0 +1,5 @@
+"""``python -m smarttac_can``."""
+
+from smarttac_can.cli import main
+
+main(prog_name="smarttac")

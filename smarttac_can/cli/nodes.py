@@ -1,0 +1,195 @@
+"""The commands that run a node on a bus: ``node`` and ``plate``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import click
+
+from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
+from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.state_lines import StateLines
+from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.finger_file import read_finger
+from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.runner import run_node
+from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE, PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import load_eds
+from smarttac_can.plant.finger import Trajectory
+
+Command = Callable[..., Any]
+NODE_ID = click.IntRange(1, 127)
+SLOW_STROKE_MM_S = 20
+
+
+def _finger(
+    _ctx: click.Context, _param: click.Parameter, value: str
+) -> tuple[int, Trajectory | None]:
+    """Return motion and recording of ``none``, ``stroke`` or a file."""
+    if value == "none":
+        return LIFTED, None
+    if value == "stroke":
+        return STROKE, None
+    try:
+        return RECORDED, read_finger(Path(value))
+    except OSError as error:
+        reason = f"{value!r} is neither none, stroke nor a file: {error.strerror}"
+        raise click.BadParameter(reason) from error
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+def _bus_option(
+    _ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]
+) -> dict[str, Any]:
+    options = {}
+    for value in values:
+        key, separator, text = value.partition("=")
+        if not separator or not key:
+            raise click.BadParameter(f"{value!r} is not KEY=VALUE")
+        options[key] = int(text, 0) if text.removeprefix("-").isdigit() else text
+    return options
+
+
+def node_options(node_id: int) -> Callable[[Command], Command]:
+    """Options of both commands, with a default for the node-ID."""
+    options = (
+        click.option("--interface", help="python-can's interface, such as socketcan."),
+        click.option("--channel", help="The interface's channel, such as can0."),
+        click.option("--bitrate", type=click.IntRange(min=1), help="Bit rate in bit/s."),
+        click.option(
+            "--bus-option",
+            "bus_options",
+            multiple=True,
+            metavar="KEY=VALUE",
+            callback=_bus_option,
+            help="Any other option of python-can's interface.",
+        ),
+        click.option("--node-id", type=NODE_ID, default=node_id, show_default=True),
+        click.option(
+            "--lockstep",
+            is_flag=True,
+            help="Let SYNC be the only clock: for simulated time at any pace.",
+        ),
+        click.option(
+            "--finger",
+            callback=_finger,
+            metavar="none|stroke|FILE",
+            default="stroke",
+            show_default=True,
+            help="Finger of the simulated plate; FILE is CSV with t_s,x_mm,Fn_N.",
+        ),
+        click.option(
+            "--subject",
+            type=click.IntRange(1, 5),
+            default=1,
+            show_default=True,
+            help="Whose finger it is.",
+        ),
+        click.option(
+            "--seed",
+            type=click.IntRange(0, 2**32 - 1),
+            default=1,
+            show_default=True,
+            help="Seed of sensor noise and finger.",
+        ),
+        click.option(
+            "--eds",
+            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            help="EDS with other default values than the packaged one.",
+        ),
+    )
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac node --interface socketcan --channel can0\n"
+    "  smarttac node --interface socketcan --channel can0 --plate-node 33 --produce-sync"
+)
+@node_options(STIMULATOR_ID)
+@click.option(
+    "--plate-node", type=NODE_ID, help="Node-ID of the plate; without, it is simulated inside."
+)
+@click.option("--produce-sync", is_flag=True, help="Produce the SYNC that is the plate's tick.")
+def node(
+    node_id: int,
+    lockstep: bool,
+    finger: tuple[int, Trajectory | None],
+    subject: int,
+    seed: int,
+    eds: Path | None,
+    plate_node: int | None,
+    produce_sync: bool,
+    **bus: Any,
+) -> None:
+    """Run the stimulator node until Ctrl-C or SIGTERM, which leave the plate at 0 V."""
+    if produce_sync and plate_node is None:
+        raise click.UsageError("--produce-sync is the tick of a --plate-node: none is given")
+    if produce_sync and lockstep:
+        raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
+    if plate_node == node_id:
+        raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
+    with plain_errors():
+        od = _load("stimulator.eds", eds, node_id)
+        motion, recording = finger
+        if plate_node is None:
+            inside = PlateBlock(_load("plate.eds", None, PLATE_ID), recording)
+            presets = _finger_presets(motion, subject, seed)
+            device = StimulatorNode(od, inside, presets=presets)
+        else:
+            device = StimulatorNode(od, plate_node_id=plate_node, produce_sync=produce_sync)
+        _run("stimulator", device, lockstep, bus)
+
+
+@click.command(epilog="Example: smarttac plate --interface socketcan --channel can0 --node-id 33")
+@node_options(PLATE_ID)
+def plate(
+    node_id: int,
+    lockstep: bool,
+    finger: tuple[int, Trajectory | None],
+    subject: int,
+    seed: int,
+    eds: Path | None,
+    **bus: Any,
+) -> None:
+    """Run the simulated plate as a node of its own until Ctrl-C or SIGTERM."""
+    with plain_errors():
+        motion, recording = finger
+        presets = _finger_presets(motion, subject, seed)
+        device = PlateNode(_load("plate.eds", eds, node_id), presets, recording)
+        _run("plate", device, lockstep, bus)
+
+
+def _finger_presets(motion: int, subject: int, seed: int) -> dict[str, int]:
+    return {
+        "Simulation.Subject": subject,
+        "Simulation.Seed": seed,
+        "Finger.Speed": SLOW_STROKE_MM_S * 10,
+        "Finger.Motion": motion,
+    }
+
+
+def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
+    text = read_eds(packaged) if other is None else other.read_text(encoding="latin-1")
+    od = load_eds(text, node_id)
+    for warning in od.warnings:
+        click.echo(f"{other or packaged}: {warning}", err=True)
+    return od
+
+
+def _run(
+    name: str, device: StimulatorNode | PlateNode, lockstep: bool, bus_arguments: dict[str, Any]
+) -> None:
+    options = bus_arguments.pop("bus_options")
+    with stop_on_signals() as stop:
+        bus = PythonCanBus(**bus_arguments, **options)
+        where = f"{bus_arguments['interface'] or 'configured'}:{bus_arguments['channel'] or ''}"
+        lines = StateLines(name, where, device, click.echo)
+        run_node(lines, bus, stop, lockstep=lockstep)

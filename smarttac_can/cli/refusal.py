@@ -1,0 +1,28 @@
+"""What a person did wrong, in one line on stderr and a non-zero exit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import click
+
+from smarttac_can.bench.errors import BenchError
+from smarttac_can.host.bus import BusError
+from smarttac_can.od.ini import EDSError
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Turn the errors of bus, bench, EDS and files into click's one line."""
+    try:
+        yield
+    except (BenchError, BusError, EDSError) as error:
+        raise click.ClickException(_one_line(error)) from error
+    except OSError as error:
+        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        raise click.ClickException(what) from error
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,193 @@
+"""The commands that run the paper's experiments: ``demo``, ``reproduce`` and ``report``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, get_args
+
+import click
+
+from smarttac_can.bench.dead_time import dead_time_table, loop_dead_time
+from smarttac_can.bench.experiments import Conditions
+from smarttac_can.bench.open_link import LinkName
+from smarttac_can.bench.report import table_text, write_report
+from smarttac_can.bench.reproduce import (
+    FIGURES,
+    RESULTS,
+    TRACES,
+    Progress,
+    friction_step,
+)
+from smarttac_can.bench.reproduce import reproduce as run_reproduction
+from smarttac_can.bench.traces import Trace, read_csv
+from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.control.friction import Law
+
+BIT_RATE = 1_000_000
+"""Bit rate in bit/s of ``--dead-time auto``."""
+_VIBRATION = frozenset({"fig5", "fig6"})
+
+
+def _dead_time(_ctx: click.Context, _param: click.Parameter, value: str) -> float:
+    """Return ``auto`` or a number of us as a time in us."""
+    if value == "auto":
+        return loop_dead_time(BIT_RATE)
+    try:
+        dead_time = float(value)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is neither 'auto' nor a number of us") from None
+    if not 0.0 <= dead_time <= 999.0:
+        raise click.BadParameter(f"{value} us is outside 0..999")
+    return dead_time
+
+
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(0, 2**32 - 1),
+    default=1,
+    show_default=True,
+    help="Seed of sensor noise and of the fingers' force and speed.",
+)
+output_option = click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for traces, results and, over the bus, the candump log.",
+)
+
+
+@click.command(epilog="Example: smarttac demo")
+@seed_option
+@output_option
+def demo(seed: int, output: Path | None) -> None:
+    """Run all experiments over a virtual CAN bus and show them beside the paper.
+
+    Bench, stimulator node and plate node talk CANopen; no bus, no hardware and no privileges are
+    needed. The pictures land in a new folder, with an index.html that shows them.
+    """
+    with plain_errors():
+        _need_matplotlib()
+        folder = output or _new_folder()
+        conditions = Conditions(seed=seed)
+        with _progress_bar() as progress:
+            traces, results = run_reproduction(
+                frozenset(FIGURES), conditions, link="bus", folder=folder, progress=progress
+            )
+        late = Conditions(seed=seed, dead_time=loop_dead_time(BIT_RATE))
+        _, delayed = run_reproduction(_VIBRATION, late)
+        click.echo(table_text(results))
+        click.echo(dead_time_table(results, delayed))
+        page = _write_report(folder, traces, results)
+    click.echo(f"pictures: {page}")
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac reproduce table1 --seed 7\n"
+    "  smarttac reproduce all --link bus --output run --json run.json"
+)
+@click.argument("what", nargs=-1, type=click.Choice([*FIGURES, "all"]))
+@click.option(
+    "--link",
+    type=click.Choice(get_args(LinkName)),
+    default="local",
+    show_default=True,
+    help="With CANopen nodes on a virtual bus, or by function calls: the same numbers.",
+)
+@click.option(
+    "--law",
+    type=click.Choice([law.name.lower() for law in Law]),
+    default="measured",
+    show_default=True,
+    help="What the step of eq. (9) is added to.",
+)
+@click.option(
+    "--dead-time",
+    callback=_dead_time,
+    metavar="US|auto",
+    default="0",
+    show_default=True,
+    help=f"Until a drive is in force; auto: frame times at {BIT_RATE // 1000} kbit/s.",
+)
+@seed_option
+@click.option(
+    "--json",
+    "json_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File for the results; - is stdout.",
+)
+@output_option
+def reproduce(
+    what: tuple[str, ...],
+    link: LinkName,
+    law: str,
+    dead_time: float,
+    seed: int,
+    json_file: Path | None,
+    output: Path | None,
+) -> None:
+    """Run the experiments of some figures, or all, and show the results beside the paper's."""
+    wanted = frozenset(FIGURES if not what or "all" in what else what)
+    conditions = Conditions(seed=seed, law=Law[law.upper()], dead_time=dead_time)
+    with plain_errors():
+        with _progress_bar() as progress:
+            _, results = run_reproduction(
+                wanted, conditions, link=link, folder=output, progress=progress
+            )
+        text = json.dumps(results, indent=2)
+        if json_file == Path("-"):
+            click.echo(text)
+            return
+        if json_file is not None:
+            json_file.write_text(text + "\n", encoding="utf-8")
+        click.echo(table_text(results))
+
+
+@click.command(epilog="Example: smarttac reproduce all --output run && smarttac report run")
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+def report(folder: Path) -> None:
+    """Draw the figures and index.html of a folder that ``reproduce --output`` wrote."""
+    with plain_errors():
+        _need_matplotlib()
+        results = json.loads((folder / RESULTS).read_text(encoding="utf-8"))
+        page = _write_report(folder, read_csv(folder / TRACES), results)
+    click.echo(f"pictures: {page}")
+
+
+def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:
+    return write_report(folder, traces, results, friction_step, fitted=FITTED, emerges=EMERGES)
+
+
+FITTED = ("placeholder",)
+EMERGES = ("placeholder",)
+
+
+def _need_matplotlib() -> None:
+    if find_spec("matplotlib") is None:
+        raise click.ClickException(
+            "the pictures need matplotlib: pip install 'smarttac-can[report]'"
+        )
+
+
+def _new_folder() -> Path:
+    return Path(f"smarttac-demo-{datetime.now():%Y%m%d-%H%M%S}")
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Progress]:
+    """Show progress on stderr, so that stdout stays for the results."""
+    steps = 1000
+    with click.progressbar(
+        length=steps,
+        label="running",
+        file=click.get_text_stream("stderr"),
+        item_show_func=str,
+    ) as bar:
+
+        def progress(name: str, share: float) -> None:
+            bar.update(round(share * steps) - bar.pos, name)
+
+        yield progress

@@ -1,0 +1,79 @@
+"""One line of text for every change of state of a node, and none per cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+
+class StateLines:
+    """A node that says what state it is in.
+
+    Parameters
+    ----------
+    name
+        What to call it.
+    where
+        Name of the bus.
+    node
+        The node.
+    say
+        Takes a line.
+    """
+
+    def __init__(
+        self, name: str, where: str, node: StimulatorNode | PlateNode, say: Callable[[str], None]
+    ) -> None:
+        self._title = f"{name} {node.device.node_id}"
+        self._where = where
+        self._node = node
+        self._say = say
+        self._device = node.device
+        self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
+        self._said = self._now()
+        self.missed = getattr(node, "missed", lambda ticks: None)
+
+    def start(self) -> list[Frame]:
+        """Power on, and say that it is ready."""
+        frames = self._node.start()
+        self._said = self._now()
+        self._say(f"{self._title} ready on {self._where}")
+        return frames
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        """Take a frame."""
+        frames = self._node.receive(frame)
+        self._follow()
+        return frames
+
+    def advance(self, microseconds: int) -> list[Frame]:
+        """Let time pass."""
+        frames = self._node.advance(microseconds)
+        self._follow()
+        return frames
+
+    def shutdown(self) -> list[Frame]:
+        """Leave the plate at 0 V, and say so."""
+        frames = self._node.shutdown()
+        self._say(f"{self._title} stopped at 0 V")
+        return frames
+
+    def _now(self) -> tuple[NMTState, int]:
+        return self._device.nmt_state, self._mode.value if self._mode is not None else 0
+
+    def _follow(self) -> None:
+        now = self._now()
+        if now == self._said:
+            return
+        state, mode = now
+        state_before, mode_before = self._said
+        self._said = now
+        if state != state_before:
+            self._say(f"{self._title} {state.name.lower().replace('_', '-')}")
+        if mode != mode_before:
+            self._say(f"{self._title} mode {Mode(mode).name.lower()}")
