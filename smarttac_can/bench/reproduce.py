@@ -24,8 +24,8 @@ TRACES: Final = "traces.csv"
 RESULTS: Final = "results.json"
 CANDUMP: Final = "candump.log"
 
-Progress = Callable[[str, float], None]
-"""Called after every run with its name and the share that is done, 0..1."""
+Progress = Callable[[float], None]
+"""Called after every run with the share that is done, 0..1."""
 
 
 def friction_step(E: float) -> float:
@@ -40,7 +40,7 @@ def reproduce(
     *,
     link: LinkName = "local",
     folder: Path | None = None,
-    progress: Progress = lambda name, share: None,
+    progress: Progress = lambda share: None,
 ) -> tuple[list[Trace], dict[str, Any]]:
     """Run experiments on a simulated stimulator and compute their results.
 
@@ -102,7 +102,7 @@ def _run(
         for run in runs:
             traces += run.run(bench)
             done += run.seconds
-            progress(run.name, done / total)
+            progress(done / total)
     return traces
 
 

@@ -180,14 +180,6 @@ def _new_folder() -> Path:
 def _progress_bar() -> Iterator[Progress]:
     """Show progress on stderr, so that stdout stays for the results."""
     steps = 1000
-    with click.progressbar(
-        length=steps,
-        label="running",
-        file=click.get_text_stream("stderr"),
-        item_show_func=str,
-    ) as bar:
-
-        def progress(name: str, share: float) -> None:
-            bar.update(round(share * steps) - bar.pos, name)
-
-        yield progress
+    stderr = click.get_text_stream("stderr")
+    with click.progressbar(length=steps, label="running", file=stderr) as bar:
+        yield lambda share: bar.update(round(share * steps) - bar.pos)
