@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Generic
 
 import numpy as np
@@ -82,14 +82,12 @@ class Subject(Generic[Float]):
 
 def stack(subjects: Sequence[Subject[float]], name: str = "population") -> Subject[FloatArray]:
     """Return the subjects as one, each parameter an array with one element a subject."""
-    return Subject[FloatArray](
-        name=name,
-        **{
-            f.name: np.array([getattr(s, f.name) for s in subjects], dtype=np.float64)
-            for f in fields(Subject)
-            if f.name != "name"
-        },
-    )
+    parameters = {
+        f.name: np.array([getattr(subject, f.name) for subject in subjects], dtype=np.float64)
+        for f in fields(Subject)
+        if f.name != "name"
+    }
+    return Subject(name=name, **parameters)
 
 
 def _preset(
@@ -144,6 +142,5 @@ def random_subjects(count: int, seed: int) -> list[Subject[float]]:
     for number, row in enumerate((low + (high - low) * rng.random((count, 6))).tolist(), 1):
         mu0, rho, W0, p, load_damping, exponent = row
         base = _preset(f"random-{number}", mu0, rho, W0, p, load_damping)
-        values = {f.name: getattr(base, f.name) for f in fields(base)} | {"exponent": exponent}
-        subjects.append(Subject[float](**values))
+        subjects.append(replace(base, exponent=exponent))
     return subjects

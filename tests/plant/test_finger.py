@@ -1,0 +1,107 @@
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.plant.finger import Lifted, Stroke, Trajectory
+
+
+def follow(finger, seconds):
+    return np.array([finger.at(k * 1e-3) for k in range(round(seconds * 1000))])
+
+
+def test_no_finger():
+    assert Lifted().at(0.0) == Lifted().at(9.0) == (0.0, 0.0)
+
+
+def test_stroke_rests_presses_and_slides():
+    states = follow(Stroke(0.5, 0.06, 0.03, rest=0.2, press=0.1), 10.0)
+    x, Fn = states.T
+    assert np.all(Fn[:201] == 0.0)
+    assert np.all(Fn[202:] > 0.0)
+    assert np.all(x[:300] == -0.015)
+    assert np.all(np.abs(x) <= 0.015 + 1e-12)
+    assert np.count_nonzero(np.diff(np.sign(x[300:])) != 0) >= 14
+    assert np.all((Fn[301:] >= 0.4 - 1e-9) & (Fn[301:] <= 0.6 + 1e-9))
+
+
+def test_stroke_is_smooth():
+    x, Fn = follow(Stroke(0.5, 0.06, 0.03), 10.0).T
+    v = np.diff(x) / 1e-3
+    # Raised cosine from 0 to 72 mm/s within 20 % of the way at that speed, here at most 83 ms.
+    assert np.max(np.abs(np.diff(v))) < 0.5 * math.pi * 0.072 / 0.083 * 1e-3 * 1.01
+    assert np.max(np.abs(np.diff(Fn))) < 0.6 * math.pi / 2 * 1e-3 / 0.1 * 1.01
+
+
+def test_speed_is_constant_in_the_middle_and_varies_from_pass_to_pass():
+    x, _ = follow(Stroke(0.5, 0.06, 0.03), 20.0).T
+    v = np.abs(np.diff(x)) / 1e-3
+    middle = np.flatnonzero(np.abs(x[:-1]) < 8e-3)
+    passes = np.split(middle, np.flatnonzero(np.diff(middle) > 1) + 1)
+    speeds = [v[p] for p in passes if len(p) > 50]
+    assert len(speeds) > 25
+    assert all(np.ptp(s) < 1e-9 for s in speeds)
+    means = [s[0] for s in speeds]
+    assert 0.048 <= min(means) < 0.053
+    assert 0.067 < max(means) <= 0.072
+
+
+@given(
+    times=st.lists(st.floats(0.0, 30.0), min_size=1, max_size=20), seed=st.integers(0, 2**63 - 1)
+)
+@settings(deadline=None, max_examples=50)
+def test_stroke_is_a_function_of_time_in_any_order(times, seed):
+    asked = Stroke(seed=seed)
+    answers = [asked.at(t) for t in times]
+    assert answers == [Stroke(seed=seed).at(t) for t in times]
+    assert answers == [asked.at(t) for t in times]
+
+
+def test_seeds_give_other_passes():
+    assert Stroke(seed=1).at(5.0) != Stroke(seed=2).at(5.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("force", 0.0),
+        ("speed", math.nan),
+        ("travel", 0.06),
+        ("force_variation", 1.0),
+        ("speed_variation", -0.1),
+        ("seed", -1),
+        ("rest", -1.0),
+        ("press", 0.0),
+    ],
+)
+def test_stroke_refuses(name, value):
+    with pytest.raises(ValueError, match=f"^{name} {re.escape(str(value))} is outside"):
+        Stroke(**{name: value})
+
+
+def test_trajectory_is_linear_between_samples_and_lifted_outside():
+    finger = Trajectory([(0.1, -0.01, 0.0), (0.2, 0.01, 0.4), (0.4, 0.01, 0.2)])
+    assert finger.at(0.0) == (-0.01, 0.0)
+    assert finger.at(0.15) == pytest.approx((0.0, 0.2))
+    assert finger.at(0.2) == pytest.approx((0.01, 0.4))
+    assert finger.at(0.3) == pytest.approx((0.01, 0.3))
+    assert finger.at(0.4) == pytest.approx((0.01, 0.2))
+    assert finger.at(0.401) == (0.01, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("samples", "message"),
+    [
+        ([(0.0, 0.0, 0.5)], "1 samples of a trajectory are fewer than 2"),
+        ([(0.0, 0.0, 0.5), (0.0, 0.0, 0.5)], "sample 1 time 0.0 is not after"),
+        ([(0.0, 0.0, 0.5), (1.0, 0.05, 0.5)], "sample 1 x 0.05 is outside"),
+        ([(0.0, 0.0, -0.5), (1.0, 0.0, 0.5)], "sample 0 Fn -0.5 is outside"),
+        ([(math.nan, 0.0, 0.5), (1.0, 0.0, 0.5)], "sample 0 time nan is outside"),
+    ],
+)
+def test_trajectory_refuses(samples, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        Trajectory(samples)

@@ -1,0 +1,107 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.plant.friction import (
+    bare_friction,
+    check_reach,
+    reduction,
+    sliding_coefficient,
+    stribeck,
+)
+from smarttac_can.plant.mathematics import ARRAY, SCALAR
+from smarttac_can.plant.subjects import SUBJECTS, random_subjects, stack
+
+F0 = 43390.0
+TABLE_I = list(zip(SUBJECTS, [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)], strict=False))
+subjects = st.sampled_from([*SUBJECTS, *random_subjects(20, 3)])
+
+
+def coefficient(subject, W, v=0.06, Fn=0.5, occlusion=0.0):
+    return sliding_coefficient(SCALAR, subject, W, v, Fn, occlusion, F0)
+
+
+@given(subject=subjects, W=st.floats(0.0, 5e-6), more=st.floats(1e-8, 1e-6), v=st.floats(0.0, 1.0))
+@settings(deadline=None, max_examples=100)
+def test_more_vibration_never_means_more_friction(subject, W, more, v):
+    g0 = reduction(SCALAR, subject, W, v, F0)
+    g1 = reduction(SCALAR, subject, W + more, v, F0)
+    assert subject.rho <= g1 <= g0 <= 1.0
+
+
+@given(subject=subjects, W=st.floats(1e-8, 5e-6), v=st.floats(0.0, 0.5))
+@settings(deadline=None, max_examples=100)
+def test_speed_weakens_the_reduction(subject, W, v):
+    slow = reduction(SCALAR, subject, W, v, F0)
+    assert reduction(SCALAR, subject, W, v + 0.1, F0) >= slow
+
+
+@pytest.mark.parametrize("subject", SUBJECTS, ids=lambda s: s.name)
+def test_without_vibration_friction_is_bare(subject):
+    assert reduction(SCALAR, subject, 0.0, 0.0, F0) == 1.0
+    assert reduction(SCALAR, subject, 0.0, 0.1, F0) == 1.0
+    assert bare_friction(SCALAR, subject, 0.5, 0.0) == pytest.approx(0.5 * subject.mu0)
+
+
+def test_force_and_occlusion():
+    subject = SUBJECTS[0]
+    assert bare_friction(SCALAR, subject, 0.0, 0.0) == 0.0
+    low, high = (bare_friction(SCALAR, subject, Fn, 0.0) for Fn in (0.25, 1.0))
+    assert np.log(high / low) / np.log(4.0) == pytest.approx(subject.exponent)
+    wet = bare_friction(SCALAR, subject, 0.5, 1.0)
+    assert wet == pytest.approx(0.5 * subject.mu0 * (1.0 + subject.occlusion))
+
+
+def test_stribeck_falls_from_its_ratio_to_one():
+    subject = SUBJECTS[0]
+    assert stribeck(subject, 0.0) == subject.stribeck
+    assert stribeck(subject, subject.stribeck_speed) == pytest.approx((1 + subject.stribeck) / 2)
+    assert stribeck(subject, 1e3) == pytest.approx(1.0)
+
+
+def test_scalar_and_array_agree():
+    members = [*SUBJECTS, *random_subjects(50, 7)]
+    rng = np.random.default_rng(1)
+    W = rng.uniform(0, 3e-6, len(members))
+    v = rng.uniform(0, 0.3, len(members))
+    Fn = rng.uniform(0.05, 2, len(members))
+    h = rng.uniform(0, 1, len(members))
+    together = sliding_coefficient(ARRAY, stack(members), W, v, Fn, h, F0)
+    for k, member in enumerate(members):
+        args = (float(x[k]) for x in (W, v, Fn, h))
+        alone = sliding_coefficient(SCALAR, member, *args, F0)
+        assert together[k] == pytest.approx(alone, rel=1e-12, abs=0)
+
+
+@pytest.mark.parametrize(("subject", "references"), TABLE_I, ids=lambda x: getattr(x, "name", None))
+def test_presets_lie_in_the_papers_ranges_and_reach_its_references(subject, references):
+    low, high = references
+    check_reach(subject, low, high)
+    for Fn in (0.4, 0.5, 0.6):
+        assert high < coefficient(subject, 0.0, Fn=Fn) < high + 0.1
+
+
+def test_out_of_reach_is_refused():
+    subject = SUBJECTS[1]
+    with pytest.raises(ValueError, match=r"^fair: COF 0\.4\d\d is not above 1\.05 x 0\.45$"):
+        check_reach(subject, 0.3, 0.45)
+    with pytest.raises(ValueError, match=r"^fair: COF 0\.\d+ is not below 0\.95 x 0\.1$"):
+        check_reach(subject, 0.1, 0.4)
+    with pytest.raises(ValueError, match="not below"):
+        check_reach(subject, 0.3, 0.4, W_max=1e-6)
+    check_reach(dataclasses.replace(subject, mu0=0.45), 0.3, 0.4)
+    with pytest.raises(ValueError, match="not above"):
+        check_reach(dataclasses.replace(subject, mu0=0.42), 0.3, 0.4)
+
+
+def test_five_subjects_differ_as_in_fig_2():
+    ratios = np.array(
+        [[coefficient(s, W * 1e-6) / coefficient(s, 0.0) for W in (0, 0.5, 1, 1.5, 2)]
+         for s in SUBJECTS]
+    )  # fmt: skip
+    assert np.all(np.diff(ratios, axis=1) < 0)
+    assert np.ptp(ratios[:, -1]) > 0.2
+    assert 0.3 < ratios[:, -1].mean() < 0.8

@@ -1,0 +1,120 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from smarttac_can.plant.parameters import SensorParameters
+from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors
+
+REAL = SensorParameters()
+IDEAL = SensorParameters(
+    null=0.0, drift=0.0, linearity=0.0, gauge_noise=0.0, pickup_noise=0.0, temperature_noise=0.0
+)
+
+
+def read(parameters=IDEAL, seed=1, tick=0, W=0j, temperature=20.0, Fx=0.0, Fn=0.0, x=0.0):
+    return Sensors(parameters, seed).measure(tick, W, temperature, Fx, Fn, Fn * x)
+
+
+def test_cross_talk_spreads_the_lateral_force():
+    gauges = read(Fx=0.5).gauges
+    assert gauges[:2] == pytest.approx((0.5, -0.015))
+    assert gauges[2:] == (0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("x", [-20e-3, 0.0, 3e-3, 28e-3])
+def test_normal_gauges_give_force_and_centre_of_pressure(x):
+    left, right, left2, right2 = read(Fn=0.8, x=x).gauges[2:]
+    assert (left, right) == (left2, right2)
+    total = 2 * (left + right)
+    assert total == pytest.approx(0.8, abs=2e-4)
+    assert REAL.node_x * 2 * (right - left) / total == pytest.approx(x, abs=2e-5)
+
+
+def test_converters_quantise():
+    report = read(W=1.23456e-6 - 0.98764e-6j, temperature=23.456, Fx=0.12346)
+    assert abs(report.W - (1.2346e-6 - 0.9876e-6j)) < 1e-16
+    assert report.temperature == pytest.approx(23.46)
+    assert report.gauges[0] == pytest.approx(0.1235, abs=1e-12)
+    assert report.saturated == 0
+
+
+@pytest.mark.parametrize(
+    ("state", "mask", "value"),
+    [
+        ({"Fx": 4.0}, 1 << 0, ("gauges", 0, 3.2767)),
+        ({"Fx": -4.0}, 1 << 0, ("gauges", 0, -3.2767)),
+        ({"Fn": 8.0, "x": 28e-3}, (1 << 3) | (1 << 5), ("gauges", 3, 3.2767)),
+        ({"W": 3.3e-6 + 0j}, PICKUP_SATURATED, ("W", None, 3.2767e-6 + 0j)),
+        ({"W": 1e-6 - 4e-6j}, PICKUP_SATURATED, ("W", None, 1e-6 - 3.2767e-6j)),
+        ({"Fx": 3.2766, "W": 3.2766e-6 + 0j}, 0, ("gauges", 0, 3.2766)),
+    ],
+)
+def test_saturation_is_reported(state, mask, value):
+    report = read(**state)
+    assert report.saturated == mask
+    name, index, expected = value
+    shown = getattr(report, name)
+    assert (shown if index is None else shown[index]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_null_belongs_to_the_hardware_and_noise_to_the_run():
+    assert Sensors(REAL, 1).nulls == Sensors(REAL, 2).nulls
+    other = dataclasses.replace(REAL, serial=2)
+    assert Sensors(REAL, 1).nulls != Sensors(other, 1).nulls
+    assert max(abs(null) for null in Sensors(REAL, 1).nulls) <= 1.2
+    assert np.std(Sensors(REAL, 1).nulls) > 0.3
+    assert read(REAL, seed=1) != read(REAL, seed=2)
+    assert read(REAL, seed=1) == read(REAL, seed=1)
+
+
+def test_noise_is_a_function_of_the_tick():
+    forward = Sensors(REAL, 5)
+    reports = [forward.measure(k, 0j, 20.0, 0.0, 0.0, 0.0) for k in range(600)]
+    assert len({r.gauges for r in reports}) == 600
+    for tick in (599, 0, 255, 256):
+        assert Sensors(REAL, 5).measure(tick, 0j, 20.0, 0.0, 0.0, 0.0) == reports[tick]
+
+
+def test_noise_has_its_standard_deviation_and_is_white():
+    sensors = Sensors(REAL, 3)
+    reports = [sensors.measure(k, 1e-6 + 0j, 20.0, 0.2, 0.5, 0.0) for k in range(4096)]
+    gauges = np.array([r.gauges for r in reports])
+    assert gauges.std(axis=0) == pytest.approx([4.3e-3] * 6, rel=0.05)
+    assert np.std([r.W.real for r in reports]) == pytest.approx(1e-9, rel=0.05)
+    deviation = gauges - gauges.mean(axis=0)
+    correlation = np.mean(deviation[1:] * deviation[:-1], axis=0) / 4.3e-3**2
+    assert np.all(np.abs(correlation) < 0.06)
+
+
+def test_uncertainty_of_the_cof_at_half_a_newton():
+    """Tared and free of cross-talk, mu = 0.4 at 0.5 N scatters by 0.011."""
+    sensors = Sensors(REAL, 4)
+    tare = np.mean([sensors.measure(k, 0j, 20.0, 0.0, 0.0, 0.0).gauges for k in range(64)], axis=0)
+    loaded = [sensors.measure(k, 0j, 20.0, 0.2, 0.5, 0.0).gauges for k in range(1000, 5000)]
+    net = np.array(loaded) - tare
+    Fx, Fy = np.linalg.solve(np.array(REAL.crosstalk), net[:, :2].T)
+    mu = np.hypot(Fx, Fy) / net[:, 2:].sum(axis=1)
+    assert mu.std() == pytest.approx(0.011, abs=0.001)
+    assert mu.mean() == pytest.approx(0.4, abs=0.01)
+
+
+def test_null_drifts_with_temperature_within_the_data_sheet():
+    quiet = dataclasses.replace(REAL, gauge_noise=0.0)
+    cold = np.array(read(quiet, temperature=20.0).gauges)
+    warm = np.array(read(quiet, temperature=35.0).gauges)
+    shift = np.abs(warm - cold)
+    assert np.all(shift <= 0.041 + 1e-4)
+    assert shift.max() > 0.01
+
+
+def test_bow_leaves_the_slope_at_no_load():
+    bent = dataclasses.replace(IDEAL, linearity=0.22)
+    assert read(bent, Fx=0.01).gauges[0] == pytest.approx(0.01, abs=1e-4)
+    assert read(bent, Fx=3.0).gauges[0] != pytest.approx(3.0, abs=1e-3)
+    assert read(bent, Fx=3.0).gauges[0] == pytest.approx(3.0, abs=0.22)
+
+
+def test_refuses_a_negative_seed():
+    with pytest.raises(ValueError, match=r"^seed -1 is outside"):
+        Sensors(REAL, -1)

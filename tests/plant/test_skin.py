@@ -1,0 +1,129 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from smarttac_can.plant.friction import reduction, stribeck
+from smarttac_can.plant.mathematics import ARRAY, SCALAR
+from smarttac_can.plant.skin import Skin
+from smarttac_can.plant.subjects import SUBJECTS, random_subjects, stack
+
+F0 = 43390.0
+BARE = 0.2
+STEP = 0.25e-3
+
+
+def level(subject, W, v, bare=BARE):
+    return bare * reduction(SCALAR, subject, W, v, F0) * stribeck(subject, v)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_steady_slide(direction):
+    subject = SUBJECTS[1]
+    skin = Skin(SCALAR, subject, F0)
+    for _ in range(400):
+        Ft = skin.step(STEP, 1e-6, direction * 0.05, BARE)
+    assert skin.v == pytest.approx(direction * 0.05, rel=1e-9)
+    assert Ft == pytest.approx(direction * level(subject, 1e-6, 0.05), rel=1e-9)
+    assert skin.stretch == pytest.approx(Ft / subject.skin_stiffness, rel=1e-6)
+
+
+def test_friction_builds_up_over_the_relaxation_length():
+    subject = SUBJECTS[0]
+    skin = Skin(SCALAR, subject, F0)
+    way, last = 0.0, 0.0
+    while way < subject.relaxation_length:
+        last = skin.z
+        skin.step(2e-6, 0.0, 0.05, BARE)
+        way += skin.v * 2e-6
+    assert last == pytest.approx(1 - math.exp(-1), abs=0.01)
+
+
+def test_agrees_with_the_differential_equations():
+    """Against SciPy's Radau over a start from rest, a step of vibration and a reversal."""
+    subject = SUBJECTS[2]
+    phases = [(0.010, 0.0, 0.06), (0.010, 2e-6, 0.06), (0.010, 0.5e-6, 0.06), (0.012, 0.0, -0.06)]
+
+    def rates(_, y, W, v_bone):
+        stretch, v, z = y
+        F = level(subject, W, abs(v))
+        pull = subject.skin_stiffness * stretch + subject.skin_damping * (v_bone - v)
+        return [
+            v_bone - v,
+            (pull - F * z) / subject.skin_mass,
+            (v - abs(v) * z) / subject.relaxation_length,
+        ]
+
+    def rms_error(step):
+        y = np.zeros(3)
+        skin = Skin(SCALAR, subject, F0)
+        errors = []
+        for duration, W, v_bone in phases:
+            times = np.linspace(0, duration, round(duration / step) + 1)
+            solution = solve_ivp(
+                rates, (0, duration), y, "Radau", times, args=(W, v_bone),
+                rtol=1e-9, atol=[1e-12, 1e-9, 1e-9],
+            )  # fmt: skip
+            y = solution.y[:, -1]
+            for _, v, z in solution.y.T[1:].tolist():
+                Ft = skin.step(step, W, v_bone, BARE)
+                errors.append(Ft - level(subject, W, abs(v)) * z)
+        return math.sqrt(np.mean(np.square(errors)))
+
+    coarse, fine = rms_error(STEP), rms_error(STEP / 10)
+    assert coarse < 0.03 * BARE
+    assert fine < 0.3 * coarse
+
+
+@given(
+    subject=st.sampled_from([*SUBJECTS, *random_subjects(10, 5)]),
+    steps=st.lists(
+        st.tuples(
+            st.floats(1e-6, 1.0), st.floats(0.0, 1e-5), st.floats(-2.0, 2.0), st.floats(0.0, 5.0)
+        ),
+        min_size=1,
+        max_size=40,
+    ),
+)
+@settings(deadline=None, max_examples=100)
+def test_friction_is_bounded_at_any_step(subject, steps):
+    skin = Skin(SCALAR, subject, F0)
+    fastest = max(abs(v_bone) for _, _, v_bone, _ in steps)
+    for duration, W, v_bone, bare in steps:
+        Ft = skin.step(duration, W, v_bone, bare)
+        assert abs(Ft) <= bare * subject.stribeck * (1 + 1e-12)
+        assert abs(skin.z) <= 1.0 + 1e-12
+        assert math.isfinite(skin.stretch)
+        # Stored energy cannot throw the skin faster than some multiple of the bone.
+        assert abs(skin.v) <= 4 * fastest + 1e4 * abs(skin.stretch) + 1.0
+
+
+def test_a_resting_finger_sticks_and_a_lifted_one_slides_free():
+    skin = Skin(SCALAR, SUBJECTS[0], F0)
+    for _ in range(20):
+        assert skin.step(STEP, 1e-6, 0.0, BARE) == 0.0
+    for _ in range(40):
+        skin.step(STEP, 1e-6, 0.05, BARE)
+    assert skin.stretch > 50e-6
+    for _ in range(80):
+        assert skin.step(STEP, 1e-6, 0.05, 0.0) == 0.0
+    assert abs(skin.stretch) < 1e-6
+    assert skin.z == 0.0
+
+
+def test_scalar_and_array_agree():
+    members = [*SUBJECTS, *random_subjects(30, 11)]
+    rng = np.random.default_rng(2)
+    together = Skin(ARRAY, stack(members), F0)
+    alone = [Skin(SCALAR, member, F0) for member in members]
+    for k in range(300):
+        W = rng.uniform(0, 3e-6, len(members))
+        v_bone = np.full(len(members), 0.06 * math.cos(k / 30))
+        bare = np.where(k % 100 < 90, rng.uniform(0.1, 0.4, len(members)), 0.0)
+        Ft = together.step(STEP, W, v_bone, bare)
+        for n, skin in enumerate(alone):
+            single = skin.step(STEP, float(W[n]), float(v_bone[n]), float(bare[n]))
+            assert Ft[n] == pytest.approx(single, rel=1e-12, abs=1e-13)
