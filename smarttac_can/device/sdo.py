@@ -52,8 +52,10 @@ class SDOServer(Service):
             check_cob_id(entry.value, value)
 
     def apply(self, entry: Entry) -> None:
-        """Take a new CAN-ID; a transfer under way, which may be the one that wrote it, goes on."""
+        """Take a new CAN-ID; a server switched off drops its transfer."""
         self.configure()
+        if not self._valid:
+            self._end()
 
     def configure(self) -> None:
         """Read the CAN-IDs; the first server has those of the pre-defined connection set."""
@@ -64,13 +66,17 @@ class SDOServer(Service):
         self._rx = self.od.number(index, 1, rx)
         self._tx = self.od.number(index, 2, tx)
 
+    @property
+    def _valid(self) -> bool:
+        return not (self._rx | self._tx) & COB_INVALID
+
     def cease(self) -> None:
         """Drop the transfer."""
         self._end()
 
     def listen(self) -> None:
         """Hear the client."""
-        if not (self._rx | self._tx) & COB_INVALID:
+        if self._valid:
             self.port.listen(self._rx & CAN_ID_MASK, self.receive)
 
     def receive(self, frame: Frame) -> None:

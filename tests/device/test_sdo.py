@@ -1,0 +1,349 @@
+import pytest
+from transcript import download, play, started, upload
+
+from smarttac_can.device.application import Application
+from smarttac_can.device.device import Device
+from smarttac_can.device.frame import Frame
+from smarttac_can.od.cia import Abort
+from smarttac_can.od.data_types import pack
+from smarttac_can.od.dictionary import Entry
+
+
+def write_segmented(device: Device, index: int, data: bytes, *, announce: bool = True) -> int:
+    def request(payload: bytes) -> bytes:
+        (answer,) = device.receive(Frame(0x620, payload.ljust(8, b"\0")))
+        return answer.data
+
+    address = index.to_bytes(2, "little") + b"\0"
+    size = len(data).to_bytes(4, "little") if announce else bytes(4)
+    answer = request(bytes((0x20 | announce,)) + address + size)
+    parts = [data[i : i + 7] for i in range(0, len(data), 7)] or [b""]
+    for k, part in enumerate(parts):
+        if answer[0] == 0x80:
+            break
+        toggle = (k & 1) << 4
+        last = k == len(parts) - 1
+        answer = request(bytes((toggle | (7 - len(part)) << 1 | last,)) + part)
+        assert answer[0] in (0x20 | toggle, 0x80)
+    return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
+
+
+def test_every_readable_entry_reads_as_its_default() -> None:
+    device = started(operational=False)
+    for entry in device.od:
+        expected: int | bytes = pack(entry.data_type, entry.default)
+        if entry.access == "wo":
+            expected = 0x06010001
+        elif entry.index == 0x1003 and entry.subindex:
+            expected = 0x08000024
+        assert upload(device, entry.index, entry.subindex) == expected, entry
+
+
+def test_every_writable_entry_takes_back_what_it_holds() -> None:
+    """Masters that write all they know back must not be refused, whatever the NMT state."""
+    for operational in (False, True):
+        device = started(operational=operational)
+        for entry in device.od:
+            if not entry.writable:
+                continue
+            data = entry.pack()
+            if 1 <= len(data) <= 4:
+                value = int.from_bytes(data, "little")
+                code = download(device, entry.index, entry.subindex, value, len(data))
+            else:
+                code = write_segmented(device, entry.index, data)
+            assert code == 0, entry
+            assert entry.pack() == data
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "value", "size", "code"),
+    [
+        (0x2111, 0, 1, 2, 0x06010002),  # ro
+        (0x2113, 0, 1, 2, 0x06010002),  # const
+        (0x5FFF, 0, 1, 2, 0x06020000),
+        (0x2110, 1, 1, 1, 0x06090011),
+        (0x2100, 9, 1, 1, 0x06090011),
+        (0x2110, 0, 1, 2, 0x06070012),
+        (0x2100, 1, 1, 1, 0x06070013),
+        (0x2110, 0, 7, 1, 0x06090031),
+        (0x2100, 2, 1, 4, 0x06090032),
+        (0x2100, 3, -1001, 2, 0x06090032),
+        (0x2100, 3, 1001, 2, 0x06090031),
+        (0x2100, 3, -1000, 2, 0),
+        (0x2112, 0, 65535, 2, 0),  # wo
+        (0x2000, 0, 2, 1, 0x06090031),  # BOOLEAN
+        (0x2007, 0, 0x7FC00000, 4, 0x06090030),  # REAL32 not a number
+        (0x2007, 0, 0x7F800000, 4, 0x06090031),  # infinity
+        (0x2008, 0, 0x80, 1, 0x06090030),  # no visible character
+        (0x200A, 0, 0x61, 1, 0x06070010),  # half a UNICODE character
+        (0x200B, 0, 0, 4, 0x06070013),
+    ],
+)
+def test_expedited_write(index: int, subindex: int, value: int, size: int, code: int) -> None:
+    device = started()
+    before = {id(entry): entry.value for entry in device.od}
+    assert download(device, index, subindex, value, size) == code
+    changed = [e for e in device.od if e.value != before[id(e)]]
+    assert len(changed) == (0 if code else 1)
+
+
+def test_expedited_write_without_size_takes_that_of_the_entry() -> None:
+    device = started()
+    play(device, "> 620 22 10 21 00 03 FF FF FF\n< 5A0 60 10 21 00 00 00 00 00")
+    assert device.od["Mode"].value == 3
+
+
+def test_read_refusals() -> None:
+    device = started()
+    assert upload(device, 0x2112, 0) == 0x06010001
+    assert upload(device, 0x5FFF, 0) == 0x06020000
+    assert upload(device, 0x2100, 4) == 0x06090011
+
+
+def test_segmented_upload_as_on_the_wire() -> None:
+    play(
+        started(),
+        """
+        > 620 40 08 10 00 00 00 00 00
+        < 5A0 41 08 10 00 11 00 00 00       # 17 bytes
+        > 620 60 00 00 00 00 00 00 00
+        < 5A0 00 43 6F 6E 66 6F 72 6D
+        > 620 70 00 00 00 00 00 00 00
+        < 5A0 10 61 6E 63 65 20 70 72
+        > 620 60 00 00 00 00 00 00 00
+        < 5A0 09 6F 62 65 00 00 00 00
+        > 620 70 00 00 00 00 00 00 00      # there is no more
+        < 5A0 80 00 00 00 01 00 04 05
+        """,
+    )
+
+
+def test_segmented_upload_is_a_snapshot() -> None:
+    device = started()
+    label = device.od["Label"]
+    label.value = "first value"
+    play(device, "> 620 40 01 23 00 00 00 00 00\n< 5A0 41 01 23 00 0B 00 00 00")
+    label.value = "x"
+    play(device, "> 620 60 00 00 00 00 00 00 00\n< 5A0 00 66 69 72 73 74 20 76")
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"a", b"abcd", b"abcdefg", b"abcdefgh", bytes(range(32, 127)) * 9]
+)
+@pytest.mark.parametrize("announce", [True, False])
+def test_strings_and_domains_of_any_length(data: bytes, announce: bool) -> None:
+    device = started()
+    assert write_segmented(device, 0x2301, data, announce=announce) == 0
+    assert upload(device, 0x2301, 0) == data
+    assert write_segmented(device, 0x2300, data, announce=announce) == 0
+    assert upload(device, 0x2300, 0) == data
+
+
+def test_empty_string_is_a_segmented_transfer_of_no_bytes() -> None:
+    play(
+        started(),
+        """
+        > 620 40 01 23 00 00 00 00 00
+        < 5A0 41 01 23 00 00 00 00 00
+        > 620 60 00 00 00 00 00 00 00
+        < 5A0 0F 00 00 00 00 00 00 00
+        """,
+    )
+
+
+def test_eight_bytes_travel_in_segments() -> None:
+    device = started()
+    assert write_segmented(device, 0x2012, pack(0x15, -5)) == 0
+    assert device.od["INTEGER64"].value == -5
+    assert write_segmented(device, 0x200D, pack(0x11, 1e300)) == 0
+    assert device.od["REAL64"].value == 1e300
+
+
+def test_segmented_write_of_a_number_too_long_or_short() -> None:
+    device = started()
+    assert write_segmented(device, 0x2012, bytes(9)) == 0x06070012
+    assert write_segmented(device, 0x2012, bytes(7)) == 0x06070013
+    assert write_segmented(device, 0x2012, bytes(9), announce=False) == 0x06070012
+    assert write_segmented(device, 0x2012, bytes(7), announce=False) == 0x06070013
+    assert write_segmented(device, 0x2300, bytes(65536)) == 0
+    assert write_segmented(device, 0x2300, bytes(65537)) == 0x06070012
+    assert write_segmented(device, 0x2300, bytes(65537), announce=False) == 0x06070012
+    assert device.od["INTEGER64"].value == -(1 << 63)
+    assert len(device.od["Texture"].value) == 65536
+
+
+def test_segments_must_be_as_many_as_announced() -> None:
+    device = started()
+    play(
+        device,
+        """
+        > 620 21 00 23 00 03 00 00 00
+        < 5A0 60 00 23 00 00 00 00 00
+        > 620 0B 01 02 00 00 00 00 00      # the last, with 2 bytes
+        < 5A0 80 00 23 00 13 00 07 06
+        > 620 21 00 23 00 03 00 00 00
+        < 5A0 60 00 23 00 00 00 00 00
+        > 620 07 01 02 03 04 00 00 00      # 4 bytes
+        < 5A0 80 00 23 00 12 00 07 06
+        """,
+    )
+    assert device.od["Texture"].value == b""
+
+
+def test_toggle() -> None:
+    play(
+        started(),
+        """
+        > 620 21 00 23 00 09 00 00 00
+        < 5A0 60 00 23 00 00 00 00 00
+        > 620 10 01 02 03 04 05 06 07
+        < 5A0 80 00 23 00 00 00 03 05
+        > 620 00 01 02 03 04 05 06 07      # the transfer is over
+        < 5A0 80 00 00 00 01 00 04 05
+        > 620 40 08 10 00 00 00 00 00
+        < 5A0 41 08 10 00 11 00 00 00
+        > 620 70 00 00 00 00 00 00 00
+        < 5A0 80 08 10 00 00 00 03 05
+        """,
+    )
+
+
+@pytest.mark.parametrize("command", ["00", "60", "A0", "C0", "E0"])
+def test_command_that_fits_nothing(command: str) -> None:
+    play(started(), f"> 620 {command} 10 21 00 00 00 00 00\n< 5A0 80 00 00 00 01 00 04 05")
+
+
+def test_segment_of_the_other_direction() -> None:
+    play(
+        started(),
+        """
+        > 620 40 08 10 00 00 00 00 00
+        < 5A0 41 08 10 00 11 00 00 00
+        > 620 00 00 00 00 00 00 00 00
+        < 5A0 80 08 10 00 01 00 04 05
+        """,
+    )
+
+
+def test_time_out_after_one_second_of_device_time() -> None:
+    play(
+        started(),
+        """
+        > 620 40 08 10 00 00 00 00 00
+        < 5A0 41 08 10 00 11 00 00 00
+        + 999ms
+        > 620 60 00 00 00 00 00 00 00
+        < 5A0 ..
+        + 999ms
+        + 1ms
+        < 5A0 80 08 10 00 00 00 04 05
+        + 2000ms
+        > 620 70 00 00 00 00 00 00 00
+        < 5A0 80 00 00 00 01 00 04 05
+        """,
+    )
+
+
+def test_finished_and_aborted_transfers_do_not_time_out() -> None:
+    device = started()
+    assert upload(device, 0x1008, 0) == b"Conformance probe"
+    play(
+        device,
+        """
+        + 2000ms
+        > 620 40 08 10 00 00 00 00 00
+        < 5A0 41 08 10 00 11 00 00 00
+        > 620 80 08 10 00 00 00 00 08      # an abort has no answer
+        + 2000ms
+        """,
+    )
+
+
+def test_new_transfer_takes_the_place_of_one_left_behind() -> None:
+    device = started()
+    play(
+        device,
+        """
+        > 620 21 00 23 00 09 00 00 00
+        < 5A0 60 00 23 00 00 00 00 00
+        > 620 2F 10 21 00 02 00 00 00
+        < 5A0 60 10 21 00 00 00 00 00
+        + 2000ms
+        """,
+    )
+    assert device.od["Mode"].value == 2
+
+
+def test_reset_and_stop_end_the_transfer() -> None:
+    play(
+        started(),
+        """
+        > 620 40 08 10 00 00 00 00 00
+        < 5A0 41 08 10 00 11 00 00 00
+        > 000 02 20
+        + 2000ms
+        > 000 80 20
+        > 620 60 00 00 00 00 00 00 00
+        < 5A0 80 00 00 00 01 00 04 05
+        """,
+    )
+
+
+@pytest.mark.parametrize(
+    "text", ["620 40 10 21 00 00 00 00", "620", "620 rtr", "5A0 40 10 21 00 00 00 00 00"]
+)
+def test_what_is_no_request_is_ignored(text: str) -> None:
+    play(started(), f"> {text}")
+
+
+def test_application_may_refuse_and_sees_the_old_value() -> None:
+    seen = []
+
+    class Guard(Application):
+        def on_write(self, entry: Entry, value: int) -> None:
+            seen.append((entry.name, entry.value, value))
+            if value == 5:
+                raise Abort(0x08000021)
+
+    device = started(Guard())
+    assert download(device, 0x2110, 0, 5, 1) == 0x08000021
+    assert download(device, 0x2110, 0, 4, 1) == 0
+    assert download(device, 0x2110, 0, 7, 1) == 0x06090031
+    assert seen == [("Mode", 0, 5), ("Mode", 0, 4)], "asked only about what is possible"
+    assert device.od["Mode"].value == 4
+
+
+def test_application_may_refuse_with_a_code_of_its_own() -> None:
+    class Guard(Application):
+        def on_write(self, entry: Entry, value: int) -> None:
+            raise Abort(0x12345678)
+
+    assert download(started(Guard()), 0x2110, 0, 5, 1) == 0x12345678
+
+
+def test_second_server() -> None:
+    device = started()
+    assert download(device, 0x1201, 1, 0x640, 4) == 0x06090030, "restricted"
+    assert download(device, 0x1201, 1, 0x6C0, 4) == 0
+    play(device, "> 6C0 40 10 21 00 00 00 00 00")
+    assert download(device, 0x1201, 2, 0x6C1, 4) == 0
+    play(
+        device,
+        """
+        > 6C0 40 08 10 00 00 00 00 00
+        < 6C1 41 08 10 00 11 00 00 00
+        > 620 2F 10 21 00 02 00 00 00        # the first goes its own way
+        < 5A0 60 10 21 00 00 00 00 00
+        > 6C0 60 00 00 00 00 00 00 00
+        < 6C1 00 43 6F 6E 66 6F 72 6D
+        """,
+    )
+    assert download(device, 0x1201, 2, 0x6C2, 4) == 0x08000022
+    assert download(device, 0x1201, 2, 0x800006C1, 4) == 0
+    play(device, "> 6C0 40 10 21 00 00 00 00 00\n+ 2000ms")
+
+
+def test_response_comes_before_what_the_write_sets_off() -> None:
+    device = started()
+    play(device, "> 620 2B 17 10 00 01 00 00 00\n< 5A0 60 17 10 00 00 00 00 00\n+ 1ms\n< 720 05")
