@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -180,6 +181,5 @@ def _new_folder() -> Path:
 def _progress_bar() -> Iterator[Progress]:
     """Show progress on stderr, so that stdout stays for the results."""
     steps = 1000
-    stderr = click.get_text_stream("stderr")
-    with click.progressbar(length=steps, label="running", file=stderr) as bar:
+    with click.progressbar(range(steps), label="running", file=sys.stderr) as bar:
         yield lambda share: bar.update(round(share * steps) - bar.pos)

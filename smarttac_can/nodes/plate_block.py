@@ -6,6 +6,7 @@ from typing import Final
 
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.scaling import Quantiser
 from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
@@ -45,14 +46,15 @@ class PlateBlock:
         self._voltage = od["Drive.Voltage"]
         self._frequency = od["Drive.Frequency"]
         self._drive_tick = od["Drive.Tick"]
-        self._W_d = od["Vibration.W_d"]
-        self._W_q = od["Vibration.W_q"]
         self.tick = od["Vibration.Tick"]
         self._saturation = od["Vibration.Saturation"]
-        self._temperature = od["Vibration.Temperature"]
-        self._gauges = [od[f"Gauge.S{number}"] for number in range(1, 7)]
-        self._stage_voltage = od["Stage.Voltage"]
-        self._stage_frequency = od["Stage.Frequency"]
+        self._measured = Quantiser(
+            [
+                *(od[f"Vibration.{name}"] for name in ("W_d", "W_q", "Temperature")),
+                *(od[f"Gauge.S{number}"] for number in range(1, 7)),
+            ]
+        )
+        self._stage = Quantiser([od["Stage.Voltage"], od["Stage.Frequency"]])
         self._ticks = od["Cycle.Ticks"]
         self._lost = od["Cycle.Lost drives"]
         self._foreign = od["Cycle.Foreign ticks"]
@@ -93,12 +95,8 @@ class PlateBlock:
         self.tick.value = (self.tick.value + 1) & TICK_MASK
         self._ticks.value += 1
         W, gauges, temperature, saturated = plate.sample()
-        _set(self._W_d, W.real)
-        _set(self._W_q, W.imag)
-        _set(self._temperature, temperature)
+        self._measured.write((W.real, W.imag, temperature, *gauges))
         self._saturation.value = saturated
-        for entry, force in zip(self._gauges, gauges, strict=True):
-            _set(entry, force)
 
     def take_drive(self) -> None:
         """Take the drive in the object dictionary if it answers the present tick.
@@ -143,8 +141,7 @@ class PlateBlock:
             raise Abort(AbortCode.STATE)
 
     def _show_stage(self) -> None:
-        self._stage_voltage.value = self._stage_voltage.quantise(self._new.voltage)
-        self._stage_frequency.value = self._stage_frequency.quantise(self._new.frequency)
+        self._stage.write(self._new)
 
     def _finger(self) -> Finger:
         od = self.od
@@ -159,7 +156,3 @@ class PlateBlock:
                 seed=od["Simulation.Seed"].value,
             )
         return self._recording if motion == RECORDED and self._recording else Lifted()
-
-
-def _set(entry: Entry, si: float) -> None:
-    entry.value = entry.quantise(si)

@@ -8,6 +8,7 @@ from typing import Final
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.analogue_input import AnalogueInput
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.scaling import Quantiser
 
 _VIBRATION: Final = ("W_d", "W_q", "Amplitude", "Amplitude reference", "Frequency", "Voltage")
 _CONTACT: Final = (
@@ -55,6 +56,7 @@ class ReadBack:
             *(od[f"Contact.{name}"] for name in _CONTACT),
             od["Plate temperature"],
         ]
+        self._quantiser = Quantiser(self._published)
         self._touching = od["Contact.Touching"]
         self._mode = od["Mode display"]
         self._statusword = od["Statusword"]
@@ -106,8 +108,7 @@ class ReadBack:
             Fy,
             temperature,
         )
-        for entry, value in zip(self._published, values, strict=True):
-            entry.value = entry.quantise(value)
+        self._quantiser.write(values)
         self._touching.value = int(contact.touching)
         self._mode.value = int(cascade.mode)
         self._tick.value = self._tick.value + (tick - self._tick.value & 0xFF) & _TICK_MASK

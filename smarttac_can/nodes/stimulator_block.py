@@ -13,6 +13,7 @@ from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import cascade_parameters, keep_model, plate_model
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.scaling import Quantiser
 from smarttac_can.signals import Measurement, Setpoint
 
 SIMULATION: Final = ("Simulation", "Finger")
@@ -62,7 +63,9 @@ class StimulatorBlock:
         ]
         self._raw_setpoint: list[int] = []
         self._mode = od["Mode"]
-        self._drive = [od[name] for name, _ in _DRIVE]
+        self._voltage = od["Drive.Voltage"]
+        self._put_out = Quantiser([self._voltage, od["Drive.Frequency"]])
+        self._answered_tick = od["Drive.Tick"]
         self._zeros = [od[f"{_ZERO}.Zero of S{number}"] for number in range(1, 7)]
         self._tare_at_power_on = od["Tare at power-on"]
         self._cycles = od["Cycle.Cycles"]
@@ -89,7 +92,7 @@ class StimulatorBlock:
         self._redesign = False
         self._awaits_tare = bool(self._tare_at_power_on.value) and not self.cascade.tribometer.tared
         self._mode.value = Mode.OFF
-        self._drive[0].value = 0
+        self._voltage.value = 0
         self._read_back.reset()
 
     def tick(self) -> None:
@@ -125,10 +128,8 @@ class StimulatorBlock:
         drive = cascade.update(measurement, self._setpoint)
         if self._awaits_tare and self._cycles.value >= TARE_SAMPLES:
             self._tare()
-        voltage, frequency, answered = self._drive
-        voltage.value = voltage.quantise(drive.voltage)
-        frequency.value = frequency.quantise(drive.frequency)
-        answered.value = tick
+        self._put_out.write(drive)
+        self._answered_tick.value = tick
         self._read_back.publish(cascade, measurement.W, temperature, saturation, tick)
         if mode == Mode.IDENTIFY:
             self._follow_identification()
@@ -141,7 +142,7 @@ class StimulatorBlock:
         """Turn the cascade off and put the drive at 0 V, now."""
         self._mode.value = Mode.OFF
         self.cascade.set_mode(Mode.OFF)
-        self._drive[0].value = 0
+        self._voltage.value = 0
         if self._plate is not None:
             self._plate.switch_off()
 
