@@ -9,9 +9,9 @@ class Law(IntEnum):
     """What the step dW of eq. (9) is added to; the paper leaves it open."""
 
     MEASURED = 0
-    """``W_ref = |W| + dW``: integral action through the inner loop, and it stays damped."""
+    """``W_ref = |W| + dW``: integral action through the inner loop."""
     ACCUMULATE = 1
-    """``W_ref += dW``: integral action past the inner loop; it ends in a limit cycle."""
+    """``W_ref += dW``: integral action before the inner loop; a limit cycle where the above settles."""
     NOMINAL = 2
     """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""
 

@@ -62,7 +62,7 @@ class IdentificationError(Exception):
 
 
 class Identification:
-    """Identification of the unloaded plate, one tick at a time; 0.5 s at tau = 1 ms.
+    """Identification of the unloaded plate, one tick at a time; 0.7 s at tau = 1 ms.
 
     Parameters
     ----------

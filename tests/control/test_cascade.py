@@ -326,6 +326,28 @@ def test_reference_changes_with_the_side():
     assert references == [0.3, 0.3, 0.4, 0.4, 0.3]
 
 
+def test_on_entering_the_mode_a_finger_inside_the_band_is_on_the_side_it_is_on():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    run(cascade, plate, setpoint(), 50, lambda W: gauges(Fn=0.5, x=0.4e-3))
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(), 1, lambda W: gauges(Fn=0.5, x=0.4e-3))
+    assert cascade.mu_ref == 0.4
+    # New parameters do not move it to the other side either.
+    cascade.configure(CascadeParameters(hysteresis=2e-3))
+    run(cascade, plate, setpoint(), 1, lambda W: gauges(Fn=0.5, x=-0.4e-3))
+    assert cascade.mu_ref == 0.4
+
+
+def test_law_accumulate_starts_from_the_amplitude_there_is():
+    cascade, plate = Cascade(CascadeParameters(law=Law.ACCUMULATE)), FirstOrderPlate()
+    cascade.set_mode(Mode.OPEN_LOOP)
+    run(cascade, plate, setpoint(voltage=30.0), 60)
+    assert cascade.W_ref == pytest.approx(1.5e-6)
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(mu_left=0.4), 1, lambda W: gauges(Fx=0.2, Fn=0.5, x=-0.01))
+    assert cascade.W_ref == pytest.approx(1.5e-6)
+
+
 def test_two_runs_are_the_same_bits():
     def trace():
         cascade, plate, finger = Cascade(), FirstOrderPlate(noise=1e-9), Finger()

@@ -106,9 +106,12 @@ def test_frequency_rises_while_the_vibration_leads():
     assert resonance_loop().step(1e-6 - 0.1e-6j, 1e-6) < 43300.0
 
 
-def test_a_runaway_tangent_is_bounded():
-    steep = resonance_loop(43400.0).step(1e-9 + 1e-6j, 1e-6)
-    assert steep == resonance_loop(43400.0).step(0.5e-6 + 1e-6j, 1.12e-6)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_runaway_tangent_is_bounded(side):
+    steep = resonance_loop(43400.0).step(complex(1e-9, side * 1e-6), 1e-6)
+    bound = resonance_loop(43400.0).step(complex(0.5e-6, side * 1e-6), 1.12e-6)
+    assert steep == bound
+    assert 0.0 < side * (steep - 43400.0) < 399.0
 
 
 def test_frequency_limits():
