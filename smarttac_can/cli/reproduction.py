@@ -16,6 +16,7 @@ import click
 from smarttac_can.bench.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.bench.experiments import Conditions
 from smarttac_can.bench.open_link import LinkName
+from smarttac_can.bench.provenance import EMERGES, FITTED
 from smarttac_can.bench.report import table_text, write_report
 from smarttac_can.bench.reproduce import (
     FIGURES,
@@ -160,10 +161,6 @@ def report(folder: Path) -> None:
 
 def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:
     return write_report(folder, traces, results, friction_step, fitted=FITTED, emerges=EMERGES)
-
-
-FITTED = ("placeholder",)
-EMERGES = ("placeholder",)
 
 
 def _need_matplotlib() -> None:
