@@ -39,6 +39,13 @@ def test_speed_weakens_the_reduction(subject, W, v):
     assert reduction(SCALAR, subject, W, v + 0.1, F0) >= slow
 
 
+def test_at_the_speed_v1_half_of_the_vibration_counts():
+    subject = SUBJECTS[1]
+    v1 = subject.mu0 * np.pi * F0 * 2e-6
+    half = reduction(SCALAR, subject, 1e-6, 0.0, F0)
+    assert reduction(SCALAR, subject, 2e-6, v1, F0) == pytest.approx(half, rel=1e-9)
+
+
 @pytest.mark.parametrize("subject", SUBJECTS, ids=lambda s: s.name)
 def test_without_vibration_friction_is_bare(subject):
     assert reduction(SCALAR, subject, 0.0, 0.0, F0) == 1.0

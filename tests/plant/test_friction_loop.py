@@ -20,7 +20,7 @@ PARAMETERS = PlateParameters()
 CALIBRATION = np.linalg.inv(np.array(PARAMETERS.sensors.crosstalk)).tolist()
 A = math.exp(-1e-3 / PARAMETERS.resonator.tau)
 KP = (1 - 0.2) / (PARAMETERS.resonator.gain * (1 - A))
-TOUCHES, PASS_TICKS = 12, 600
+TOUCHES, PASS_TICKS = 20, 600
 
 
 def friction_loop(subject, low, high, seed):
@@ -76,7 +76,7 @@ def mean_curves():
     curves = []
     for subject, (low, high) in zip(SUBJECTS, REFERENCES, strict=False):
         touches = up_steps(*friction_loop(subject, low, high, seed=1))
-        assert len(touches) >= 10
+        assert len(touches) >= 18
         curves.append(touches.mean(axis=0))
     return [figures(curve) for curve in curves]
 
