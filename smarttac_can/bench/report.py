@@ -160,7 +160,7 @@ def _pictures(
 ) -> Iterator[tuple[str, bytes | UndefinedError]]:
     from smarttac_can.bench import figures  # noqa: PLC0415  matplotlib is an extra
 
-    draw: dict[str, Callable[[], figures.Figure]] = {
+    draw: dict[str, Callable[[], Any]] = {
         "fig2": lambda: figures.fig2(traces),
         "fig3": lambda: figures.fig3(law),
         "fig5": lambda: figures.fig5(traces),
@@ -183,7 +183,7 @@ def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("seed", str(summary["seed"])),
         ("law", summary["law"]),
         ("link", summary["link"]),
-        ("dead time", f"{summary['dead_time_us']:g} µs"),
+        ("dead time", f"{summary['dead_time_us']:g} us"),
         ("version", summary["version"]),
     ]
 
