@@ -11,7 +11,7 @@ class Law(IntEnum):
     MEASURED = 0
     """``W_ref = |W| + dW``: integral action through the inner loop."""
     ACCUMULATE = 1
-    """``W_ref += dW``: integral action before the inner loop; a limit cycle where the above settles."""
+    """``W_ref += dW``: integral action before the inner loop; less margin than the above."""
     NOMINAL = 2
     """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""
 
