@@ -31,7 +31,7 @@ _RESPONSE_S: Final = 0.06
 _TARE_S: Final = 0.064
 _FIG2_S: Final = 0.8
 _TOUCH_DOWN_S: Final = 0.3
-_TRAVEL_MM, _SPEED_MM_S = 12.0, 60.0
+_TRAVEL_MM, _SPEED_MM_S = 16.0, 60.0
 _PASS_S: Final = 1.2 * _TRAVEL_MM / _SPEED_MM_S
 _IDENTIFY_S: Final = 0.6
 
