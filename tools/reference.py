@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -125,8 +126,8 @@ def objects() -> str:
         "",
         "Made by `tools/reference.py` from `eds/stimulator.eds` and `eds/plate.eds`: change those.",
         "",
-        "Limits and defaults are raw counts; *one count* says what a count stands for, and is empty "
-        "for a plain number. Sub-index 0 of arrays and records, the number of their members, is "
+        "Limits and defaults are raw counts; *one count* says what a count stands for, and is "
+        "empty for a plain number. Sub-index 0 of arrays and records, the number of members, is "
         "left out. Every mapping record has 8 places, and any object marked *PDO* may be mapped: "
         "`ro` and `rwr` into a TPDO, `rww` into an RPDO, `rw` into both.",
         "",
@@ -138,7 +139,9 @@ def objects() -> str:
             ("Friction law", _members(Law)),
             (
                 "Statusword, bits",
-                ", ".join(f"{int(bit).bit_length() - 1} {bit.name.lower()}" for bit in Status),
+                ", ".join(
+                    f"{int(bit).bit_length() - 1} {(bit.name or '').lower()}" for bit in Status
+                ),
             ),
             ("Model.State", _members(State)),
             ("Finger.Motion", "0 lifted, 1 stroke, 2 recorded"),
@@ -165,7 +168,7 @@ def objects() -> str:
     return "\n".join(lines)
 
 
-def _argument(kind: click.ParamType) -> str:
+def _argument(kind: click.ParamType[Any]) -> str:
     if isinstance(kind, click.Choice):
         return "|".join(kind.choices)
     if isinstance(kind, click.IntRange):
@@ -190,8 +193,8 @@ def command_line() -> str:
     lines = [
         "# Command line",
         "",
-        "Made by `tools/reference.py` from the commands themselves. `python -m smarttac_can` is the "
-        "same as `smarttac`.",
+        "Made by `tools/reference.py` from the commands themselves. `python -m smarttac_can` is "
+        "the same as `smarttac`.",
         "",
     ]
     for name, command in smarttac.commands.items():

@@ -1,0 +1,258 @@
+"""Run the paper's experiments and write docs/explanation/results.md with its figures; by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+from smarttac_can.bench.dead_time import loop_dead_time
+from smarttac_can.bench.experiments import Conditions, experiments
+from smarttac_can.bench.local_link import LocalLink
+from smarttac_can.bench.metrics import Step, align_at_switch, find, from_switch_on, summary
+from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.bench.paper import PUBLISHED
+from smarttac_can.bench.reproduce import reproduce
+from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.bench.traces import Trace
+from smarttac_can.control.friction import Law
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.plant.parameters import PlateParameters, SensorParameters
+from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.subjects import SUBJECTS
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt  # after the choice of its back end
+
+FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"
+TEMPLATE = Path(__file__).with_suffix(".md")
+SEEDS = range(1, 12)
+TABLE = frozenset({"table1"})
+VIBRATION = frozenset({"fig5", "fig6"})
+PUBLISHED_BY_KEY = {published.key: published for published in PUBLISHED}
+Results = Mapping[str, Any]
+
+
+class VariedPlate(PlateBlock):
+    """The plate with another force path, or with fingers whose W0 is scaled."""
+
+    def __init__(self, path_frequency: float = 100.0, W0_factor: float = 1.0) -> None:
+        sensors = SensorParameters(path_frequency=path_frequency)
+        self._parameters = PlateParameters(sensors=sensors)
+        self._W0_factor = W0_factor
+        super().__init__(plate_od())
+
+    def start_run(self) -> None:
+        """Begin anew with the varied plate."""
+        super().start_run()
+        od = self.od
+        subject = SUBJECTS[od["Simulation.Subject"].value - 1]
+        self.plate = Plate(
+            self._parameters,
+            replace(subject, W0=self._W0_factor * subject.W0),
+            self._finger(),
+            seed=od["Simulation.Seed"].value,
+            ambient=od["Simulation.Ambient temperature"].si_value,
+            dead_time=od["Simulation.Dead time"].si_value,
+        )
+
+
+def run_varied(plate: PlateBlock, law: Law = Law.MEASURED) -> list[Trace]:
+    """Run Table I with a varied plate, or another law."""
+    block = StimulatorBlock(stimulator_od(), plate)
+    traces: list[Trace] = []
+    with Stimulator(LocalLink(block), block.od) as bench:
+        for run in experiments(TABLE, Conditions(law=law)):
+            traces += run.run(bench)
+    return traces
+
+
+def number(value: float | None, digits: int = 1) -> str:
+    """Show a result; one that does not exist is a dash."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def table(head: str, rows: Iterable[Iterable[str]]) -> str:
+    """Lay out a Markdown table; cells of the head are parted by |."""
+    columns = [cell.strip() for cell in head.split("|")]
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def get(results: Results, key: str) -> Any:
+    """Look up a dotted key."""
+    value: Any = results
+    for part in key.split("."):
+        value = value[part]
+    return value
+
+
+def inside(results: Results, key: str) -> bool:
+    """Whether a result keeps to the band of the paper."""
+    published, value = PUBLISHED_BY_KEY[key], get(results, key)
+    assert published.low is not None and published.high is not None
+    return value is not None and published.low <= value <= published.high
+
+
+def vibration_table(runs: Sequence[Results]) -> str:
+    """Fig. 5 and 6 at several dead times, beside the paper."""
+    rows = [
+        [published.name, *(number(get(run, key), 2) for run in runs), f"{published.value:g}"]
+        for key, published in PUBLISHED_BY_KEY.items()
+        if key.startswith(("fig5", "fig6"))
+    ]
+    heads = " | ".join(f"dead time {run['dead_time_us']:.0f} us" for run in runs)
+    return table(f" | {heads} | paper", rows)
+
+
+def seeds_table(runs: Sequence[Results]) -> str:
+    """Table I of every seed: mean over the four subjects, of mean curves and of single touches."""
+    rows = []
+    for run in runs:
+        up, down = run["table1"], run["table1"]["down"]
+        curves = [
+            number(up["mean"]["rise_time_ms"], 2),
+            number(up["mean"]["overshoot_percent"]),
+            number(up["mean"]["static_error_percent"], 2),
+        ]
+        others = [
+            number(part["mean"][metric], digits)
+            for part in (up["touches"], down, down["touches"])
+            for metric, digits in (("rise_time_ms", 2), ("overshoot_percent", 1))
+        ]
+        touches = min(row["whole"] for row in up["touches"]["subjects"])
+        rows.append([str(run["seed"]), str(touches), *curves, *others])
+    return table(
+        "seed | touches | rise, ms | overshoot, % | static, % | touches: rise | overshoot "
+        "| down: rise | overshoot | down, touches: rise | overshoot",
+        rows,
+    )
+
+
+def subjects_table(runs: Sequence[Results]) -> str:
+    """Table I by subject: mean and spread over the seeds, beside the paper."""
+    rows = []
+    for i in range(4):
+        cells = []
+        for metric in ("rise_time_ms", "overshoot_percent", "static_error_percent"):
+            values = [run["table1"]["subjects"][i][metric] for run in runs]
+            cells.append(f"{np.mean(values):.2f} +- {np.std(values, ddof=1):.2f}")
+            published = PUBLISHED_BY_KEY.get(f"table1.subjects[{i}].{metric}")
+            if published:
+                cells.append(f"{published.value:g}")
+        rows.append([str(i + 1), *cells])
+    return table("subject | rise, ms | paper | overshoot, % | paper | static, %", rows)
+
+
+def chatter(traces: Iterable[Trace]) -> float:
+    """Mean over the subjects of the standard deviation of mu in the 20 ms before an up-step."""
+    deviations = []
+    for trace in traces:
+        steps = align_at_switch([trace], up=True).steps
+        deviations.append(np.mean([np.std(step.mu[step.time_ms <= 0]) for step in steps]))
+    return float(np.mean(deviations))
+
+
+def laws_table(runs: Mapping[str, list[Trace]]) -> str:
+    """Compare the laws."""
+    rows = []
+    for name, traces in runs.items():
+        result = summary(
+            traces, seed=1, law=name, link="local", dead_time=0.0, version="", trace_sha256=""
+        )["table1"]
+        subjects = result["subjects"]
+        rows.append(
+            [
+                f"`{name}`",
+                *(
+                    " ".join(number(row[metric]) for row in subjects)
+                    for metric in ("rise_time_ms", "overshoot_percent", "static_error_percent")
+                ),
+                f"{chatter(traces):.3f}",
+            ]
+        )
+    head = "law | rise, ms | overshoot, % | static error, % | chatter of single touches"
+    return table(f"{head}", rows)
+
+
+def plot_vibration(runs: list[list[Trace]], dead_times: list[float]) -> None:
+    """Amplitude, voltage and frequency of Fig. 5 and 6, with and without dead time."""
+    figure, axes = plt.subplots(3, 1, figsize=(7, 7), sharex=True, layout="constrained")
+    columns = (
+        ("amplitude_um", "amplitude, um"),
+        ("voltage_v", "voltage, V"),
+        ("frequency_hz", "frequency, Hz"),
+    )
+    for traces, dead_time, style in zip(runs, dead_times, ("-", "--"), strict=True):
+        for loops, colour in (("amplitude_only", "C2"), ("amplitude_and_frequency", "C3")):
+            trace = find(traces, f"fig5.{loops}")
+            for axis, (column, label) in zip(axes, columns, strict=True):
+                values = from_switch_on(trace, getattr(trace, column))[:31]
+                name = f"{loops.replace('_', ' ')}, dead time {dead_time:.0f} us"
+                axis.plot(values, style, color=colour, label=name)
+                axis.set_ylabel(label)
+    axes[0].axhspan(0.95, 1.05, color="0.9")
+    axes[0].legend(fontsize=8, loc="lower right")
+    axes[-1].set_xlabel("time after switch-on, ms")
+    figure.savefig(FOLDER / "figures" / "vibration.png", dpi=90)
+    plt.close(figure)
+
+
+def plot_touches(variants: Mapping[str, list[Trace]]) -> None:
+    """Five up-steps and the mean curve of subject 2 for each variant."""
+    figure, axes = plt.subplots(
+        2, 3, figsize=(10, 6), sharex=True, sharey=True, layout="constrained"
+    )
+    for axis, (name, traces) in zip(axes.flat, variants.items(), strict=True):
+        touches = align_at_switch([find(traces, "table1", 2)], up=True)
+        for step in touches.steps[:5]:
+            axis.plot(step.time_ms, step.mu, lw=0.6, color="C0")
+        mean: Step = touches.mean_curve()
+        axis.plot(mean.time_ms, mean.mu, color="black")
+        axis.step([-20, 0, 80], [mean.before, mean.after, mean.after], "r:", where="post")
+        axis.set_title(name, fontsize=9)
+        axis.set_xlim(-20, 60)
+    figure.supxlabel("time after the switch of the reference, ms")
+    figure.supylabel("COF, subject 2")
+    figure.savefig(FOLDER / "figures" / "friction.png", dpi=90)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Run everything, fill the template, draw the figures."""
+    dead_time = loop_dead_time(1_000_000)
+    vibration = [reproduce(VIBRATION, Conditions(dead_time=us)) for us in (0.0, dead_time)]
+    seeds = [reproduce(TABLE, Conditions(seed=seed))[1] for seed in SEEDS]
+    laws = {law.name.lower(): run_varied(VariedPlate(), law) for law in Law}
+    variants = {
+        "law measured": laws["measured"],
+        "law accumulate": laws["accumulate"],
+        "law nominal": laws["nominal"],
+        "force path without lag (1 kHz)": run_varied(VariedPlate(path_frequency=1000.0)),
+        "W0 halved": run_varied(VariedPlate(W0_factor=0.5)),
+        "W0 a quarter larger": run_varied(VariedPlate(W0_factor=1.25)),
+    }
+    judged = ("table1.mean.rise_time_ms", "table1.mean.overshoot_percent")
+    fields = {
+        "vibration": vibration_table([results for _, results in vibration]),
+        "subjects": subjects_table(seeds),
+        "seeds": seeds_table(seeds),
+        "inside": sum(all(inside(run, key) for key in judged) for run in seeds),
+        "total": len(SEEDS),
+        "laws": laws_table(laws),
+        "dead_time": f"{dead_time:.0f}",
+    }
+    (FOLDER / "figures").mkdir(exist_ok=True)
+    plot_vibration([traces for traces, _ in vibration], [0.0, dead_time])
+    plot_touches(variants)
+    text = TEMPLATE.read_text(encoding="utf-8").format(**fields)
+    (FOLDER / "results.md").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
