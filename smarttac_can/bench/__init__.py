@@ -8,7 +8,8 @@ from smarttac_can.bench.errors import (
     RefusedError,
     WrongDeviceError,
 )
-from smarttac_can.bench.stimulator import Reading, Stimulator
+from smarttac_can.bench.reading import Reading
+from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law

@@ -6,132 +6,27 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
-from typing import Any, Final
+from typing import Final
 
 import canopen
-from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from smarttac_can.bench.errors import (
-    HeartbeatLostError,
-    NodeNotFoundError,
-    NotRunningError,
-    RefusedError,
-    WrongDeviceError,
-)
+from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.published import PublishedPdo, published_pdos
+from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
-    HEARTBEAT_ID,
-    HEARTBEAT_PRODUCER,
-    IDENTITY,
-    NMT_ID,
     PDO_TRANSMISSION,
     SYNC_ID,
     TPDO_COMMUNICATION,
-    Abort,
 )
-from smarttac_can.od.data_types import pack, unpack
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
 
 LOST_CYCLE_S: Final = 1.0
 """How long a cycle in lockstep may take before it counts as lost."""
 _PUBLIC_TPDOS: Final = range(1, 5)
-_HEARTBEATS_MISSED: Final = 3
 _LOST_IN_A_ROW: Final = 3
-_NMT_START: Final = 1
-_OPERATIONAL: Final = 5
-_PRODUCT_CODE: Final = 2
-
-
-class RemoteDevice:
-    """A CANopen device on the bus with the EDS it should have.
-
-    Parameters
-    ----------
-    network
-        Connected network of python-canopen.
-    od
-        The EDS, loaded for the device's node-ID.
-    where
-        Name of the bus for error messages.
-    timeout
-        Longest wait for an SDO answer in s.
-
-    Raises
-    ------
-    NodeNotFoundError
-        If nothing answers.
-    WrongDeviceError
-        If the product code is not that of the EDS.
-    """
-
-    def __init__(
-        self, network: canopen.Network, od: ObjectDictionary, where: str, timeout: float
-    ) -> None:
-        self.od = od
-        self._network = network
-        self._name = od.info.get("productname", "device")
-        self._sdo = network.add_node(od.node_id, canopen.ObjectDictionary()).sdo
-        self._sdo.RESPONSE_TIMEOUT = timeout
-        self.heartbeat_at: float | None = None
-        self.operational = False
-        network.subscribe(HEARTBEAT_ID + od.node_id, self._on_heartbeat)
-        expected = od.entry(IDENTITY, _PRODUCT_CODE)
-        try:
-            found = self.read(expected)
-        except HeartbeatLostError as error:
-            raise NodeNotFoundError(
-                f"no node {od.node_id} answers on {where}: is it running there, with that node-ID?"
-            ) from error
-        if found != expected.default:
-            raise WrongDeviceError(
-                f"node {od.node_id} on {where} has product code {found:08X}, "
-                f"a {self._name} has {expected.default:08X}: give the node-ID of the right one"
-            )
-        self._heartbeat_s = self.read(od.entry(HEARTBEAT_PRODUCER)) * 1e-3
-
-    def read(self, entry: Entry) -> Any:
-        """Read an entry over SDO."""
-        with self._explained(f"read {entry.name}"):
-            return unpack(entry.data_type, self._sdo.upload(entry.index, entry.subindex))
-
-    def write(self, entry: Entry, raw: int) -> None:
-        """Write an entry over SDO."""
-        with self._explained(f"write {raw} to {entry.name}"):
-            self._sdo.download(entry.index, entry.subindex, pack(entry.data_type, raw))
-
-    def start(self) -> None:
-        """Command it into the NMT state operational."""
-        self._network.send_message(NMT_ID, [_NMT_START, self.od.node_id])
-        self.operational = True
-
-    def check_heartbeat(self) -> None:
-        """Raise HeartbeatLostError if heartbeats have come and then stayed away."""
-        if self.heartbeat_at is None or not self._heartbeat_s:
-            return
-        silence = monotonic() - self.heartbeat_at
-        if silence > _HEARTBEATS_MISSED * self._heartbeat_s:
-            raise HeartbeatLostError(
-                f"node {self.od.node_id} has sent no heartbeat for {silence:.1f} s: "
-                "it has stopped or left the bus; connect again when it is back"
-            )
-
-    def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
-        self.heartbeat_at = monotonic()
-        self.operational = bytes(data) == bytes([_OPERATIONAL])
-
-    @contextmanager
-    def _explained(self, action: str) -> Iterator[None]:
-        try:
-            yield
-        except SdoAbortedError as error:
-            raise RefusedError(f"cannot {action}: {Abort(error.code)}") from error
-        except SdoCommunicationError as error:
-            raise HeartbeatLostError(
-                f"cannot {action}: node {self.od.node_id} does not answer"
-            ) from error
 
 
 class CanLink:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE
-
-if TYPE_CHECKING:
-    from smarttac_can.bench.stimulator import Stimulator
 
 
 class SimulatedFinger:
@@ -17,20 +14,20 @@ class SimulatedFinger:
 
     Parameters
     ----------
-    stimulator
-        The bench's stimulator.
+    write
+        Writes an object by name in its displayed unit, `Stimulator.set`.
     """
 
-    def __init__(self, stimulator: Stimulator) -> None:
-        self._stimulator = stimulator
+    def __init__(self, write: Callable[[str, float], None]) -> None:
+        self._write = write
 
     def lift(self) -> None:
         """No finger on the plate."""
-        self._stimulator.set("Finger.Motion", LIFTED)
+        self._write("Finger.Motion", LIFTED)
 
     def play_recording(self) -> None:
         """Play the recorded finger that the plate was started with, ``--finger FILE``."""
-        self._stimulator.set("Finger.Motion", RECORDED)
+        self._write("Finger.Motion", RECORDED)
 
     def stroke(
         self,
@@ -57,7 +54,7 @@ class SimulatedFinger:
         force_variation, speed_variation
             How far they vary from pass to pass, as a fraction, 0..0.5.
         """
-        write = self._stimulator.set
+        write = self._write
         write("Simulation.Subject", subject)
         write("Finger.Force", force * 1e3)
         write("Finger.Speed", speed)
@@ -78,7 +75,7 @@ class SimulatedFinger:
         dead_time
             Time from the tick to the new drive in us, 0..999.
         """
-        write = self._stimulator.set
+        write = self._write
         write("Simulation.Seed", seed)
         write("Simulation.Ambient temperature", temperature)
         write("Simulation.Dead time", dead_time)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Self
 
-from smarttac_can.bench.errors import BenchError, NotRunningError
+from smarttac_can.bench.errors import BenchError
 from smarttac_can.bench.finger import SimulatedFinger
-from smarttac_can.bench.link import PUBLISHED, Link, Row
+from smarttac_can.bench.link import Link, Row
 from smarttac_can.bench.open_link import (
     STIMULATOR_ID,
     LinkName,
     open_can_link,
     open_simulated_link,
 )
+from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
@@ -29,34 +29,6 @@ CYCLES_PER_SECOND: Final = 1000
 _TARE_CYCLES: Final = 64
 _IDENTIFY_CYCLES: Final = 100
 _IDENTIFY_LIMIT: Final = 50
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """What the stimulator published last."""
-
-    age: float
-    """Age in s of the oldest value in it."""
-    mode: Mode
-    """Mode in force."""
-    status: int
-    """Statusword, bits as in `smarttac_can.nodes.read_back.Status`."""
-    tangential_force: float
-    """Tangential force in N."""
-    normal_force: float
-    """Normal force in N."""
-    cof: float | None
-    """Coefficient of friction; None while no finger touches."""
-    amplitude: float
-    """Vibration amplitude in um peak-to-peak."""
-    voltage: float
-    """Voltage in V."""
-    frequency: float
-    """Excitation frequency in Hz."""
-    temperature: float
-    """Plate temperature in degC."""
-    position: float
-    """Position of the finger in mm from the middle of the plate."""
 
 
 class Stimulator:
@@ -80,7 +52,7 @@ class Stimulator:
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         self._link = link
         self._od = od
-        self.finger = SimulatedFinger(self)
+        self.finger = SimulatedFinger(self.set)
 
     @classmethod
     def connect(
@@ -262,27 +234,7 @@ class Stimulator:
         HeartbeatLostError
             If a node has fallen silent.
         """
-        raw, age = self._link.snapshot()
-        try:
-            value = {name: raw[name] * self._od[name].si for name in PUBLISHED}
-        except KeyError as error:
-            raise NotRunningError(
-                f"{error} has not been published yet: wait for the event timer of its TPDO, "
-                "or let the loop run"
-            ) from error
-        return Reading(
-            age=age,
-            mode=Mode(raw["Mode display"]),
-            status=raw["Statusword"],
-            tangential_force=value["Contact.Tangential force"],
-            normal_force=value["Contact.Normal force"],
-            cof=value["Contact.COF"] or None,
-            amplitude=value["Vibration.Amplitude"] * 1e6,
-            voltage=value["Vibration.Voltage"],
-            frequency=value["Vibration.Frequency"],
-            temperature=value["Plate temperature"],
-            position=value["Contact.Position"] * 1e3,
-        )
+        return Reading.from_snapshot(self._link.snapshot(), self._od)
 
     def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
         """Let the loop run, and return what was recorded in each of its cycles of 1 ms.

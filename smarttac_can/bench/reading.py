@@ -1,0 +1,70 @@
+"""What a stimulator published last, in a person's units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+from smarttac_can.bench.errors import NotRunningError
+from smarttac_can.bench.link import PUBLISHED, Snapshot
+from smarttac_can.control.cascade import Mode
+from smarttac_can.od.dictionary import ObjectDictionary
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the stimulator published last."""
+
+    age: float
+    """Age in s of the oldest value in it."""
+    mode: Mode
+    """Mode in force."""
+    status: int
+    """Statusword, bits as in `smarttac_can.nodes.read_back.Status`."""
+    tangential_force: float
+    """Tangential force in N."""
+    normal_force: float
+    """Normal force in N."""
+    cof: float | None
+    """Coefficient of friction; None while no finger touches."""
+    amplitude: float
+    """Vibration amplitude in um peak-to-peak."""
+    voltage: float
+    """Voltage in V."""
+    frequency: float
+    """Excitation frequency in Hz."""
+    temperature: float
+    """Plate temperature in degC."""
+    position: float
+    """Position of the finger in mm from the middle of the plate."""
+
+    @classmethod
+    def from_snapshot(cls, snapshot: Snapshot, od: ObjectDictionary) -> Self:
+        """Convert raw values by the EDS of the stimulator.
+
+        Raises
+        ------
+        NotRunningError
+            If a value has not been published yet.
+        """
+        raw, age = snapshot
+        try:
+            value = {name: raw[name] * od[name].si for name in PUBLISHED}
+        except KeyError as error:
+            raise NotRunningError(
+                f"{error} has not been published yet: wait for the event timer of its TPDO, "
+                "or let the loop run"
+            ) from error
+        return cls(
+            age=age,
+            mode=Mode(raw["Mode display"]),
+            status=raw["Statusword"],
+            tangential_force=value["Contact.Tangential force"],
+            normal_force=value["Contact.Normal force"],
+            cof=value["Contact.COF"] or None,
+            amplitude=value["Vibration.Amplitude"] * 1e6,
+            voltage=value["Vibration.Voltage"],
+            frequency=value["Vibration.Frequency"],
+            temperature=value["Plate temperature"],
+            position=value["Contact.Position"] * 1e3,
+        )
