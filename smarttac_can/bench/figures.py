@@ -53,7 +53,7 @@ RUNS = {
 }
 """Colour, marker, line and name of the two runs of Fig. 5 and 6."""
 CURVES: dict[str, dict[str, Any]] = {
-    "touches": {"linestyle": ":", "color": "#3d7ea6", "linewidth": 0.7, "alpha": 0.55},
+    "touches": {"linestyle": ":", "color": "#3d7ea6", "linewidth": 0.6, "alpha": 0.5},
     "reference": {"linestyle": "--", "color": RED, "linewidth": 1.5},
     "mean": {"linestyle": "-", "color": "black", "linewidth": 2.2},
 }
@@ -99,18 +99,17 @@ def fig2(traces: Iterable[Trace]) -> Figure:
     )
     with _canvas(7.2, 4.6) as figure:
         axes = figure.subplots()
-        for subject, row in zip(subjects, ratios, strict=True):
+        aside = 0.025 * (np.arange(len(subjects)) - (len(subjects) - 1) / 2)
+        for subject, row, shift in zip(subjects, ratios, aside, strict=True):
             colour, marker = SUBJECTS[(subject - 1) % len(SUBJECTS)]
-            axes.plot(
-                amplitudes,
-                row,
-                marker,
-                color=colour,
-                ms=7.5,
-                mec="white",
-                mew=0.8,
-                label=f"subject {subject}",
-            )
+            points: dict[str, Any] = {
+                "color": colour,
+                "ms": 7.5,
+                "mec": "white",
+                "mew": 0.8,
+                "zorder": 3,
+            }
+            axes.plot(amplitudes + shift, row, marker, label=f"subject {subject}", **points)
         axes.plot(amplitudes, ratios.mean(axis=0), "-", color=RED, lw=2.4, label="mean")
         axes.set(
             ylim=(0, 109), xticks=amplitudes, title="Friction left by the vibration (simulated)"
@@ -243,10 +242,10 @@ def _step_note(touches: Touches, mean: Step) -> str:
     count = len(touches.steps)
     try:
         name = "rise" if mean.after > mean.before else "fall"
-        dynamics = f"{name} {rise_time(mean):.1f} ms, overshoot {overshoot_percent(mean):.0f} %"
+        dynamics = f"{name} {rise_time(mean):.1f} ms\novershoot {overshoot_percent(mean):.0f} %"
     except UndefinedError as reason:
         dynamics = str(reason)
-    return f"{dynamics}\nmean of {count} touches"
+    return f"{dynamics}\n{count} touches"
 
 
 def _plot_run(

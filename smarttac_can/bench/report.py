@@ -22,7 +22,7 @@ from smarttac_can.bench.traces import Trace
 INSIDE, OUTSIDE, MISSING, NOT_JUDGED = "inside", "outside", "missing", ""
 CAPTIONS = {
     "fig2": "Friction that a vibration leaves of the friction without one, at five regulated "
-    "amplitudes. Points: subjects. Red: their mean.",
+    "amplitudes. Points: subjects, set a little aside of each other. Red: their mean.",
     "fig3": "Increment of the vibration amplitude that the friction law asks for at a friction "
     "error E. This is the law itself, not a measurement.",
     "fig5": "Switch-on at the resonance of 30 °C while the plate is at 20 °C, 140 Hz off. Dotted: "

@@ -57,7 +57,9 @@ def amplitude_sweep(subject, mu0, w0, ticks=200):
 
 def trace(experiment, subject, **columns):
     ticks = len(next(iter(columns.values())))
-    whole = {name: np.zeros(ticks, dtype=int) for name in ("mu", "mu_ref", "W", "V", "f", "Ft", "Fn")}
+    whole = {
+        name: np.zeros(ticks, dtype=int) for name in ("mu", "mu_ref", "W", "V", "f", "Ft", "Fn")
+    }
     whole |= {name: np.rint(values).astype(int) for name, values in columns.items()}
     return Trace(experiment, subject, np.arange(ticks), **whole)
 
