@@ -11,10 +11,12 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.nodes.loop_period import LoopPeriod
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.od.cia import CAN_ID_MASK, PDO_COB_ID, TPDO_COMMUNICATION
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
 
 _DRIVE_RPDO = 1
+_MEASUREMENT_TPDOS = (1, 2, 3)
 
 
 class PlateNode(Application):
@@ -41,12 +43,23 @@ class PlateNode(Application):
         self.block = PlateBlock(od, recording)
         self.device = Device(od, self)
         self._period = LoopPeriod(self.device)
-        self.receive = self.device.receive
+        self._measures = True
         self.advance = self.device.advance
 
     def start(self) -> list[Frame]:
         """Power on."""
         return self.device.start()
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        """Take a frame; while there is no loop, no measurement goes out."""
+        sent = self.device.receive(frame)
+        if self._measures:
+            return sent
+        stale = [
+            self.od.number(TPDO_COMMUNICATION + tpdo - 1, PDO_COB_ID) & CAN_ID_MASK
+            for tpdo in _MEASUREMENT_TPDOS
+        ]
+        return [reply for reply in sent if reply.can_id not in stale]
 
     def shutdown(self) -> list[Frame]:
         """Put the power stage at 0 V."""
@@ -64,7 +77,10 @@ class PlateNode(Application):
 
     def on_sync(self) -> None:
         """Step to this tick and sample; the measurement TPDOs follow."""
-        if self.device.nmt_state is NMTState.OPERATIONAL and self._period.agrees():
+        if self.device.nmt_state is not NMTState.OPERATIONAL:
+            return
+        self._measures = self._period.agrees()
+        if self._measures:
             self.block.cycle()
 
     def on_rpdo(self, number: int) -> None:

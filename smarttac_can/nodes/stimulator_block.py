@@ -92,6 +92,7 @@ class StimulatorBlock:
         self._redesign = False
         self._awaits_tare = bool(self._tare_at_power_on.value) and not self.cascade.tribometer.tared
         self._mode.value = Mode.OFF
+        self._message.value = self.cascade.reason
         self._voltage.value = 0
         self._read_back.reset()
 
@@ -115,6 +116,7 @@ class StimulatorBlock:
         mode = self._mode.value
         if mode != cascade.mode:
             cascade.set_mode(mode)
+            self._message.value = cascade.reason
         values = [entry.value * entry.si for entry in self._input]
         W_d, W_q, _, _, temperature, s1, s2, s3, s4, s5, s6, _ = values
         tick, saturation = self._input[2].value, self._input[3].value

@@ -1,0 +1,171 @@
+"""A master and nodes on a local bus, and transcripts of what passes there."""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass, field
+
+from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.dictionary import Entry
+
+START, STOP, PREOP, RESET, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82
+SYNC = Frame(0x80)
+EMCY_PLATE, EMCY_STIMULATOR = 0x80 + PLATE_ID, 0x80 + STIMULATOR_ID
+MEASUREMENT = (0x180 + PLATE_ID, 0x280 + PLATE_ID, 0x380 + PLATE_ID)
+DRIVE = 0x200 + PLATE_ID
+PUBLIC = tuple(base + STIMULATOR_ID for base in (0x180, 0x280, 0x380, 0x480))
+
+SIZES = {1: "<B", 2: "<b", 3: "<h", 4: "<i", 5: "<B", 6: "<H", 7: "<I"}
+
+
+class Line:
+    """A bus in lockstep, or by the clock, with every frame that passes on it."""
+
+    def __init__(self, *nodes: PlateNode | StimulatorNode, lockstep: bool = True) -> None:
+        self.frames: list[Frame] = []
+        self.bus = LocalBus(log=lambda _time, frame: self.frames.append(frame))
+        self.port = self.bus.connect(lambda frame: None)
+        self.nodes = nodes
+        self.ports = [self.bus.attach(node, lockstep=lockstep) for node in nodes]
+
+    def send(self, *frames: Frame) -> list[Frame]:
+        """What the nodes do because of frames of the master."""
+        before = len(self.frames)
+        for frame in frames:
+            self.port.send(frame)
+        return self.frames[before:]
+
+    def answers(self, *frames: Frame) -> list[Frame]:
+        sent = self.send(*frames)
+        for frame in frames:
+            sent.remove(frame)
+        return sent
+
+    def nmt(self, command: int, node_id: int = 0) -> list[Frame]:
+        return self.answers(Frame(0, bytes((command, node_id))))
+
+    def sync(self, count: int = 1) -> list[Frame]:
+        return [frame for _ in range(count) for frame in self.answers(SYNC)]
+
+    def advance(self, milliseconds: int) -> list[Frame]:
+        before = len(self.frames)
+        self.bus.advance(1000 * milliseconds)
+        return self.frames[before:]
+
+    def write(self, node: PlateNode | StimulatorNode, name: str, raw: int) -> int:
+        """Write by expedited SDO; return the abort code, 0 for success."""
+        entry = node.od[name]
+        data = struct.pack(SIZES[entry.data_type], raw)
+        return self.write_data(node, entry, data)
+
+    def write_data(self, node: PlateNode | StimulatorNode, entry: Entry, data: bytes) -> int:
+        answer = self._sdo(node, bytes((0x23 | (4 - len(data)) << 2,)), entry, data.ljust(4, b"\0"))
+        return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
+
+    def read(self, node: PlateNode | StimulatorNode, name: str) -> int:
+        entry = node.od[name]
+        answer = self._sdo(node, b"\x40", entry, bytes(4))
+        assert answer[0] != 0x80, f"{name}: abort {answer[4:].hex()}"
+        (value,) = struct.unpack_from(SIZES[entry.data_type], answer, 4)
+        return int(value)
+
+    def _sdo(
+        self, node: PlateNode | StimulatorNode, command: bytes, entry: Entry, data: bytes
+    ) -> bytes:
+        address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
+        server = node.device.node_id
+        (answer,) = self.answers(Frame(0x600 + server, command + address + data))
+        assert answer.can_id == 0x580 + server
+        assert answer.data[1:4] == address
+        return answer.data
+
+
+def plate_alone(**options: object) -> tuple[Line, PlateNode]:
+    node = PlateNode(plate_od(), **options)  # type: ignore[arg-type]
+    return Line(node), node
+
+
+def stimulator_alone() -> tuple[Line, StimulatorNode]:
+    """A stimulator that waits for the measurements of a plate node the test plays."""
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    return Line(node), node
+
+
+def plate_inside(*, lockstep: bool = False, **presets: int) -> tuple[Line, StimulatorNode]:
+    named = {name.replace("__", ".").replace("_", " "): raw for name, raw in presets.items()}
+    node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()), presets=named)
+    return Line(node, lockstep=lockstep), node
+
+
+def both_nodes() -> tuple[Line, PlateNode, StimulatorNode]:
+    plate = PlateNode(plate_od())
+    stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    return Line(plate, stimulator), plate, stimulator
+
+
+def drive(voltage: int, tick: int, frequency: int = 4_339_000, node_id: int = PLATE_ID) -> Frame:
+    """The drive PDO in 10 mV and 0.01 Hz."""
+    return Frame(0x200 + node_id, struct.pack("<HIB", voltage, frequency, tick))
+
+
+def measurement(tick: int, gauge_tick: int | None = None, W: int = 0) -> list[Frame]:
+    """The three TPDOs of a plate node."""
+    gauge_tick = tick if gauge_tick is None else gauge_tick
+    return [
+        Frame(MEASUREMENT[0], struct.pack("<hhBBh", W, 0, tick, 0, 2000)),
+        Frame(MEASUREMENT[1], bytes(8)),
+        Frame(MEASUREMENT[2], struct.pack("<hhB", 0, 0, gauge_tick)),
+    ]
+
+
+def ids(frames: list[Frame]) -> list[int]:
+    return [frame.can_id for frame in frames]
+
+
+_EVENT = re.compile(r"(?:(\d+)x )?([>+]) ([^#]*)")
+
+
+@dataclass
+class Transcript:
+    """A text of events, with what the nodes answered to each.
+
+    ``> 000 01 20``     the master sends a frame; ``5x > 080`` five times
+    ``+ 1ms``           time passes without SYNC
+    ``< 720 05``        a node sent this because of the event above: written, never read
+    ``# ...``           a remark
+    """
+
+    line: Line
+    written: list[str] = field(default_factory=list)
+
+    def play(self, text: str) -> str:
+        self._write(self.line.frames)
+        for raw in text.splitlines():
+            if not raw or raw.startswith("<"):
+                continue
+            self.written.append(raw)
+            if raw.startswith("#"):
+                continue
+            event = _EVENT.match(raw)
+            assert event is not None, f"{raw!r} is no event"
+            count, kind, what = int(event[1] or 1), event[2], event[3].strip()
+            for _ in range(count):
+                self._write(self._act(kind, what))
+        return "\n".join(self.written) + "\n"
+
+    def _act(self, kind: str, what: str) -> list[Frame]:
+        if kind == "+":
+            return self.line.advance(int(what.removesuffix("ms")))
+        can_id, *data = what.split()
+        return self.line.answers(Frame(int(can_id, 16), bytes.fromhex("".join(data))))
+
+    def _write(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            data = f" {frame.data.hex(' ').upper()}" if frame.data else ""
+            self.written.append(f"< {frame.can_id:03X}{data}")

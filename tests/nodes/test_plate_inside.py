@@ -1,0 +1,194 @@
+"""The stimulator node with the simulated plate inside: its own ticker is the loop's clock."""
+
+import struct
+
+import pytest
+from line import (
+    PREOP,
+    PUBLIC,
+    RESET,
+    RESET_COMMUNICATION,
+    START,
+    STOP,
+    SYNC,
+    Line,
+    ids,
+    plate_inside,
+)
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+OFF, AMPLITUDE, FRICTION = 0, 2, 4
+STATE = 0x08000022
+
+
+def driving(mode: int = AMPLITUDE) -> tuple[Line, StimulatorNode]:
+    line, node = plate_inside()
+    line.nmt(START)
+    assert line.write(node, "Setpoint.Amplitude", 1000) == 0
+    assert line.write(node, "Mode", mode) == 0
+    line.advance(20)
+    assert node.od["Drive.Voltage"].value > 1000
+    assert abs(node.od["Vibration.Amplitude"].value - 10_000) < 200
+    return line, node
+
+
+def test_a_master_that_only_starts_it_sees_forces_and_a_cof() -> None:
+    line, node = plate_inside(Finger__Motion=1, Finger__Speed=200)
+    line.nmt(START)
+    frames = line.advance(1000)
+    assert [ids(frames).count(can_id) for can_id in PUBLIC[1:]] == [10, 10, 10]
+    contact = [frame.data for frame in frames if frame.can_id == PUBLIC[1]][-1]
+    Ft, Fn, cof, _ = struct.unpack("<HHHH", contact)
+    assert 400 < Fn < 600
+    assert abs(cof / 1e4 - Ft / Fn) < 0.01
+    assert 0.3 < cof / 1e4 < 0.5, "subject 1 without vibration"
+    assert node.od["Cycle.Cycles"].value == 1000
+
+
+@pytest.mark.parametrize(("transmission", "period_ms"), [(1, 1), (1, 7), (3, 10), (240, 1)])
+def test_public_sync_times_the_public_pdos_and_not_the_loop(
+    transmission: int, period_ms: int
+) -> None:
+    line, node = plate_inside()
+    for number in range(3):
+        kind = node.od.entry(0x1801 + number, 2)
+        assert line.write_data(node, kind, bytes((transmission,))) == 0
+    line.nmt(START)
+    count = 2 * transmission + 1
+    sent = []
+    for _ in range(count):
+        assert set(ids(line.advance(period_ms))) <= {PUBLIC[0], 0x720}
+        sent.append(ids(line.answers(SYNC)))
+    turns = [[*PUBLIC[1:]] if k % transmission == 0 else [] for k in range(1, count + 1)]
+    assert sent == turns
+    assert node.od["Cycle.Cycles"].value == count * period_ms
+
+
+def test_any_cycle_period_is_as_good_as_any() -> None:
+    line, node = plate_inside()
+    assert line.write_data(node, node.od.entry(0x1006), struct.pack("<I", 20_000)) == 0
+    line.nmt(START)
+    assert 0xA0 not in ids(line.advance(50) + line.sync(5) + line.advance(50))
+    assert node.od["Cycle.Cycles"].value == 100
+
+
+@pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
+def test_leaving_operational_is_0_v_at_once(command: int) -> None:
+    line, node = driving()
+    line.nmt(command)
+    assert node.od["Drive.Voltage"].value == 0
+    line.advance(20)
+    assert abs(node.od["Vibration.Amplitude"].value) < 100, "the vibration has died down"
+    line.nmt(START)
+    line.advance(20)
+    assert line.read(node, "Mode") == OFF
+    assert node.od["Vibration.Voltage"].value == 0
+
+
+def test_shutdown_is_0_v() -> None:
+    _, node = driving()
+    node.shutdown()
+    assert node.od["Drive.Voltage"].value == node.od["Mode"].value == 0
+
+
+@pytest.mark.parametrize("mode", [1, 5])
+def test_mode_is_refused_outside_operational(mode: int) -> None:
+    line, node = plate_inside()
+    assert line.write(node, "Mode", mode) == STATE
+    assert line.read(node, "Mode") == OFF
+
+
+def test_reset_restores_defaults_presets_and_the_plate() -> None:
+    line, node = plate_inside(Simulation__Seed=9, Finger__Motion=1)
+
+    def begin() -> list[Frame]:
+        line.nmt(START)
+        return line.advance(300)
+
+    first = begin()
+    for name, raw in (
+        ("Simulation.Seed", 5),
+        ("Simulation.Subject", 3),
+        ("Finger.Force", 900),
+        ("Controller.Amplitude pole", 500),
+        ("Setpoint.Amplitude", 700),
+    ):
+        assert line.write(node, name, raw) == 0
+        assert line.read(node, name) == raw
+    assert line.nmt(RESET) == [Frame(0x720, b"\0")]
+    assert line.read(node, "Simulation.Seed") == 9
+    assert line.read(node, "Simulation.Subject") == 1
+    assert line.read(node, "Controller.Amplitude pole") == 200
+    assert line.read(node, "Setpoint.Amplitude") == 0
+    assert begin() == first, "the plate starts anew as well"
+
+
+def test_reset_communication_keeps_the_application() -> None:
+    line, node = plate_inside()
+    assert line.write(node, "Setpoint.Amplitude", 700) == 0
+    assert line.write_data(node, node.od.entry(0x1801, 2), b"\x01") == 0
+    line.nmt(RESET_COMMUNICATION)
+    assert line.read(node, "Setpoint.Amplitude") == 700
+    assert node.od.entry(0x1801, 2).value == 255
+
+
+def test_a_simulated_finger_by_sdo() -> None:
+    line, node = plate_inside()
+    line.nmt(START)
+    line.advance(70)
+    assert line.write(node, "Finger.Motion", 2) == STATE, "there is no recording"
+    for name, raw in (("Finger.Motion", 1), ("Finger.Force", 800), ("Simulation.Subject", 4)):
+        assert line.write(node, name, raw) == 0
+    assert node.od["Contact.Touching"].value == 0, "from the next run on"
+    assert line.write(node, "Simulation.Start run", 1) == 0
+    line.advance(500)
+    assert abs(line.read(node, "Contact.Normal force") - 800) < 80
+
+
+def test_a_late_call_has_one_cycle_and_keeps_the_phase() -> None:
+    line, node = plate_inside()
+    node.missed(6)
+    node.advance(7400)
+    assert line.read(node, "Cycle.Cycles") == 1
+    assert line.read(node, "Cycle.Missed deadlines") == 6
+    node.advance(599)
+    assert line.read(node, "Cycle.Cycles") == 1
+    node.advance(1)
+    assert line.read(node, "Cycle.Cycles") == 2
+
+
+def test_sdo_between_the_ticks_changes_nothing() -> None:
+    def recorded(*, disturbed: bool) -> list[tuple[int, ...]]:
+        line, node = driving()
+        rows = []
+        for k in range(100):
+            if disturbed:
+                line.read(node, "Contact.COF")
+                line.write(node, "Simulation.Seed", k)
+                line.write(node, "Setpoint.Amplitude", 1000)
+                line.write(node, "Limit.Lowest frequency", 4_450_000)
+            line.advance(1)
+            rows.append(tuple(entry.value for entry in node.od if entry.name.startswith("Vib")))
+        return rows
+
+    assert recorded(disturbed=True) == recorded(disturbed=False)
+
+
+def test_lockstep_or_by_the_clock_the_plate_does_the_same() -> None:
+    def vibration(*, lockstep: bool) -> list[int]:
+        line, node = plate_inside(lockstep=lockstep, Finger__Motion=1)
+        line.nmt(START)
+        line.write(node, "Setpoint.Amplitude", 1000)
+        line.write(node, "Mode", FRICTION)
+        values = []
+        for _ in range(200):
+            if lockstep:
+                line.sync()
+            else:
+                line.advance(1)
+            values.append(node.od["Vibration.W_d"].value)
+        return values
+
+    assert vibration(lockstep=True) == vibration(lockstep=False)

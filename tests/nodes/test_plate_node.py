@@ -1,0 +1,209 @@
+"""The plate node: what it does with drives, states and the objects of the simulation."""
+
+import pytest
+from line import (
+    EMCY_PLATE,
+    MEASUREMENT,
+    PREOP,
+    RESET,
+    RESET_COMMUNICATION,
+    START,
+    STOP,
+    SYNC,
+    Line,
+    drive,
+    ids,
+    plate_alone,
+)
+
+from smarttac_can.bench.open_link import plate_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.plant.finger import Trajectory
+
+STATE, TOO_HIGH, TOO_LOW = 0x08000022, 0x06090031, 0x06090032
+
+
+def running() -> tuple[Line, PlateNode]:
+    """A plate that has had tick 0."""
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.sync()
+    return line, plate
+
+
+def stage(plate: PlateNode) -> int:
+    return int(plate.od["Stage.Voltage"].value)
+
+
+def test_silent_outside_operational() -> None:
+    line, plate = plate_alone()
+    assert line.sync(5) == []
+    line.nmt(START)
+    assert ids(line.sync(2)) == [*MEASUREMENT] * 2
+    line.nmt(PREOP)
+    assert line.sync(5) == []
+    assert plate.od["Cycle.Ticks"].value == 2
+
+
+@pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
+def test_leaving_operational_is_0_v(command: int) -> None:
+    line, plate = running()
+    line.send(drive(2000, 0))
+    line.sync()
+    assert stage(plate) == 2000
+    line.nmt(command)
+    assert stage(plate) == 0
+    line.nmt(START)
+    for _ in range(20):
+        line.sync()
+        assert stage(plate) == 0
+    # At 0 V the vibration has died down: noise of the pick-up is left.
+    assert abs(plate.od["Vibration.W_d"].value) < 100
+
+
+def test_shutdown_is_0_v() -> None:
+    line, plate = running()
+    line.send(drive(2000, 0))
+    assert plate.shutdown() == []
+    assert stage(plate) == 0
+
+
+def test_a_drive_before_the_first_tick_is_foreign() -> None:
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.send(drive(2000, 255))
+    assert (stage(plate), plate.od["Cycle.Foreign ticks"].value) == (0, 1)
+
+
+def test_each_tick_takes_one_drive_that_answers_it() -> None:
+    line, plate = running()
+    for tick in range(300):
+        line.send(drive(100 + tick, tick & 0xFF))
+        line.send(drive(5000, tick & 0xFF))
+        line.send(drive(5000, tick + 1 & 0xFF))
+        assert stage(plate) == 100 + tick
+        line.sync()
+    assert plate.od["Cycle.Foreign ticks"].value == 600
+    assert plate.od["Cycle.Lost drives"].value == 0
+
+
+def test_0_v_is_taken_at_any_tick() -> None:
+    line, plate = running()
+    line.send(drive(2000, 0), drive(0, 77))
+    assert stage(plate) == 0
+    assert plate.od["Cycle.Foreign ticks"].value == 0
+
+
+def test_a_missing_drive_is_counted_and_keeps_the_old_one_until_the_deadline() -> None:
+    line, plate = running()
+    line.send(drive(2000, 0))
+    assert EMCY_PLATE not in ids(line.sync(2))
+    assert (stage(plate), plate.od["Cycle.Lost drives"].value) == (2000, 1)
+    assert ids(line.sync()) == [EMCY_PLATE, *MEASUREMENT]
+    assert stage(plate) == 0
+    line.sync(10)
+    assert plate.od["Cycle.Lost drives"].value == 1, "nothing is lost where nothing drives"
+
+
+def test_drives_outside_the_limits_are_refused() -> None:
+    line, plate = running()
+    protocol_error = [Frame(EMCY_PLATE, bytes.fromhex("00 82 11 01 00 00 20 01"))]
+    assert line.answers(drive(20_001, 0)) == protocol_error
+    assert stage(plate) == 0
+    assert plate.od["Drive.Voltage"].value == 0
+
+
+def test_two_plates_on_the_same_seed_send_the_same() -> None:
+    def sent(seed: int) -> list[Frame]:
+        line, _ = plate_alone(presets={"Simulation.Seed": seed, "Finger.Motion": 1})
+        line.nmt(START)
+        return line.sync(50)
+
+    assert sent(3) == sent(3)
+    assert sent(3) != sent(4)
+
+
+def test_start_run_begins_anew_with_the_simulation_as_written() -> None:
+    line, plate = running()
+    first = line.sync(20)
+    line.send(drive(2000, 20))
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    assert stage(plate) == 0
+    assert plate.od["Cycle.Ticks"].value == 0
+    line.sync()
+    again = line.sync(20)
+    assert [frame for frame in again if frame.can_id in MEASUREMENT] == first
+    assert line.write(plate, "Simulation.Seed", 2) == 0
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    line.sync()
+    assert line.sync(20) != first
+
+
+def test_sdo_between_the_ticks_changes_nothing() -> None:
+    def sent(*, disturbed: bool) -> list[Frame]:
+        line, plate = running()
+        measured = []
+        for tick in range(60):
+            line.send(drive(2000, tick))
+            if disturbed:
+                line.read(plate, "Vibration.W_d")
+                line.write(plate, "Simulation.Seed", tick)
+                line.write(plate, "Finger.Motion", 1)
+            measured += line.sync()
+        return measured
+
+    assert sent(disturbed=True) == sent(disturbed=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "code"),
+    [
+        ("Simulation.Subject", 0, TOO_LOW),
+        ("Simulation.Subject", 6, TOO_HIGH),
+        ("Simulation.Dead time", 1000, TOO_HIGH),
+        ("Finger.Force", 49, TOO_LOW),
+        ("Finger.Motion", 2, STATE),
+        ("Finger.Motion", 3, TOO_HIGH),
+        ("Simulation.Start run", 0, TOO_LOW),
+    ],
+)
+def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
+    line, plate = running()
+    before = [entry.value for entry in plate.od]
+    assert line.write(plate, name, raw) == code
+    assert [entry.value for entry in plate.od] == before
+
+
+def test_recorded_finger() -> None:
+    finger = Trajectory([(0.0, 0.0, 0.8), (1.0, 0.0, 0.8)])
+    plate = PlateNode(plate_od(), {"Finger.Motion": 2}, finger)
+    line = Line(plate)
+    line.nmt(START)
+    line.sync(100)
+    pressed = sum(plate.od[f"Gauge.S{n}"].value for n in (3, 4, 5, 6))
+    assert line.write(plate, "Finger.Motion", 0) == 0
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    line.sync(100)
+    lifted = sum(plate.od[f"Gauge.S{n}"].value for n in (3, 4, 5, 6))
+    assert 7000 < pressed - lifted < 9000, "0.8 N in 0.1 mN"
+
+
+def test_reset_restores_defaults_and_presets() -> None:
+    line, plate = plate_alone(presets={"Simulation.Seed": 9})
+    line.nmt(START)
+    for name, raw in (("Simulation.Seed", 5), ("Simulation.Subject", 4)):
+        assert line.write(plate, name, raw) == 0
+    assert ids(line.nmt(RESET)) == [0x721]
+    assert plate.od["Simulation.Seed"].value == 9
+    assert plate.od["Simulation.Subject"].value == 1
+
+
+def test_the_node_id_gives_the_cob_ids() -> None:
+    plate = PlateNode(plate_od(5))
+    line = Line(plate)
+    line.nmt(START, 5)
+    assert ids(line.sync()) == [0x185, 0x285, 0x385]
+    line.send(drive(2000, 0, node_id=5))
+    assert stage(plate) == 2000
+    assert ids(line.answers(SYNC)) == [0x185, 0x285, 0x385]

@@ -1,0 +1,388 @@
+"""The stimulator node with a plate node: pairing, answers, states, refusals."""
+
+import struct
+from itertools import pairwise
+
+import pytest
+from line import (
+    DRIVE,
+    EMCY_STIMULATOR,
+    MEASUREMENT,
+    PREOP,
+    PUBLIC,
+    RESET,
+    RESET_COMMUNICATION,
+    START,
+    STOP,
+    Line,
+    both_nodes,
+    ids,
+    measurement,
+    stimulator_alone,
+)
+
+from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import Abort
+
+STATE, VALUE, READ_ONLY = 0x08000022, 0x06090030, 0x06010002
+TOO_HIGH, TOO_LOW = 0x06090031, 0x06090032
+OFF, OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY = range(6)
+
+
+def waiting() -> tuple[Line, StimulatorNode]:
+    line, node = stimulator_alone()
+    line.nmt(START)
+    return line, node
+
+
+def driven(frames: list[Frame]) -> list[tuple[int, int, int]]:
+    """Voltage, frequency and tick of the drives among frames."""
+    return [struct.unpack("<HIB", frame.data) for frame in frames if frame.can_id == DRIVE]
+
+
+def driving(mode: int = AMPLITUDE) -> tuple[Line, PlateNode, StimulatorNode]:
+    """Both nodes, with 1 um of vibration."""
+    line, plate, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync()
+    assert line.write(stimulator, "Setpoint.Amplitude", 1000) == 0
+    assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
+    assert line.write(stimulator, "Mode", mode) == 0
+    line.sync(10)
+    assert plate.od["Stage.Voltage"].value > 1000
+    return line, plate, stimulator
+
+
+def test_the_last_measurement_is_answered_and_no_other() -> None:
+    line, _ = waiting()
+    for tick in range(300):
+        first, second, last = measurement(tick & 0xFF)
+        assert line.answers(first, second) == []
+        assert driven(line.answers(last)) == [(0, 4_339_000, tick & 0xFF)]
+
+
+def test_the_drive_goes_out_before_the_public_pdos() -> None:
+    line, node = waiting()
+    for number in (1, 2, 3):
+        assert line.write_data(node, node.od.entry(0x1800 + number, 2), b"\xfe") == 0
+    assert ids(line.answers(*measurement(0))) == [DRIVE, *PUBLIC]
+    assert ids(line.answers(*measurement(1))) == [DRIVE, *PUBLIC[1:]], "the status has not changed"
+
+
+def test_lost_and_foreign_measurements_are_counted_and_not_answered() -> None:
+    line, node = waiting()
+    first, _, last = measurement(0)
+    assert line.answers(first, last) == []
+    assert driven(line.answers(*measurement(1))) == [(0, 4_339_000, 1)]
+    assert node.od["Cycle.Lost cycles"].value == 1
+    assert driven(line.answers(*measurement(2, gauge_tick=1))) == []
+    assert driven(line.answers(*measurement(1))) == []
+    assert node.od["Cycle.Foreign ticks"].value == 2
+    assert node.od["Cycle.Cycles"].value == 1
+
+
+def test_a_measurement_begun_before_a_stop_is_forgotten() -> None:
+    line, _ = waiting()
+    line.send(*measurement(0)[:2])
+    line.nmt(STOP)
+    line.nmt(START)
+    assert line.answers(measurement(0)[2]) == []
+    assert driven(line.answers(*measurement(1))) == [(0, 4_339_000, 1)]
+
+
+def test_a_wrong_cycle_period_is_reported_once_and_stops_the_drive() -> None:
+    line, node = waiting()
+    period = node.od.entry(0x1006)
+    assert line.write_data(node, period, struct.pack("<I", 2000)) == 0
+    wrong = [Frame(EMCY_STIMULATOR, bytes.fromhex("00 63 01 00 00 00 00 00"))]
+    assert line.answers(*measurement(0)) == wrong
+    assert line.answers(*measurement(1)) == []
+    assert line.write_data(node, period, struct.pack("<I", 1000)) == 0
+    assert ids(line.answers(*measurement(2)))[:2] == [EMCY_STIMULATOR, DRIVE]
+
+
+def test_event_timers_alone_publish_every_100_ms() -> None:
+    line, _ = waiting()
+    assert [ids(line.advance(1)) for _ in range(99)] == [[]] * 99
+    assert ids(line.advance(1)) == [*PUBLIC]
+    assert [ids(line.advance(1)) for _ in range(99)] == [[]] * 99
+    assert ids(line.advance(1)) == [*PUBLIC]
+
+
+def test_it_links_to_the_plate_it_is_given() -> None:
+    node = StimulatorNode(stimulator_od(0x20), plate_node_id=5)
+    plate = PlateNode(plate_od(5))
+    line = Line(plate, node)
+    line.nmt(START)
+    assert ids(line.sync()) == [0x185, 0x285, 0x385, 0x205, PUBLIC[0]]
+    assert line.read(node, "Plate node-ID") == 5
+    assert line.read(plate, "Cycle.Lost drives") == 0
+    line.nmt(RESET_COMMUNICATION)
+    line.nmt(START)
+    assert 0x205 in ids(line.sync()), "linked again"
+
+
+def test_it_has_the_plate_either_inside_or_outside() -> None:
+    with pytest.raises(ValueError, match="either inside or at a node-ID"):
+        StimulatorNode(stimulator_od())
+    with pytest.raises(ValueError, match="either inside or at a node-ID"):
+        StimulatorNode(stimulator_od(), PlateBlock(plate_od()), plate_node_id=33)
+
+
+@pytest.mark.parametrize("produce", [True, False])
+def test_sync_producer(produce: bool) -> None:
+    frames: list[int] = []
+    bus = LocalBus(log=lambda _time, frame: frames.append(frame.can_id))
+    bus.attach(PlateNode(plate_od()), lockstep=False)
+    bus.attach(
+        StimulatorNode(stimulator_od(), plate_node_id=33, produce_sync=produce), lockstep=False
+    )
+    master = bus.connect(lambda frame: None)
+    master.send(Frame(0, bytes((START, 0))))
+    frames.clear()
+    bus.advance(3000)
+    cycle = [0x80, *MEASUREMENT, DRIVE]
+    assert [can_id for can_id in frames if can_id not in PUBLIC] == cycle * 3 * produce
+
+
+@pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
+def test_a_stimulator_that_leaves_operational_ends_the_drive_by_the_deadline(command: int) -> None:
+    line, plate, stimulator = driving()
+    line.nmt(command, 0x20)
+    line.sync(3)
+    assert plate.od["Stage.Voltage"].value == 0
+    line.nmt(START, 0x20)
+    line.sync(20)
+    assert line.read(stimulator, "Mode") == line.read(stimulator, "Mode display") == OFF
+    assert plate.od["Stage.Voltage"].value == 0
+
+
+@pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
+def test_stopping_all_is_0_v_at_once(command: int) -> None:
+    line, plate, stimulator = driving()
+    line.nmt(command)
+    assert plate.od["Stage.Voltage"].value == stimulator.od["Drive.Voltage"].value == 0
+
+
+def test_shutdown_tells_the_plate_0_v() -> None:
+    line, plate, _ = driving()
+    line.bus.shutdown()
+    ((voltage, _, _),) = driven(line.frames[-1:])
+    assert voltage == plate.od["Stage.Voltage"].value == 0
+
+
+def test_without_a_plate_there_are_no_cycles() -> None:
+    line, plate, stimulator = driving()
+    cycles = stimulator.od["Cycle.Cycles"].value
+    line.ports[line.nodes.index(plate)].close()
+    assert driven(line.sync(20)) == []
+    assert stimulator.od["Cycle.Cycles"].value == cycles
+
+
+@pytest.mark.parametrize("mode", range(1, 6))
+def test_mode_is_refused_outside_operational(mode: int) -> None:
+    line, _, stimulator = both_nodes()
+    assert line.write(stimulator, "Mode", mode) == STATE
+    assert line.read(stimulator, "Mode") == OFF
+    assert line.write(stimulator, "Mode", OFF) == 0
+    line.nmt(START)
+    assert line.write(stimulator, "Mode", mode) == 0
+    line.nmt(PREOP)
+    assert line.write(stimulator, "Mode", mode) == STATE
+
+
+def test_mode_by_pdo() -> None:
+    line, plate, _ = driving(OPEN_LOOP)
+    line.send(Frame(0x220, struct.pack("<BHHH", AMPLITUDE, 500, 3000, 3000)))
+    line.sync(30)
+    assert abs(plate.od["Vibration.W_d"].value - 5000) < 100, "0.5 um in 0.1 nm"
+    line.send(Frame(0x220, struct.pack("<BHHH", OFF, 500, 3000, 3000)))
+    line.sync()
+    assert plate.od["Stage.Voltage"].value == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "raw"),
+    [
+        ("Simulation.Subject", 2),
+        ("Simulation.Seed", 2),
+        ("Simulation.Dead time", 100),
+        ("Finger.Motion", 1),
+        ("Finger.Force", 600),
+    ],
+)
+def test_simulation_is_refused_without_the_plate_inside(name: str, raw: int) -> None:
+    line, _, stimulator = both_nodes()
+    before = line.read(stimulator, name)
+    assert line.write(stimulator, name, raw) == STATE
+    assert line.read(stimulator, name) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "code"),
+    [
+        ("Limit.Lowest frequency", 4_400_001, VALUE),
+        ("Limit.Highest frequency", 4_269_999, VALUE),
+        ("Controller.Amplitude pole", 951, TOO_HIGH),
+        ("Controller.Contact force", 19, TOO_LOW),
+        ("Setpoint.Voltage", 20_001, TOO_HIGH),
+        ("Setpoint.COF left", 499, TOO_LOW),
+        ("Mode", 6, TOO_HIGH),
+        ("Statusword", 0, READ_ONLY),
+        ("AI auto-zero.AI auto-zero force x", 0x6F72657A, STATE),
+        ("AI auto-zero.AI auto-zero force x", 1, VALUE),
+    ],
+)
+def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync()
+    before = [entry.value for entry in stimulator.od]
+    parameters = stimulator.block.cascade.parameters
+    assert line.write(stimulator, name, raw) == code
+    line.sync()
+    assert stimulator.block.cascade.parameters == parameters
+    changing = {"Contact", "Vibration", "Plate input", "Cycle", "AI input PV", "Drive"}
+    for entry, value in zip(stimulator.od, before, strict=True):
+        if entry.name.partition(".")[0] not in changing and entry.name != "Plate temperature":
+            assert entry.value == value, entry.name
+
+
+def test_parameters_are_in_force_from_the_next_cycle() -> None:
+    line, _, stimulator = driving()
+    assert line.write(stimulator, "Limit.Voltage", 500) == 0
+    line.sync()
+    assert stimulator.od["Drive.Voltage"].value == 500
+    assert stimulator.od["Statusword"].value & 1 << 3, (
+        "a limit cuts off what the controllers ask for"
+    )
+    assert line.write(stimulator, "Limit.Voltage", 15_000) == 0
+    line.sync(30)
+    assert abs(stimulator.od["Vibration.Amplitude"].value - 10_000) < 200
+
+
+def test_a_change_of_mode_keeps_the_vibration() -> None:
+    line, _, stimulator = driving(OPEN_LOOP)
+    line.sync(20)
+    voltages = []
+    for mode in (AMPLITUDE, AMPLITUDE_RESONANCE, AMPLITUDE, OPEN_LOOP):
+        assert line.write(stimulator, "Mode", mode) == 0
+        for _ in range(15):
+            line.sync()
+            voltages.append(stimulator.od["Drive.Voltage"].value)
+    assert max(abs(b - a) for a, b in pairwise(voltages)) < 100, "1 V"
+
+
+def test_tare_takes_the_offsets_away() -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    assert line.write(stimulator, "Tare at power-on", 0) == 0
+    line.sync(63)
+    zero = int.from_bytes(b"zero", "little")
+    name = "AI auto-zero.AI auto-zero normal force"
+    assert line.write(stimulator, name, zero) == STATE, "63 of 64 samples"
+    assert stimulator.od["Gauge zero.Zero of S1"].value == 0
+
+
+def test_tare_on_request_and_at_power_on_agree() -> None:
+    zeros = []
+    for at_power_on in (0, 1):
+        plate = PlateNode(plate_od())
+        stimulator = StimulatorNode(
+            stimulator_od(), plate_node_id=33, presets={"Tare at power-on": at_power_on}
+        )
+        line = Line(plate, stimulator)
+        line.nmt(START)
+        line.sync(65)
+        untared = stimulator.od["Contact.Normal force"].value
+        if not at_power_on:
+            assert abs(untared) > 30, "the offsets of the gauges"
+            name = "AI auto-zero.AI auto-zero normal force"
+            assert line.write(stimulator, name, int.from_bytes(b"zero", "little")) == 0
+        zeros.append([stimulator.od[f"Gauge zero.Zero of S{n}"].value for n in range(1, 7)])
+        line.sync(10)
+        assert abs(stimulator.od["Contact.Normal force"].value) < 30
+        assert abs(stimulator.od["AI input PV.AI input PV force x"].value) < 30
+    assert all(zeros[0])
+    assert zeros[0] == zeros[1]
+
+
+def test_analogue_inputs_follow_the_contact() -> None:
+    line, plate, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    assert line.read(stimulator, "AI status.AI status COF") == 1, "not valid without a finger"
+    assert line.write(plate, "Finger.Motion", 1) == 0
+    zeros = [stimulator.od[f"Gauge zero.Zero of S{n}"].value for n in range(1, 7)]
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    assert line.write(stimulator, "Simulation.Start run", 1) == 0
+    line.sync(400)
+    assert [stimulator.od[f"Gauge zero.Zero of S{n}"].value for n in range(1, 7)] == zeros
+    assert line.read(stimulator, "AI status.AI status COF") == 0
+    for channel, source in (
+        ("force x", "Contact.Force x"),
+        ("normal force", "Contact.Normal force"),
+        ("COF", "Contact.COF"),
+        ("amplitude", "Vibration.Amplitude"),
+        ("temperature", "Plate temperature"),
+    ):
+        value = line.read(stimulator, f"AI input PV.AI input PV {channel}")
+        assert value == line.read(stimulator, source) != 0 or channel == "amplitude"
+    assert abs(line.read(stimulator, "Contact.Normal force") - 500) < 60
+
+
+def test_the_tick_is_extended_to_16_bits() -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    for tick in range(600):
+        line.sync()
+        assert stimulator.od["Contact.Tick"].value == tick
+
+
+def test_identification_by_sdo() -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    assert line.write(stimulator, "Model.Gain per volt", 20_000) == 0
+    assert line.write(stimulator, "Mode", IDENTIFY) == 0
+    for _ in range(3000):
+        line.sync()
+        if stimulator.od["Model.State"].value > 1:
+            break
+    assert line.read(stimulator, "Model.Progress") == 100
+    assert line.read(stimulator, "Mode") == line.read(stimulator, "Mode display") == OFF
+    assert abs(line.read(stimulator, "Model.Resonance") - 4_339_000) < 200
+    assert abs(line.read(stimulator, "Model.Tau") - 9440) < 200
+    assert abs(line.read(stimulator, "Model.Gain per volt") - 50_000) < 1000
+    assert stimulator.od["Message"].value == ""
+
+
+def test_why_it_turned_itself_off_is_told_until_the_next_mode() -> None:
+    line, plate, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    assert line.write(plate, "Finger.Motion", 1) == 0
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    assert line.write(stimulator, "Simulation.Start run", 1) == 0
+    line.sync(400)
+    assert stimulator.od["Contact.Touching"].value == 1
+    assert line.write(stimulator, "Mode", IDENTIFY) == 0
+    line.sync(2)
+    assert "loaded" in stimulator.od["Message"].value
+    assert line.read(stimulator, "Mode") == OFF
+    assert line.write(stimulator, "Mode", OPEN_LOOP) == 0
+    line.sync()
+    assert stimulator.od["Message"].value == ""
+
+
+def test_bad_presets_are_refused_at_power_on() -> None:
+    node = StimulatorNode(
+        stimulator_od(), plate_node_id=33, presets={"Limit.Lowest frequency": 4_450_000}
+    )
+    with pytest.raises(Abort):
+        node.start()
