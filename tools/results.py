@@ -158,6 +158,16 @@ def chatter(traces: Iterable[Trace]) -> float:
     return float(np.mean(deviations))
 
 
+def lowest_amplitude(traces: Iterable[Trace]) -> float:
+    """Smallest amplitude in um within 40 ms after an up-step of the reference."""
+    lowest = []
+    for trace in traces:
+        rises = np.diff(trace.mu_ref) > 0
+        for switch in np.flatnonzero(rises & (trace.mu_ref[:-1] > 0)).tolist():
+            lowest.append(np.min(trace.amplitude_um[switch : switch + 40]))
+    return float(np.min(lowest))
+
+
 def laws_table(runs: Mapping[str, list[Trace]]) -> str:
     """Compare the laws."""
     rows = []
@@ -177,7 +187,7 @@ def laws_table(runs: Mapping[str, list[Trace]]) -> str:
             ]
         )
     head = "law | rise, ms | overshoot, % | static error, % | chatter of single touches"
-    return table(f"{head}", rows)
+    return table(head, rows)
 
 
 def plot_vibration(runs: list[list[Trace]], dead_times: list[float]) -> None:
@@ -245,6 +255,8 @@ def main() -> None:
         "inside": sum(all(inside(run, key) for key in judged) for run in seeds),
         "total": len(SEEDS),
         "laws": laws_table(laws),
+        "lowest": f"{lowest_amplitude(laws['measured']):.2f}",
+        "halved": " ".join(f"{chatter([trace]):.3f}" for trace in variants["W0 halved"]),
         "dead_time": f"{dead_time:.0f}",
     }
     (FOLDER / "figures").mkdir(exist_ok=True)
