@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import reduce
 from pathlib import Path
-from typing import Any
 
 import click
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
+from smarttac_can.cli.options import NODE_ID, BusChoice, Command, bus_options, with_options
 from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
 from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
@@ -24,8 +22,6 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.plant.finger import Trajectory
 
-Command = Callable[..., Any]
-NODE_ID = click.IntRange(1, 127)
 SLOW_STROKE_MM_S = 20
 
 
@@ -46,32 +42,10 @@ def _finger(
         raise click.BadParameter(str(error)) from error
 
 
-def _bus_option(
-    _ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]
-) -> dict[str, Any]:
-    options = {}
-    for value in values:
-        key, separator, text = value.partition("=")
-        if not separator or not key:
-            raise click.BadParameter(f"{value!r} is not KEY=VALUE")
-        options[key] = int(text, 0) if text.removeprefix("-").isdigit() else text
-    return options
-
-
 def node_options(node_id: int) -> Callable[[Command], Command]:
     """Options of both commands, with a default for the node-ID."""
-    options = (
-        click.option("--interface", help="python-can's interface, such as socketcan."),
-        click.option("--channel", help="The interface's channel, such as can0."),
-        click.option("--bitrate", type=click.IntRange(min=1), help="Bit rate in bit/s."),
-        click.option(
-            "--bus-option",
-            "bus_options",
-            multiple=True,
-            metavar="KEY=VALUE",
-            callback=_bus_option,
-            help="Any other option of python-can's interface.",
-        ),
+    return with_options(
+        bus_options,
         click.option("--node-id", type=NODE_ID, default=node_id, show_default=True),
         click.option(
             "--lockstep",
@@ -106,7 +80,6 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
             help="EDS with other default values than the packaged one.",
         ),
     )
-    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
 @click.command(
@@ -127,7 +100,7 @@ def node(
     eds: Path | None,
     plate_node: int | None,
     produce_sync: bool,
-    **bus: Any,
+    bus: BusChoice,
 ) -> None:
     """Run the stimulator node until Ctrl-C or SIGTERM, which leave the plate at 0 V."""
     if produce_sync and plate_node is None:
@@ -157,7 +130,7 @@ def plate(
     subject: int,
     seed: int,
     eds: Path | None,
-    **bus: Any,
+    bus: BusChoice,
 ) -> None:
     """Run the simulated plate as a node of its own until Ctrl-C or SIGTERM."""
     with plain_errors():
@@ -184,12 +157,7 @@ def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
     return od
 
 
-def _run(
-    name: str, device: StimulatorNode | PlateNode, lockstep: bool, bus_arguments: dict[str, Any]
-) -> None:
-    options = bus_arguments.pop("bus_options")
+def _run(name: str, device: StimulatorNode | PlateNode, lockstep: bool, bus: BusChoice) -> None:
     with stop_on_signals() as stop:
-        bus = PythonCanBus(**bus_arguments, **options)
-        where = f"{bus_arguments['interface'] or 'configured'}:{bus_arguments['channel'] or ''}"
-        lines = StateLines(name, where, device, click.echo)
-        run_node(lines, bus, stop, lockstep=lockstep)
+        lines = StateLines(name, bus.where, device, click.echo)
+        run_node(lines, bus.open(), stop, lockstep=lockstep)

@@ -1,0 +1,94 @@
+"""Options that several commands share: the bus and the node-ID."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import reduce, wraps
+from typing import Any, NamedTuple
+
+import canopen
+import click
+
+from smarttac_can.host.bus import BusError
+from smarttac_can.host.python_can import PythonCanBus
+
+Command = Callable[..., Any]
+NODE_ID = click.IntRange(1, 127)
+
+
+class BusChoice(NamedTuple):
+    """Which bus of python-can; what is None comes from python-can's configuration."""
+
+    interface: str | None
+    channel: str | None
+    bitrate: int | None
+    others: dict[str, Any]
+    """Options of the interface by their names there."""
+
+    @property
+    def where(self) -> str:
+        """Name of the bus for lines of text."""
+        return f"{self.interface or 'configured'}:{self.channel or ''}"
+
+    def open(self) -> PythonCanBus:
+        """Open it; raises BusError."""
+        return PythonCanBus(self.interface, self.channel, self.bitrate, **self.others)
+
+    def open_network(self) -> canopen.Network:
+        """Open it as a network of python-canopen; raises BusError."""
+        options = dict(self.others)
+        if self.bitrate is not None:
+            options["bitrate"] = self.bitrate
+        network = canopen.Network()
+        try:
+            network.connect(interface=self.interface, channel=self.channel, **options)
+        except Exception as error:  # drivers raise what they like
+            raise BusError(f"cannot open {self.where}: {error}") from error
+        return network
+
+
+def with_options(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Put several options on a command, in the order in which its help shows them."""
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
+
+
+def _bus_option(
+    _ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]
+) -> dict[str, Any]:
+    options = {}
+    for value in values:
+        key, separator, text = value.partition("=")
+        if not separator or not key:
+            raise click.BadParameter(f"{value!r} is not KEY=VALUE")
+        options[key] = int(text, 0) if text.removeprefix("-").isdigit() else text
+    return options
+
+
+def bus_options(command: Command) -> Command:
+    """Let a command choose a bus: it is called with ``bus``, a `BusChoice`."""
+
+    @wraps(command)
+    def called(
+        *args: Any,
+        interface: str | None,
+        channel: str | None,
+        bitrate: int | None,
+        bus_options: dict[str, Any],
+        **others: Any,
+    ) -> Any:
+        bus = BusChoice(interface, channel, bitrate, bus_options)
+        return command(*args, bus=bus, **others)
+
+    return with_options(
+        click.option("--interface", help="python-can's interface, such as socketcan."),
+        click.option("--channel", help="The interface's channel, such as can0."),
+        click.option("--bitrate", type=click.IntRange(min=1), help="Bit rate in bit/s."),
+        click.option(
+            "--bus-option",
+            "bus_options",
+            multiple=True,
+            metavar="KEY=VALUE",
+            callback=_bus_option,
+            help="Any other option of python-can's interface.",
+        ),
+    )(called)
