@@ -7,12 +7,12 @@ only four of the eight signed types, and takes no `$NODEID` in the limits.
 from __future__ import annotations
 
 import re
-import struct
 from typing import Any, Final, TypeVar
 
 from smarttac_can.od.cia import DataType, ObjectType
-from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, bounds, zero
+from smarttac_can.od.data_types import TEXT, bounds, zero
 from smarttac_can.od.dictionary import ACCESS, Entry, Object, ObjectDictionary
+from smarttac_can.od.eds_values import parse_integer, parse_value
 from smarttac_can.od.ini import EDSError, read_sections
 from smarttac_can.od.units import PLAIN, Unit, split_name
 
@@ -24,8 +24,6 @@ _OTHER: Final = re.compile(
     r"|(mandatory|optional|manufacturer)objects|supportedmodules|tools?\d*)$"
 )
 _LISTS: Final = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
-_NUMBER: Final = re.compile(r"^([+-]?)(0x[0-9a-f]+|[0-9]+)$")
-_NODE_ID: Final = re.compile(r"^(?:\$nodeid\+)(.+)$|^(.+)\+\$nodeid$|^\$nodeid()$")
 
 Section = dict[str, str]
 _Kind = TypeVar("_Kind", DataType, ObjectType)
@@ -202,7 +200,7 @@ class _Reader:
 
     def _integer(self, section: str, key: str, absent: int = 0) -> int:
         text = self.sections[section].get(key, "")
-        return _integer(text, f"[{section}] {key}") if text else absent
+        return parse_integer(text, f"[{section}] {key}") if text else absent
 
     def _enumerated(self, section: str, key: str, kind: type[_Kind]) -> _Kind:
         value = self._integer(section, key)
@@ -219,65 +217,4 @@ class _Reader:
         return value
 
     def _value(self, section: str, data_type: DataType, text: str) -> Any:
-        where = f"[{section}] value {text!r}"
-        if data_type in TEXT:
-            return text
-        if data_type in REAL:
-            return _real(data_type, text, where)
-        if bounds(data_type) == (0, 0):
-            return _octets(data_type, text, where)
-        lowered = text.replace(" ", "").lower()
-        if found := _NODE_ID.match(lowered):
-            value = self.node_id + _integer(next((g for g in found.groups() if g), "0"), where)
-        else:
-            value = _integer(lowered, where)
-        low, high = bounds(data_type)
-        if data_type in SIGNED and lowered.startswith("0x") and high < value <= 2 * high + 1:
-            value -= 2 * int(high) + 2
-        if not low <= value <= high:
-            raise EDSError(f"{where} is outside {data_type.name}")
-        return value
-
-
-def _integer(text: str, where: str) -> int:
-    """Decimal, hexadecimal with 0x, octal with a leading 0 (CiA 306, 4.3)."""
-    found = _NUMBER.match(text.strip().lower())
-    if found is None:
-        raise EDSError(f"{where} is no integer")
-    digits = found[2]
-    octal = len(digits) > 1 and digits.startswith("0") and not digits.startswith("0x")
-    try:
-        value = int(digits, 8 if octal else 0)
-    except ValueError:
-        raise EDSError(f"{where} is no octal number") from None
-    return -value if found[1] == "-" else value
-
-
-def _real(data_type: DataType, text: str, where: str) -> float:
-    """Decimal, or the bits in hexadecimal, as some tools write them."""
-    low, high = bounds(data_type)
-    try:
-        if text.lower().startswith("0x"):
-            raw = int(text, 16).to_bytes(SIZES[data_type], "big")
-            value = float(struct.unpack(">f" if len(raw) == 4 else ">d", raw)[0])
-        else:
-            value = float(text)
-    except (ValueError, OverflowError):
-        raise EDSError(f"{where} is no {data_type.name}") from None
-    if not low <= value <= high:
-        raise EDSError(f"{where} is outside {data_type.name}")
-    return value
-
-
-def _octets(data_type: DataType, text: str, where: str) -> bytes:
-    """Bytes in hexadecimal; a plain 0 stands for zero bytes."""
-    size = SIZES.get(data_type, 0)
-    if text.lower() in ("0", "0x0"):
-        return bytes(size)
-    try:
-        data = bytes.fromhex(text.lower().removeprefix("0x"))
-    except ValueError:
-        raise EDSError(f"{where} is no hexadecimal string") from None
-    if size and len(data) != size:
-        raise EDSError(f"{where} is not {size} bytes long")
-    return data
+        return parse_value(data_type, text, self.node_id, f"[{section}] value {text!r}")
