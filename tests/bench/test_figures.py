@@ -122,9 +122,9 @@ def test_what_was_not_run_is_not_drawn(name):
 
 
 def test_drawing_leaves_the_users_matplotlib_alone(traces):
-    before = dict(mpl.rcParams)
-    drawn(figures.fig2(traces))
-    assert dict(mpl.rcParams) == before
+    with mpl.rc_context({"axes.edgecolor": "#123456"}):
+        drawn(figures.fig2(traces))
+        assert mpl.rcParams["axes.edgecolor"] == "#123456"
     code = "import sys, smarttac_can.bench.figures; print('matplotlib.pyplot' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"
