@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from time import monotonic
 from typing import Final
 
 import canopen
 
-from smarttac_can.bench.errors import NotRunningError
+from smarttac_can.bench.errors import BenchError, NotRunningError
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.published import PublishedPdo, published_pdos
@@ -173,11 +173,19 @@ class CanLink:
             entry = device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION)
             before.append((entry, device.read(entry)))
             device.write(entry, EVENT_MANUFACTURER)
-        try:
-            yield
-        finally:
+
+        def restore() -> None:
             for entry, kind in before:
                 device.write(entry, kind)
+
+        try:
+            yield
+        except BaseException:
+            # The first failure is the one to report.
+            with suppress(BenchError):
+                restore()
+            raise
+        restore()
 
     def _receiver(self, pdo: PublishedPdo) -> Callable[[int, bytearray, float], None]:
         """Make the callback of a TPDO; that of the cycle's last one completes a row."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from smarttac_can.bench.errors import RefusedError
 from smarttac_can.bench.link import PUBLISHED, RECORDED, Row, Snapshot
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.od.cia import Abort
+from smarttac_can.od.cia import Abort, AbortCode
 
 
 class LocalLink:
@@ -26,7 +26,10 @@ class LocalLink:
 
     def read(self, name: str) -> int:
         """Read the raw value of an object."""
-        return int(self._block.od[name].value)
+        entry = self._block.od[name]
+        if not entry.readable:
+            raise RefusedError(f"cannot read {name}: {Abort(AbortCode.WRITE_ONLY)}")
+        return int(entry.value)
 
     def text(self, name: str) -> str:
         """Read an object that is a string."""
@@ -35,6 +38,8 @@ class LocalLink:
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object."""
         try:
+            if not self._block.od[name].writable:
+                raise Abort(AbortCode.READ_ONLY)
             self._block.write(name, raw)
         except Abort as error:
             raise RefusedError(f"cannot write {raw} to {name}: {error}") from error

@@ -83,6 +83,7 @@ def open_simulated_link(
         block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
         for name, raw in presets.items():
             block.write(name, raw)
+        block.start_run()
         return LocalLink(block), block.od
     bus = LocalBus(log=log)
     if plate_inside:

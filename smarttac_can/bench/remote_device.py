@@ -16,7 +16,14 @@ from smarttac_can.bench.errors import (
     RefusedError,
     WrongDeviceError,
 )
-from smarttac_can.od.cia import HEARTBEAT_ID, HEARTBEAT_PRODUCER, IDENTITY, NMT_ID, Abort
+from smarttac_can.od.cia import (
+    HEARTBEAT_ID,
+    HEARTBEAT_PRODUCER,
+    IDENTITY,
+    NMT_ID,
+    Abort,
+    AbortCode,
+)
 from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
@@ -80,8 +87,15 @@ class RemoteDevice:
 
     def write(self, entry: Entry, raw: int) -> None:
         """Write an entry over SDO."""
-        with self._explained(f"write {raw} to {entry.name}"):
-            self._sdo.download(entry.index, entry.subindex, pack(entry.data_type, raw))
+        action = f"write {raw} to {entry.name}"
+        try:
+            data = pack(entry.data_type, raw)
+        except OverflowError as error:
+            # What the type cannot carry is refused here, in the words of the device.
+            code = AbortCode.TOO_LOW if raw < 0 else AbortCode.TOO_HIGH
+            raise RefusedError(f"cannot {action}: {Abort(code)}") from error
+        with self._explained(action):
+            self._sdo.download(entry.index, entry.subindex, data)
 
     def start(self) -> None:
         """Command it into the NMT state operational."""

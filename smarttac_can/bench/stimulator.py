@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import isfinite
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -135,8 +136,11 @@ class Stimulator:
         trace: TracebackType | None,
     ) -> None:
         try:
-            if kind is None or not issubclass(kind, BenchError):
-                self.mode = Mode.OFF
+            self.mode = Mode.OFF
+        except BenchError:
+            # The first failure is the one to report.
+            if kind is None:
+                raise
         finally:
             self._link.close()
 
@@ -151,7 +155,11 @@ class Stimulator:
         ------
         RefusedError
             If the device refuses the value; nothing has changed then.
+        ValueError
+            If the value is not finite.
         """
+        if not isfinite(value):
+            raise ValueError(f"{name} {value} is not a finite number")
         self._link.write(name, round(value / self._od[name].factor))
 
     @property
