@@ -1,10 +1,12 @@
-"""SDO server: expedited and segmented transfers (CiA 301, 7.2.4)."""
+"""SDO server: expedited, segmented and block transfers (CiA 301, 7.2.4)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, Final
 
 from smarttac_can.device.access import Access
+from smarttac_can.device.block import BLOCK_SIZE, BlockDownload, BlockUpload
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import CONFIGURABLE
 from smarttac_can.device.port import Port
@@ -19,12 +21,17 @@ from smarttac_can.od.cia import (
     Abort,
     AbortCode,
 )
+from smarttac_can.od.data_types import UNSIGNED
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 TIME_OUT: Final = 1_000_000
-"""Device time in us after which a client that does not go on is aborted."""
+"""Device time in us after which a client that does not go on is aborted, where no object says."""
+TIME_OUT_NAME: Final = "SDO server time-out"
+"""Name of the manufacturer object that holds it in ms."""
 
+_ABORT: Final = 0x80
 _NO_TRANSFER: Final = bytes(3)
+_NOTHING: Final = ()
 
 
 class SDOServer(Service):
@@ -37,13 +44,19 @@ class SDOServer(Service):
         self._access = access
         self._rx = self._tx = COB_INVALID
         self._timer = port.clock.timer(self._on_time_out)
+        entry = od.find(TIME_OUT_NAME)
+        self._time_out = None if entry is None or entry.data_type not in UNSIGNED else entry
         self._address = _NO_TRANSFER
-        self._transfer: Download | Upload | None = None
+        self._transfer: Download | Upload | BlockDownload | BlockUpload | None = None
         self._commands: Final = (
             self._download_segment,
             self._initiate_download,
             self._initiate_upload,
             self._upload_segment,
+            self._drop,
+            self._block_upload,
+            self._block_download,
+            self._unknown,
         )
 
     def check(self, entry: Entry, value: Any) -> None:
@@ -84,21 +97,21 @@ class SDOServer(Service):
         data = frame.data
         if len(data) != 8 or frame.rtr:
             return
-        command = data[0] >> 5
-        if command == 4:
-            self._end()
-            return
         tx = self._tx
+        transfer = self._transfer
+        responses: Sequence[bytes]
         try:
-            if command >= len(self._commands):
-                raise Abort(AbortCode.COMMAND)
-            response = self._commands[command](data)
+            if type(transfer) is BlockDownload and transfer.receiving and data[0] != _ABORT:
+                responses = self._block_segment(transfer, data)
+            else:
+                responses = self._commands[data[0] >> 5](data)
         except Abort as abort:
-            response = self._abort(abort.code)
+            responses = (self._abort(abort.code),)
         # The write may have moved the server; the client still waits at the old CAN-ID.
-        self.port.out.append(Frame(tx & CAN_ID_MASK, response))
+        for response in responses:
+            self.port.out.append(Frame(tx & CAN_ID_MASK, response))
 
-    def _initiate_download(self, request: bytes) -> bytes:
+    def _initiate_download(self, request: bytes) -> Sequence[bytes]:
         command, index, subindex = self._address_of(request)
         if command & 2:
             size = 4 - (command >> 2 & 3) if command & 1 else None
@@ -109,20 +122,22 @@ class SDOServer(Service):
             size = int.from_bytes(request[4:], "little") if command & 1 else None
             entry = self._access.writable(index, subindex, size)
             self._transfer = Download(entry, size)
-            self._timer.start(TIME_OUT)
-        return b"\x60" + request[1:4] + bytes(4)
+            self._wait()
+        return (b"\x60" + request[1:4] + bytes(4),)
 
-    def _initiate_upload(self, request: bytes) -> bytes:
+    def _initiate_upload(self, request: bytes) -> Sequence[bytes]:
         _, index, subindex = self._address_of(request)
-        data = self._access.read(index, subindex)
+        return self._upload(self._access.read(index, subindex), request)
+
+    def _upload(self, data: bytes, request: bytes) -> Sequence[bytes]:
         if 1 <= len(data) <= 4:
             self._end()
-            return bytes((0x43 | (4 - len(data)) << 2,)) + request[1:4] + data.ljust(4, b"\0")
+            return (bytes((0x43 | (4 - len(data)) << 2,)) + request[1:4] + data.ljust(4, b"\0"),)
         self._transfer = Upload(data)
-        self._timer.start(TIME_OUT)
-        return b"\x41" + request[1:4] + len(data).to_bytes(4, "little")
+        self._wait()
+        return (b"\x41" + request[1:4] + len(data).to_bytes(4, "little"),)
 
-    def _download_segment(self, request: bytes) -> bytes:
+    def _download_segment(self, request: bytes) -> Sequence[bytes]:
         transfer = self._transfer
         if not isinstance(transfer, Download):
             raise Abort(AbortCode.COMMAND)
@@ -130,21 +145,86 @@ class SDOServer(Service):
         if last:
             self._access.write(transfer.entry, bytes(transfer.data))
         self._go_on(last)
-        return response
+        return (response,)
 
-    def _upload_segment(self, request: bytes) -> bytes:
+    def _upload_segment(self, request: bytes) -> Sequence[bytes]:
         transfer = self._transfer
         if not isinstance(transfer, Upload):
             raise Abort(AbortCode.COMMAND)
         response, last = transfer.segment(request)
         self._go_on(last)
-        return response
+        return (response,)
+
+    def _block_download(self, request: bytes) -> Sequence[bytes]:
+        transfer = self._transfer
+        if request[0] & 1:
+            if not isinstance(transfer, BlockDownload):
+                raise Abort(AbortCode.COMMAND)
+            response = transfer.end(request)
+            self._access.write(transfer.entry, bytes(transfer.data))
+            self._end()
+            return (response,)
+        command, index, subindex = self._address_of(request)
+        size = int.from_bytes(request[4:], "little") if command & 2 else None
+        entry = self._access.writable(index, subindex, size)
+        self._transfer = BlockDownload(entry, size, crc=bool(command & 4))
+        self._wait()
+        return (b"\xa4" + request[1:4] + bytes((BLOCK_SIZE, 0, 0, 0)),)
+
+    def _block_segment(self, transfer: BlockDownload, request: bytes) -> Sequence[bytes]:
+        response = transfer.segment(request)
+        if response is not None:
+            self._wait()
+            return (response,)
+        # A sub-block whose last segment is lost is confirmed half-way to the time-out.
+        self._wait(2)
+        return _NOTHING
+
+    def _block_upload(self, request: bytes) -> Sequence[bytes]:
+        step = request[0] & 3
+        if step == 0:
+            return self._initiate_block_upload(request)
+        transfer = self._transfer
+        if not isinstance(transfer, BlockUpload):
+            raise Abort(AbortCode.COMMAND)
+        if step == 1:
+            transfer.end()
+            self._end()
+            return _NOTHING
+        responses = transfer.confirm(request) if step == 2 else transfer.start()
+        self._wait()
+        return responses
+
+    def _initiate_block_upload(self, request: bytes) -> Sequence[bytes]:
+        command, index, subindex = self._address_of(request)
+        data = self._access.read(index, subindex)
+        block_size, threshold = request[4:6]
+        transfer = BlockUpload(data, block_size, crc=bool(command & 4))
+        if len(data) <= threshold and threshold:
+            return self._upload(data, request)
+        self._transfer = transfer
+        self._wait()
+        return (b"\xc6" + request[1:4] + len(data).to_bytes(4, "little"),)
+
+    def _drop(self, _: bytes) -> Sequence[bytes]:
+        """Take the client's abort, which has no answer."""
+        self._end()
+        return _NOTHING
+
+    def _unknown(self, _: bytes) -> Sequence[bytes]:
+        raise Abort(AbortCode.COMMAND)
 
     def _go_on(self, last: bool) -> None:
         if last:
             self._end()
         else:
-            self._timer.start(TIME_OUT)
+            self._wait()
+
+    def _wait(self, part: int = 1) -> None:
+        """Give the client the time-out, or a part of it, to go on."""
+        entry = self._time_out
+        time_out = TIME_OUT if entry is None else 1000 * max(1, entry.value)
+        self._timer.start(time_out // part)
 
     def _address_of(self, request: bytes) -> tuple[int, int, int]:
         self._end()
@@ -162,4 +242,10 @@ class SDOServer(Service):
         return response
 
     def _on_time_out(self) -> None:
-        self.port.out.append(Frame(self._tx & CAN_ID_MASK, self._abort(AbortCode.TIME_OUT)))
+        transfer = self._transfer
+        if isinstance(transfer, BlockDownload) and transfer.interrupted:
+            response = transfer.confirm()
+            self._wait(2)
+        else:
+            response = self._abort(AbortCode.TIME_OUT)
+        self.port.out.append(Frame(self._tx & CAN_ID_MASK, response))

@@ -11,7 +11,7 @@ from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, UNSIGNED, boun
 from smarttac_can.od.units import PLAIN, Unit
 
 ACCESS: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
-MAX_BYTES: Final = 1 << 16
+MAX_BYTES: Final = 1 << 20
 """Longest string or domain an entry takes."""
 
 _INTEGER: Final = frozenset({*SIGNED, *UNSIGNED, DataType.BOOLEAN})
@@ -221,6 +221,10 @@ class ObjectDictionary:
             what = "stands for several entries" if name in self._names else "is not in the EDS"
             raise KeyError(f"{name!r} {what}")
         return entry
+
+    def find(self, name: str) -> Entry | None:
+        """Find an entry by its name, if there is exactly one."""
+        return self._names.get(name)
 
     def entry(self, index: int, subindex: int = 0) -> Entry:
         """Find an entry; raises `Abort` with NO_OBJECT or NO_SUBINDEX."""

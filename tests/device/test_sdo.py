@@ -6,7 +6,7 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.data_types import pack
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.dictionary import MAX_BYTES, Entry
 
 
 def write_segmented(device: Device, index: int, data: bytes, *, announce: bool = True) -> int:
@@ -166,11 +166,11 @@ def test_segmented_write_of_a_number_too_long_or_short() -> None:
     assert write_segmented(device, 0x2012, bytes(7)) == 0x06070013
     assert write_segmented(device, 0x2012, bytes(9), announce=False) == 0x06070012
     assert write_segmented(device, 0x2012, bytes(7), announce=False) == 0x06070013
-    assert write_segmented(device, 0x2300, bytes(65536)) == 0
-    assert write_segmented(device, 0x2300, bytes(65537)) == 0x06070012
-    assert write_segmented(device, 0x2300, bytes(65537), announce=False) == 0x06070012
+    assert write_segmented(device, 0x2300, bytes(MAX_BYTES)) == 0
+    assert write_segmented(device, 0x2300, bytes(MAX_BYTES + 1)) == 0x06070012
+    assert write_segmented(device, 0x2300, bytes(MAX_BYTES + 1), announce=False) == 0x06070012
     assert device.od["INTEGER64"].value == -(1 << 63)
-    assert len(device.od["Texture"].value) == 65536
+    assert len(device.od["Texture"].value) == MAX_BYTES
 
 
 def test_segments_must_be_as_many_as_announced() -> None:
@@ -209,7 +209,7 @@ def test_toggle() -> None:
     )
 
 
-@pytest.mark.parametrize("command", ["00", "60", "A0", "C0", "E0"])
+@pytest.mark.parametrize("command", ["00", "60", "A1", "A2", "A3", "C1", "E0"])
 def test_command_that_fits_nothing(command: str) -> None:
     play(started(), f"> 620 {command} 10 21 00 00 00 00 00\n< 5A0 80 00 00 00 01 00 04 05")
 

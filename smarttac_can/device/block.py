@@ -1,0 +1,175 @@
+"""SDO block transfers (CiA 301, 7.2.4.3.9 to 7.2.4.3.15), from the second frame on."""
+
+from __future__ import annotations
+
+from binascii import crc_hqx
+from typing import Final
+
+from smarttac_can.device.segmented import SEGMENT
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.dictionary import MAX_BYTES, Entry
+
+BLOCK_SIZE: Final = 127
+"""Most segments in a sub-block, and what the server asks for."""
+
+_LAST: Final = 0x80
+_SEQUENCE: Final = 0x7F
+
+
+class BlockDownload:
+    """Data on its way into an entry.
+
+    Parameters
+    ----------
+    size
+        Bytes announced by the client, None if it announced nothing.
+    crc
+        Whether the client sends a checksum.
+
+    Attributes
+    ----------
+    receiving
+        Whether the next frame is a segment; else the client has yet to end the transfer.
+    data
+        What came in order.
+    """
+
+    def __init__(self, entry: Entry, size: int | None, *, crc: bool) -> None:
+        self.entry = entry
+        self.data = bytearray()
+        self.receiving = True
+        self._size = size
+        self._crc = crc
+        self._limit = size if size is not None else entry.size or MAX_BYTES
+        self._most = max(self._limit, 1) + SEGMENT - 1
+        self._heard = False
+        self._sequence = 0
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a sub-block has begun and not ended."""
+        return self._heard
+
+    def segment(self, request: bytes) -> bytes | None:
+        """Take a segment; return the confirmation at the end of a sub-block.
+
+        After a gap the rest of the sub-block is dropped: the client sends it again. An error is
+        told at the end of the sub-block, because what the client still sends of it would
+        otherwise be taken for requests.
+
+        Raises
+        ------
+        Abort
+            SEQUENCE for number 0, TOO_LONG.
+        """
+        command = request[0]
+        sequence = command & _SEQUENCE
+        if not sequence:
+            raise Abort(AbortCode.SEQUENCE)
+        self._heard = True
+        if sequence == self._sequence + 1:
+            self._sequence = sequence
+            if len(self.data) <= self._most:
+                self.data += request[1:]
+            if command & _LAST:
+                self.receiving = False
+        if command & _LAST or sequence == BLOCK_SIZE:
+            if len(self.data) > self._most:
+                raise Abort(AbortCode.TOO_LONG)
+            return self.confirm()
+        return None
+
+    def confirm(self) -> bytes:
+        """Confirm what came in order; the next segment is number 1 again."""
+        response = bytes((0xA2, self._sequence, BLOCK_SIZE)) + bytes(5)
+        self._sequence = 0
+        self._heard = False
+        return response
+
+    def end(self, request: bytes) -> bytes:
+        """Check the whole; return the response.
+
+        Raises
+        ------
+        Abort
+            TOO_LONG, TOO_SHORT, CRC.
+        """
+        del self.data[len(self.data) - (request[0] >> 2 & 7) :]
+        if len(self.data) > self._limit:
+            raise Abort(AbortCode.TOO_LONG)
+        if self._size is not None and len(self.data) < self._size:
+            raise Abort(AbortCode.TOO_SHORT)
+        if self._crc and crc_hqx(self.data, 0) != int.from_bytes(request[1:3], "little"):
+            raise Abort(AbortCode.CRC)
+        return b"\xa1" + bytes(7)
+
+
+class BlockUpload:
+    """Data on its way to the client: a snapshot of the entry when the transfer began.
+
+    Parameters
+    ----------
+    block_size
+        Segments in a sub-block as the client asks for.
+    crc
+        Whether the client wants a checksum.
+    """
+
+    def __init__(self, data: bytes, block_size: int, *, crc: bool) -> None:
+        self._data = data
+        self._crc = crc
+        self._position = 0
+        self._sent = 0
+        self._ended = False
+        self._block_size = _checked(block_size)
+
+    def start(self) -> list[bytes]:
+        """Give the first sub-block; raises `Abort` with COMMAND if it was given before."""
+        if self._sent:
+            raise Abort(AbortCode.COMMAND)
+        return self._sub_block()
+
+    def confirm(self, request: bytes) -> list[bytes]:
+        """Give the next sub-block, from the first segment that was lost, or the end.
+
+        Raises
+        ------
+        Abort
+            SEQUENCE if more is confirmed than was sent, BLOCK_SIZE, COMMAND if nothing is to be
+            confirmed.
+        """
+        if not self._sent or self._ended:
+            raise Abort(AbortCode.COMMAND)
+        if request[1] > self._sent:
+            raise Abort(AbortCode.SEQUENCE)
+        self._block_size = _checked(request[2])
+        self._position += SEGMENT * request[1]
+        if self._position < len(self._data) or not request[1]:
+            return self._sub_block()
+        self._ended = True
+        crc = crc_hqx(self._data, 0) if self._crc else 0
+        unused = min(self._position - len(self._data), SEGMENT)
+        return [bytes((0xC1 | unused << 2,)) + crc.to_bytes(2, "little") + bytes(5)]
+
+    def end(self) -> None:
+        """Take the client's last word; raises `Abort` with COMMAND if it comes too early."""
+        if not self._ended:
+            raise Abort(AbortCode.COMMAND)
+
+    def _sub_block(self) -> list[bytes]:
+        data, position = self._data, self._position
+        left = max(1, -(-(len(data) - position) // SEGMENT))
+        self._sent = count = min(left, self._block_size)
+        segments = [
+            bytes((k + 1,)) + data[position + SEGMENT * k : position + SEGMENT * (k + 1)]
+            for k in range(count)
+        ]
+        if count == left:
+            segments[-1] = bytes((_LAST | count,)) + segments[-1][1:].ljust(SEGMENT, b"\0")
+        return segments
+
+
+def _checked(block_size: int) -> int:
+    if not 1 <= block_size <= BLOCK_SIZE:
+        raise Abort(AbortCode.BLOCK_SIZE)
+    return block_size
