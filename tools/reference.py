@@ -18,101 +18,11 @@ from smarttac_can.control.identification import State
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.nodes.read_back import Status
 from smarttac_can.od import cia
-from smarttac_can.od.data_types import bounds
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.eds import load_eds
+from smarttac_can.od.object_reference import LEGEND, object_reference, table
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference"
 NODES = (("stimulator.eds", STIMULATOR_ID), ("plate.eds", PLATE_ID))
-AREAS = (
-    ("Communication profile (CiA 301)", 0x1000, 0x13FF),
-    ("Manufacturer-specific", 0x2000, 0x5FFF),
-    ("Device profile (CiA 404)", 0x6000, 0x9FFF),
-)
-PDOS = (
-    ("RPDO", cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING),
-    ("TPDO", cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING),
-)
-
-
-def _table(*rows: tuple[str, ...]) -> Iterator[str]:
-    head, *body = rows
-    yield f"| {' | '.join(head)} |"
-    yield "|" + "---|" * len(head)
-    for row in body:
-        yield f"| {' | '.join(row)} |"
-    yield ""
-
-
-def _number(entry: Entry) -> str:
-    value = entry.default
-    plain = entry.unit or entry.data_type is not cia.DataType.UNSIGNED32
-    if plain or (value < 10_000 and "COB-ID" not in entry.name):
-        return str(value)
-    return f"{value:X}h"
-
-
-def _limits(entry: Entry) -> str:
-    whole = (entry.low, entry.high) == bounds(entry.data_type)
-    return "" if whole else f"{entry.low}..{entry.high}"
-
-
-def _default(entry: Entry, neighbour: Entry) -> str:
-    """Show a default; the dictionaries of entry and neighbour are those of node-ID 1 and 2."""
-    if entry.default == neighbour.default:
-        return _number(entry)
-    return f"{entry.default - 1 & ~cia.COB_INVALID:X}h + node-ID"
-
-
-def _count(entry: Entry) -> str:
-    if not entry.unit:
-        return "" if entry.factor == 1 else f"{entry.factor:g}"
-    return entry.unit if entry.factor == 1 else f"{entry.factor:g} {entry.unit}"
-
-
-def _rows(
-    od: ObjectDictionary, other: ObjectDictionary, low: int, high: int
-) -> Iterator[tuple[str, ...]]:
-    yield "Index", "Sub", "Name", "Type", "Access", "PDO", "Limits", "Default", "One count"
-    for entry in od:
-        counts_members = entry.subindex == 0 and entry.access == "const" and "." in entry.name
-        if not low <= entry.index <= high or counts_members:
-            continue
-        yield (
-            f"{entry.index:04X}h",
-            f"{entry.subindex}",
-            entry.name,
-            entry.data_type.name,
-            entry.access,
-            "yes" if entry.pdo else "",
-            _limits(entry),
-            _default(entry, other.entry(entry.index, entry.subindex)),
-            _count(entry),
-        )
-
-
-def _pdo_rows(od: ObjectDictionary, other: ObjectDictionary) -> Iterator[tuple[str, ...]]:
-    yield "PDO", "COB-ID", "Type", "Event timer", "Content, bits"
-    for kind, communication, mapping in PDOS:
-        for index in [i for i in od.objects if communication <= i < communication + cia.PDO_COUNT]:
-            cob_id = od.entry(index, cia.PDO_COB_ID)
-            can_id = _default(cob_id, other.entry(index, cia.PDO_COB_ID))
-            if cob_id.default & cia.COB_INVALID:
-                can_id = f"off ({can_id})" if cob_id.default & cia.CAN_ID_MASK else "off"
-            mapped = index - communication + mapping
-            contents = [
-                od.entry(mapped, position).default for position in range(1, od.number(mapped) + 1)
-            ]
-            yield (
-                f"{kind} {index - communication + 1}",
-                can_id,
-                f"{od.number(index, cia.PDO_TRANSMISSION)}",
-                f"{od.number(index, cia.PDO_EVENT)} ms",
-                ", ".join(
-                    f"{od.entry(value >> 16, value >> 8 & 0xFF).name} {value & 0xFF}"
-                    for value in contents
-                ),
-            )
 
 
 def _members(choices: type[IntEnum]) -> str:
@@ -126,14 +36,11 @@ def objects() -> str:
         "",
         "Made by `tools/reference.py` from `eds/stimulator.eds` and `eds/plate.eds`: change those.",
         "",
-        "Limits and defaults are raw counts; *one count* says what a count stands for, and is "
-        "empty for a plain number. Sub-index 0 of arrays and records, the number of members, is "
-        "left out. Every mapping record has 8 places, and any object marked *PDO* may be mapped: "
-        "`ro` and `rwr` into a TPDO, `rww` into an RPDO, `rw` into both.",
+        f"{LEGEND} Every mapping record has 8 places.",
         "",
         "## Values",
         "",
-        *_table(
+        *table(
             ("Object", "Values"),
             ("Mode, Mode display", _members(Mode)),
             ("Friction law", _members(Law)),
@@ -150,21 +57,15 @@ def objects() -> str:
         ),
     ]
     for file, node_id in NODES:
-        od, other = (load_eds(read_eds(file), number) for number in (1, 2))
-        product = od.entry(cia.IDENTITY, 2).default
+        text = read_eds(file)
+        product = load_eds(text, node_id).entry(cia.IDENTITY, 2).default
         lines += [
             f"## `{file}`",
             "",
             f"Product code {product:08X}h; node-ID {node_id} unless `--node-id` says otherwise.",
             "",
-            "### PDOs",
-            "",
-            *_table(*_pdo_rows(od, other)),
+            *object_reference(text, level=3),
         ]
-        for title, low, high in AREAS:
-            rows = list(_rows(od, other, low, high))
-            if len(rows) > 1:
-                lines += [f"### {title}", "", *_table(*rows)]
     return "\n".join(lines)
 
 
@@ -179,13 +80,22 @@ def _argument(kind: click.ParamType[Any]) -> str:
 def _parameter(parameter: click.Parameter) -> tuple[str, str, str]:
     if isinstance(parameter, click.Argument):
         many = "..." if parameter.nargs == -1 else ""
-        return f"`{_argument(parameter.type)}{many}`".replace("|", "\\|"), "", ""
+        return f"`{_argument(parameter.type)}{many}`", "", ""
     assert isinstance(parameter, click.Option)
     name = ", ".join(parameter.opts)
     if not parameter.is_flag:
         name += f" {parameter.metavar or _argument(parameter.type)}"
     default = f"`{parameter.default}`" if parameter.show_default else ""
-    return f"`{name}`".replace("|", "\\|"), default, parameter.help or ""
+    return f"`{name}`", default, parameter.help or ""
+
+
+def _commands(group: click.Group, prefix: str) -> Iterator[tuple[str, click.Command]]:
+    for name, command in group.commands.items():
+        full = f"{prefix} {name}"
+        if isinstance(command, click.Group):
+            yield from _commands(command, full)
+        else:
+            yield full, command
 
 
 def command_line() -> str:
@@ -197,15 +107,15 @@ def command_line() -> str:
         "the same as `smarttac`.",
         "",
     ]
-    for name, command in smarttac.commands.items():
+    for name, command in _commands(smarttac, "smarttac"):
         text = " ".join((command.help or "").split()).replace("``", "`")
         example = (command.epilog or "").replace("\b", "").partition(":")[2]
         lines += [
-            f"## `smarttac {name}`",
+            f"## `{name}`",
             "",
             text,
             "",
-            *_table(("Parameter", "Default", "Meaning"), *map(_parameter, command.params)),
+            *table(("Parameter", "Default", "Meaning"), *map(_parameter, command.params)),
             "```console",
             *(f"$ {line.strip()}" for line in example.strip().splitlines()),
             "```",
@@ -214,7 +124,7 @@ def command_line() -> str:
     lines += [
         "## Exit codes",
         "",
-        *_table(
+        *table(
             ("Code", "Meaning"),
             ("0", "done; a node was ended by Ctrl-C or SIGTERM and left the plate at 0 V"),
             ("1", "bus, device, EDS or file: one line on stderr says what"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from smarttac_can import __version__
+from smarttac_can.cli.eds import eds
 from smarttac_can.cli.nodes import node, plate
 from smarttac_can.cli.reproduction import demo, report, reproduce
 
@@ -21,5 +22,5 @@ def main() -> None:
     """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""
 
 
-for command in (demo, reproduce, report, node, plate):
+for command in (demo, reproduce, report, node, plate, eds):
     main.add_command(command)

@@ -11,7 +11,7 @@ from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli.options import NODE_ID, BusChoice, Command, bus_options, with_options
 from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.cli.state_lines import StateLines
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.runner import run_node
@@ -150,7 +150,7 @@ def _finger_presets(motion: int, subject: int, seed: int) -> dict[str, int]:
 
 
 def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
-    text = read_eds(packaged) if other is None else other.read_text(encoding="latin-1")
+    text = read_eds(packaged) if other is None else read_eds_file(other)
     od = load_eds(text, node_id)
     for warning in od.warnings:
         click.echo(f"{other or packaged}: {warning}", err=True)

@@ -25,3 +25,18 @@ def read_eds(name: str) -> str:
         if place.is_file():
             return place.read_text(encoding="ascii")
     raise FileNotFoundError(f"there is no EDS file {name} in the package or its source tree")
+
+
+def read_eds_file(path: Path) -> str:
+    """Return the text of an EDS or DCF of any maker: ASCII by rule, UTF-8 or Latin-1 in practice.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    data = path.read_bytes()
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")

@@ -1,0 +1,196 @@
+"""Device configuration files (CiA 306): an EDS with node-ID, bit rate and values of one device."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from configparser import ConfigParser, SectionProxy
+from configparser import Error as ConfigError
+from datetime import datetime
+from io import StringIO
+from typing import Final
+
+from smarttac_can.od.cia import IDENTITY, Abort, DataType, ObjectType
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.eds import load_eds
+from smarttac_can.od.eds_values import parse_integer, parse_value
+from smarttac_can.od.ini import EDSError
+
+BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+"""Bit rates in bit/s that an EDS can speak of."""
+COMMISSIONING: Final = "DeviceComissioning"
+"""Name of the section; the standard spells it so."""
+
+_SECTION: Final = re.compile(r"^([0-9a-f]{4})(?:sub([0-9a-f]{1,2}))?$", re.IGNORECASE)
+
+
+def make_dcf(
+    text: str,
+    *,
+    node_id: int,
+    bit_rate: int,
+    values: Mapping[str, str],
+    eds_name: str,
+    dcf_name: str,
+    now: datetime,
+) -> str:
+    """Fill in an EDS for one device.
+
+    Besides the values given, every default with ``$NODEID`` gets its number as ParameterValue, so
+    that who reads the file needs no formula.
+
+    Parameters
+    ----------
+    text
+        The EDS, or a DCF to change.
+    node_id
+        Node-ID, 1..127.
+    bit_rate
+        Bit rate in bit/s, one the EDS says the device has.
+    values
+        Raw values as an EDS writes them, by name (``Setpoint.Voltage``) or section (``1017``,
+        ``2010sub1``).
+    eds_name, dcf_name
+        File names for ``[FileInfo]``.
+    now
+        Date of modification for ``[FileInfo]``.
+
+    Raises
+    ------
+    EDSError
+        The EDS cannot be interpreted.
+    ValueError
+        There is no such object, it takes no value or not this one, or the EDS knows no such
+        bit rate.
+    """
+    od = load_eds(text, node_id)
+    if bit_rate not in BIT_RATES or od.info.get(f"baudrate_{bit_rate // 1000}") != "1":
+        raise ValueError(f"bit rate {bit_rate} is none the EDS says the device has")
+    file = _parsed(text)
+    _resolve_node_id(file, od)
+    for name, value in values.items():
+        entry = _find(od, name)
+        _check(entry, value, node_id)
+        _set_value(file, od, entry, value)
+    info = _section(file, "FileInfo")
+    _put(info, "FileName", dcf_name)
+    _put(info, "LastEDS", eds_name)
+    _put(info, "ModificationTime", now.strftime("%I:%M%p"))
+    _put(info, "ModificationDate", now.strftime("%m-%d-%Y"))
+    commissioning = _section(file, COMMISSIONING)
+    for key, number in {
+        "NodeID": node_id,
+        "NodeName": od.info.get("productname", ""),
+        "Baudrate": bit_rate // 1000,
+        "NetNumber": 0,
+        "NetworkName": "",
+        "CANopenManager": 0,
+        "LSS_SerialNumber": od.number(IDENTITY, 4),
+    }.items():
+        _put(commissioning, key, str(number))
+    written = StringIO()
+    file.write(written, space_around_delimiters=False)
+    return written.getvalue().rstrip("\n") + "\n"
+
+
+def _parsed(text: str) -> ConfigParser:
+    # Not strict: some tools write a section in two parts.
+    file = ConfigParser(
+        delimiters=("=",),
+        comment_prefixes=(";",),
+        inline_comment_prefixes=(";",),
+        strict=False,
+        interpolation=None,
+    )
+    file.optionxform = str  # type: ignore[assignment,method-assign]  # keep the case of keys
+    try:
+        # Stripped, because an indented line would continue the one before.
+        file.read_string("\n".join(line.strip() for line in text.splitlines()))
+    except ConfigError as error:
+        raise EDSError(str(error).splitlines()[0]) from error
+    return file
+
+
+def _section(file: ConfigParser, name: str) -> SectionProxy:
+    """Find a section by its name in any case, or make it."""
+    for section in file.sections():
+        if section.lower() == name.lower():
+            return file[section]
+    file.add_section(name)
+    return file[name]
+
+
+def _put(section: SectionProxy, key: str, value: str) -> None:
+    """Set a key under the spelling it already has."""
+    section[next((k for k in section if k.lower() == key.lower()), key)] = value
+
+
+def _lowered(section: SectionProxy) -> dict[str, str]:
+    return {key.lower(): value for key, value in section.items()}
+
+
+def _resolve_node_id(file: ConfigParser, od: ObjectDictionary) -> None:
+    """Write the numbers of the formulas, but keep what somebody has configured otherwise."""
+    before = _lowered(_section(file, COMMISSIONING)).get("nodeid", "")
+    for name in file.sections():
+        keys = _lowered(file[name])
+        formula = keys.get("defaultvalue", "")
+        found = _SECTION.match(name)
+        if found is None or "$nodeid" not in formula.lower() or "compactsubobj" in keys:
+            continue
+        entry = od.get(int(found[1], 16), int(found[2] or "0", 16))
+        if entry is None:
+            continue
+        present = keys.get("parametervalue")
+        if present and before:
+            where = f"[{name}]"
+            old = parse_value(entry.data_type, formula, parse_integer(before, where), where)
+            if parse_value(entry.data_type, present, od.node_id, where) != old:
+                continue
+        elif present:
+            continue
+        number = parse_value(entry.data_type, formula, od.node_id, f"[{name}]")
+        _put(file[name], "ParameterValue", f"0x{number:X}")
+
+
+def _find(od: ObjectDictionary, name: str) -> Entry:
+    if name in od:
+        return od[name]
+    found = _SECTION.match(name)
+    if found is None:
+        raise ValueError(f"{name!r} is not in the EDS, or stands for several objects")
+    entry = od.get(int(found[1], 16), int(found[2] or "0", 16))
+    if entry is None:
+        raise ValueError(f"{name} is not in the EDS")
+    return entry
+
+
+def _check(entry: Entry, text: str, node_id: int) -> None:
+    if not entry.writable:
+        raise ValueError(f"{entry.name} is {entry.access}: it takes no value")
+    if not text:
+        raise ValueError(f"{entry.name} is given no value")
+    if entry.data_type is DataType.DOMAIN:
+        raise ValueError(f"{entry.name} is a DOMAIN: its value is a file, not a text")
+    value = parse_value(entry.data_type, text, node_id, f"{entry.name} value {text!r}")
+    if isinstance(value, int | float) and not entry.low <= value <= entry.high:
+        raise ValueError(f"{entry.name} {text} is outside {entry.low}..{entry.high}")
+    try:
+        entry.check(value)
+    except Abort as error:
+        raise ValueError(f"{entry.name} takes no {text!r}: {error}") from error
+
+
+def _set_value(file: ConfigParser, od: ObjectDictionary, entry: Entry, value: str) -> None:
+    """Set the value of an entry in its section, or in the list of a CompactSubObj."""
+    plain = od.objects[entry.index].object_type is ObjectType.VAR
+    for name in file.sections():
+        found = _SECTION.match(name)
+        if found is None or int(found[1], 16) != entry.index:
+            continue
+        if found[2] is None if plain else found[2] and int(found[2], 16) == entry.subindex:
+            _put(file[name], "ParameterValue", value)
+            return
+    values = _section(file, f"{entry.index:04X}Value")
+    _put(values, str(entry.subindex), value)
+    _put(values, "NrOfEntries", str(sum(key.isdigit() for key in values)))

@@ -1,0 +1,120 @@
+"""The commands about EDS files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime
+from importlib.util import find_spec
+from pathlib import Path
+
+import click
+
+from smarttac_can.bench.dcf import BIT_RATES, make_dcf
+from smarttac_can.cli.options import NODE_ID
+from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.host.eds_files import read_eds_file
+from smarttac_can.od.eds import load_eds
+from smarttac_can.od.object_reference import LEGEND, object_reference
+
+eds_file = click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+output_option = click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File to write instead of stdout.",
+)
+
+
+@click.group()
+def eds() -> None:
+    """Check an EDS, and make documents and files for other tools of it."""
+
+
+@eds.command(epilog="Example: smarttac eds doc eds/plate.eds --output plate.md")
+@eds_file
+@output_option
+def doc(file: Path, output: Path | None) -> None:
+    """Write the reference of all PDOs and objects in Markdown."""
+    with plain_errors():
+        head = (f"# {file.name}", "", LEGEND, "")
+        _write(_made(file, lambda text: "\n".join([*head, *object_reference(text)])), output)
+
+
+@eds.command(epilog="Example: smarttac eds dbc eds/stimulator.eds --node-id 32 --output run.dbc")
+@eds_file
+@click.option("--node-id", type=NODE_ID, default=1, show_default=True)
+@output_option
+def dbc(file: Path, node_id: int, output: Path | None) -> None:
+    """Write a DBC of the default PDOs, EMCY and heartbeat, with scales and units, for analysers."""
+    if find_spec("cantools") is None:
+        raise click.ClickException("a DBC needs cantools: pip install 'smarttac-can[dbc]'")
+    from smarttac_can.bench.dbc import make_dbc  # noqa: PLC0415 - cantools is an extra
+
+    with plain_errors():
+        _write(_made(file, lambda text: make_dbc(load_eds(text, node_id))), output)
+
+
+def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
+    values = {}
+    for text in given:
+        name, separator, value = text.partition("=")
+        if not separator or not name or not value:
+            raise click.BadParameter(f"{text!r} is not NAME=VALUE")
+        values[name.strip()] = value.strip()
+    return values
+
+
+@eds.command(
+    epilog="Example: smarttac eds dcf eds/stimulator.eds --node-id 32 --bitrate 1000000"
+    " --set 1017=500 --output stimulator-32.dcf"
+)
+@eds_file
+@click.option("--node-id", type=NODE_ID, required=True)
+@click.option(
+    "--bitrate",
+    type=click.Choice([str(rate) for rate in BIT_RATES]),
+    required=True,
+    help="Bit rate in bit/s.",
+)
+@click.option(
+    "--set",
+    "values",
+    multiple=True,
+    metavar="NAME=VALUE",
+    callback=_values,
+    help="Raw value of an object, by name (Setpoint.Voltage) or section (1017, 2010sub1).",
+)
+@output_option
+def dcf(
+    file: Path, node_id: int, bitrate: str, values: dict[str, str], output: Path | None
+) -> None:
+    """Write the DCF of one device: the EDS with its node-ID, bit rate and values."""
+    with plain_errors():
+        made = _made(
+            file,
+            lambda text: make_dcf(
+                text,
+                node_id=node_id,
+                bit_rate=int(bitrate),
+                values=values,
+                eds_name=file.name,
+                dcf_name=output.name if output is not None else f"{file.stem}.dcf",
+                now=datetime.now(),
+            ),
+        )
+        _write(made, output)
+
+
+def _made(file: Path, make: Callable[[str], str]) -> str:
+    """Make something of a file; what it refuses is told with the name of the file."""
+    try:
+        return make(read_eds_file(file))
+    except ValueError as error:
+        raise click.ClickException(f"{file}: {error}") from error
+
+
+def _write(text: str, output: Path | None) -> None:
+    """Write to a file, or to stdout."""
+    if output is None:
+        click.echo(text, nl=not text.endswith("\n"))
+    else:
+        output.write_text(text, encoding="utf-8")
