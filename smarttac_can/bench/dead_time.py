@@ -38,7 +38,7 @@ def dead_time_table(without: Mapping[str, Any], with_it: Mapping[str, Any]) -> s
     Parameters
     ----------
     without, with_it
-        Results as from `smarttac_can.bench.metrics.summary`.
+        Results as from `smarttac_can.bench.summary.summary`.
     """
     heads = [f"dead time {results['dead_time_us']:.0f} us" for results in (without, with_it)]
     lines = [f"{'':<40}" + "".join(f"{head:>20}" for head in heads) + f"{'paper':>10}"]

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Mode
@@ -115,7 +117,7 @@ def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:
                 bench: Stimulator, subject: int = subject, amplitude: float = amplitude
             ) -> list[Trace]:
                 bench.finger.stroke(subject, travel=30.0)
-                _begin(bench, conditions, COLD, lift=False)
+                _begin(bench, conditions, COLD, subject=subject)
                 bench.frequency = COLD_RESONANCE
                 bench.amplitude = amplitude
                 bench.mode = Mode.AMPLITUDE_RESONANCE if amplitude else Mode.OFF
@@ -140,7 +142,7 @@ def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
                 force_variation=0.2,
                 speed_variation=0.2,
             )
-            _begin(bench, conditions, COLD, lift=False)
+            _begin(bench, conditions, COLD, subject=subject)
             bench.frequency = COLD_RESONANCE
             bench.amplitude = 1.0
             bench.boundary = 0.0
@@ -152,13 +154,17 @@ def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
 
 
 def _begin(
-    bench: Stimulator, conditions: Conditions, temperature: float, *, lift: bool = True
+    bench: Stimulator, conditions: Conditions, temperature: float, *, subject: int = 0
 ) -> None:
-    """Start a run and tare it: the gauges drift with temperature."""
-    if lift:
+    """Start a run and tare it: the gauges drift with temperature.
+
+    Without a subject the finger is lifted. Each subject has noise and variations of its own.
+    """
+    if not subject:
         bench.finger.lift()
+    (seed,) = np.random.SeedSequence([conditions.seed, subject]).generate_state(1)
     bench.finger.surroundings(
-        seed=conditions.seed, temperature=temperature, dead_time=conditions.dead_time
+        seed=int(seed), temperature=temperature, dead_time=conditions.dead_time
     )
     bench.start_run()
     bench.tare()

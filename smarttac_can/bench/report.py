@@ -10,6 +10,7 @@ import base64
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import escape
+from importlib import resources
 from io import BytesIO
 from pathlib import Path
 from string import Template
@@ -61,12 +62,13 @@ class Comparison(NamedTuple):
 
 
 def compare(summary: Mapping[str, Any]) -> list[Comparison]:
-    """Lay each of the paper's figures beside the result in a summary (`metrics.summary`)."""
+    """Lay the paper's figures beside what was run, from `smarttac_can.bench.summary.summary`."""
     comparisons = []
     for published in PUBLISHED:
         value = _look_up(summary, published.key)
-        reason = "" if value is not None else summary["unavailable"].get(published.key, "not run")
-        comparisons.append(Comparison(published, value, reason))
+        reason = summary["unavailable"].get(published.key, "")
+        if value is not None or reason:
+            comparisons.append(Comparison(published, value, reason))
     return comparisons
 
 
@@ -104,7 +106,7 @@ def write_report(
     directory
         Made if it does not exist; files of the same names are replaced.
     traces, summary
-        The runs and their `metrics.summary`.
+        The runs and their `smarttac_can.bench.summary.summary`.
     law
         Eq. (9) for Fig. 3: E in % to dW in m.
     fitted, emerges
@@ -124,7 +126,7 @@ def write_report(
             continue
         (directory / f"{name}.png").write_bytes(picture)
         sections.append(_figure_html(name, picture))
-    page = Template(PAGE).substitute(
+    page = Template(_page()).substitute(
         paper=escape(TITLE),
         parameters="".join(
             f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
@@ -142,6 +144,10 @@ def write_report(
     index = directory / "index.html"
     index.write_text(page, encoding="utf-8", newline="\n")
     return index
+
+
+def _page() -> str:
+    return resources.files(__package__).joinpath("page.html").read_text(encoding="utf-8")
 
 
 def _look_up(summary: Mapping[str, Any], key: str) -> float | None:
@@ -268,78 +274,3 @@ def _unavailable_html(unavailable: Mapping[str, str]) -> str:
         return ""
     rows = [f"{key}: {reason}" for key, reason in unavailable.items()]
     return "<h2>Results that do not exist</h2>" + _list_html(rows)
-
-
-PAGE = """\
-<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>SMARTTAC CAN: the paper's experiments, simulated</title>
-<style>
-:root { color-scheme: light; --ink: #1f2933; --pale: #5d6a78; --line: #dfe5ea; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 3rem 1.25rem 5rem; max-width: 62rem; color: var(--ink);
-  background: #fff; font: 1rem/1.6 system-ui, "Segoe UI", Roboto, "Helvetica Neue", sans-serif; }
-h1 { margin: 0 0 .4rem; font-size: 1.9rem; line-height: 1.2; letter-spacing: -.01em; }
-h2 { margin: 3rem 0 .8rem; font-size: 1.25rem; }
-p, li { max-width: 44rem; }
-.lead { margin: 0 0 1.6rem; color: var(--pale); }
-dl { display: flex; flex-wrap: wrap; gap: .6rem 2.2rem; margin: 0; padding: .9rem 1.1rem;
-  background: #f4f7f9; border-radius: .5rem; }
-dt { font-size: .78rem; color: var(--pale); }
-dd { margin: 0; font-weight: 600; }
-.scroll { overflow-x: auto; }
-table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .45rem .7rem; border-bottom: 1px solid var(--line); text-align: right;
-  white-space: nowrap; vertical-align: top; }
-th[scope=row], tr > th:first-child { text-align: left; font-weight: 500; padding-left: 0; }
-thead th, .block th { color: var(--pale); font-size: .82rem; font-weight: 600; }
-.block:not(:first-child) th { padding-top: 1.5rem; }
-small { display: block; color: var(--pale); font-weight: 400; }
-.inside, .outside, .missing { display: inline-block; padding: 0 .55rem; border-radius: 1rem;
-  font-size: .85rem; font-weight: 600; }
-.inside { color: #0b5c49; background: #d9f0e8; }
-.outside { color: #8f2412; background: #fbe3dd; }
-.missing { color: #6a4a00; background: #fbefcf; }
-figure { margin: 0 0 2.6rem; }
-img { display: block; width: 100%; height: auto; max-width: 46rem; }
-#fig7 img { max-width: 100%; }
-figcaption { max-width: 44rem; margin-top: .5rem; color: var(--pale); font-size: .92rem; }
-figcaption b { color: var(--ink); }
-code { font-size: .85em; overflow-wrap: anywhere; }
-@media print { body { padding: 0; } figure, tr { break-inside: avoid; } }
-</style>
-</head>
-<body>
-<h1>The paper's experiments, simulated</h1>
-<p class="lead">SMARTTAC CAN beside “$paper”. Plate, fingers and sensors are a model; no
-number here was measured on hardware.</p>
-<dl>$parameters</dl>
-<h2>Result and paper</h2>
-<p>$verdict Without a band, a figure is shown and not judged: four people are not four presets.</p>
-<div class="scroll"><table>
-<thead><tr><th scope="col"></th><th scope="col">Result</th><th scope="col">Paper</th>
-<th scope="col">Band</th><th scope="col">Verdict</th></tr></thead>
-<tbody>
-$comparison</tbody></table></div>
-<h2>What was fitted and what emerges</h2>
-<h3>Fitted</h3>$fitted
-<h3>Emerges</h3>$emerges
-<h2>Figures</h2>
-$figures
-<h2>Steps of friction by subject</h2>
-<p>The mean curve is the paper's Table I. Noise of the friction coefficient biases the values of
-single touches; they are the means over the touches. “std” is the sample standard deviation over
-the subjects.</p>
-<div class="scroll"><table><tbody>
-$steps
-</tbody></table></div>
-$unavailable
-<h2>Traces</h2>
-<p>Every number and figure follows from <code>traces.csv</code>, SHA-256 <code>$sha256</code>.</p>
-</body>
-</html>
-"""
-"""The page for `string.Template`."""

@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from smarttac_can import __version__
 from smarttac_can.bench.experiments import Conditions, experiments
-from smarttac_can.bench.metrics import summary
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.bench.summary import summary
 from smarttac_can.bench.traces import Trace, sha256, write_csv
 from smarttac_can.control.friction import FrictionLaw
 from smarttac_can.control.parameters import CascadeParameters
@@ -64,7 +64,7 @@ def reproduce(
     traces : list of Trace
         Every run.
     results : dict
-        As from `smarttac_can.bench.metrics.summary`.
+        As from `smarttac_can.bench.summary.summary`.
     """
     with ExitStack() as stack:
         if folder is None:

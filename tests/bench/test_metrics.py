@@ -9,13 +9,19 @@ from synthetic_traces import PASS_MS, all_experiments, amplitude_sweep, friction
 
 from smarttac_can.bench import metrics, paper
 from smarttac_can.bench.metrics import Step, UndefinedError
+from smarttac_can.bench.summary import summary
 from smarttac_can.bench.traces import COLUMNS, Trace, read_csv, sha256, write_csv
 
 RUN = {"seed": 3, "law": "measured", "link": "local", "dead_time": 2.5e-4, "version": "1.2"}
 
 
-def summary(traces):
-    return metrics.summary(traces, **RUN, trace_sha256="ab")
+def still(experiment):
+    """A run that was never switched on."""
+    return trace(experiment, 0, W=np.zeros(60), V=np.zeros(60))
+
+
+def summary_of(traces):
+    return summary(traces, **RUN, trace_sha256="ab")
 
 
 def step(curve, before=0.2, after=0.3):
@@ -255,12 +261,12 @@ class TestSummary:
         write_csv(tmp_path / "traces.csv", runs)
         again = read_csv(tmp_path / "traces.csv")
         digest = sha256(tmp_path / "traces.csv")
-        both = [metrics.summary(t, **RUN, trace_sha256=digest) for t in (runs, again)]
+        both = [summary(t, **RUN, trace_sha256=digest) for t in (runs, again)]
         assert both[0] == both[1]
         assert json.loads(json.dumps(both[0], allow_nan=False)) == both[0]
 
     def test_complete_runs_have_every_value(self):
-        result = summary(all_experiments())
+        result = summary_of(all_experiments())
         assert result["unavailable"] == {}
         assert (result["seed"], result["law"], result["link"]) == (3, "measured", "local")
         assert (result["dead_time_us"], result["trace_sha256"]) == (pytest.approx(250), "ab")
@@ -276,7 +282,7 @@ class TestSummary:
 
     def test_table_1_is_the_up_step_of_the_mean_curve(self):
         runs = all_experiments()
-        table = summary(runs)["table1"]
+        table = summary_of(runs)["table1"]
         for up, block in ((True, table), (False, table["down"])):
             for i, row in enumerate(block["subjects"]):
                 own = [run for run in runs if (run.experiment, run.subject) == ("table1", i + 1)]
@@ -294,24 +300,29 @@ class TestSummary:
                 assert block["std"][name] == pytest.approx(np.std(column, ddof=1))
 
     def test_noise_biases_single_touches_not_the_mean_curve(self):
-        table = summary(all_experiments(noise=0.011))["table1"]
-        clean = summary(all_experiments(noise=0.0))["table1"]
+        table = summary_of(all_experiments(noise=0.011))["table1"]
+        clean = summary_of(all_experiments(noise=0.0))["table1"]
         exact = clean["mean"]["overshoot_percent"]
         assert table["mean"]["overshoot_percent"] == pytest.approx(exact, abs=4)
         assert table["touches"]["mean"]["overshoot_percent"] > exact + 5
 
-    def test_nothing_run_is_none_with_reasons(self):
-        result = summary([])
+    def test_what_was_not_run_is_none_and_no_failure(self):
+        result = summary_of([])
+        assert result["fig5"]["amplitude_only"]["response_time_ms"] is None
+        assert result["table1"]["mean"]["rise_time_ms"] is None
+        assert result["unavailable"] == {}
+
+    def test_what_does_not_exist_is_none_with_a_reason(self):
+        result = summary_of([still("fig5.amplitude_only")])
         assert result["fig5"]["amplitude_only"]["response_time_ms"] is None
         reasons = result["unavailable"]
-        assert reasons["fig5.amplitude_only.response_time_ms"] == "fig5.amplitude_only was not run"
-        assert reasons["table1.mean.rise_time_ms"] == "0 of 1 values"
-        assert result["fig2"] == {"amplitudes_um": [], "subjects": [], "mean_ratio_percent": []}
+        key = "fig5.amplitude_only.response_time_ms"
+        assert reasons[key] == "fig5.amplitude_only has no voltage"
 
     def test_no_mean_over_an_incomplete_column(self):
         runs = [run for run in all_experiments() if run.subject != 3 or run.experiment != "table1"]
         still = trace("table1", 3, mu=np.full(900, 4500), mu_ref=np.repeat([4000, 5000, 4000], 300))
-        result = summary([*runs, still])
+        result = summary_of([*runs, still])
         table, reasons = result["table1"], result["unavailable"]
         assert table["subjects"][2]["rise_time_ms"] is None
         assert table["subjects"][2]["static_error_percent"] == pytest.approx(12.5)
