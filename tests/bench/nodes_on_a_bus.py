@@ -1,0 +1,134 @@
+"""Nodes for a bench to connect to: in threads of this process, or as processes of their own."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from queue import Empty, Queue
+from typing import Any
+
+from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.runner import run_node
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+GUARD_S = 20.0
+"""Only ever waited for by a test that is about to fail."""
+
+Node = PlateNode | StimulatorNode
+
+
+class HesitantBus(PythonCanBus):
+    """A bus whose party takes its time before it looks for the next frame."""
+
+    def __init__(self, pauses: random.Random, options: Mapping[str, Any]) -> None:
+        super().__init__(**options)
+        self._pauses = pauses
+
+    def receive(self, timeout: float) -> Frame | None:
+        time.sleep(self._pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)))
+        return super().receive(timeout)
+
+
+def stimulator_with_plate() -> StimulatorNode:
+    return StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
+
+
+def both() -> tuple[PlateNode, StimulatorNode]:
+    return PlateNode(plate_od()), StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+
+
+@contextmanager
+def in_threads(
+    options: Mapping[str, Any],
+    *nodes: Node,
+    lockstep: bool = True,
+    pauses: random.Random | None = None,
+) -> Iterator[threading.Event]:
+    """Run nodes, until the block ends or the event that it gets is set."""
+    buses = [HesitantBus(pauses, options) if pauses else PythonCanBus(**options) for _ in nodes]
+    stop = threading.Event()
+    with ThreadPoolExecutor(max_workers=len(nodes)) as executor:
+        runs = [
+            executor.submit(run_node, node, bus, stop.is_set, lockstep=lockstep)
+            for node, bus in zip(nodes, buses, strict=True)
+        ]
+        try:
+            yield stop
+        finally:
+            stop.set()
+        for run in runs:
+            run.result(timeout=GUARD_S)
+
+
+class NodeProcess:
+    """``smarttac node`` or ``smarttac plate`` as a process of its own."""
+
+    def __init__(self, *arguments: str) -> None:
+        command = [sys.executable, "-W", "error", "-m", "smarttac_can", *arguments]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.lines: Queue[str] = Queue()
+        self._complaints = ""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.put(line.rstrip("\n"))
+
+    def wait_for(self, line: str) -> None:
+        try:
+            while (said := self.lines.get(timeout=GUARD_S)) != line:
+                pass
+        except Empty:
+            raise AssertionError(f"{line!r} was not said") from None
+        assert said == line
+
+    def end(self, number: int = signal.SIGTERM) -> tuple[int, list[str], str]:
+        """Send a signal; return the exit status, the lines not yet seen, and stderr."""
+        with self.process as process:
+            if process.poll() is None:
+                process.send_signal(number)
+            try:
+                process.wait(GUARD_S)
+            finally:
+                process.kill()
+                self._reader.join(GUARD_S)
+            assert process.stderr is not None
+            if not process.stderr.closed:
+                self._complaints = process.stderr.read()
+        return process.returncode, list(self.lines.queue), self._complaints
+
+
+@contextmanager
+def processes(bus: Mapping[str, Any], *commands: str) -> Iterator[list[NodeProcess]]:
+    """Run ``smarttac`` commands such as ``node --lockstep`` on a bus until the block ends."""
+    options = [
+        *("--interface", str(bus["interface"]), "--channel", str(bus["channel"])),
+        *("--bus-option", f"port={bus['port']}"),
+    ]
+    started: list[NodeProcess] = []
+    try:
+        for command in commands:
+            started.append(NodeProcess(*command.split(), *options))
+        for command, process in zip(commands, started, strict=True):
+            name = "plate 33" if command.startswith("plate") else "stimulator 32"
+            process.wait_for(f"{name} ready on {bus['interface']}:{bus['channel']}")
+        yield started
+    finally:
+        with ExitStack() as ends:
+            for process in started:
+                ends.callback(process.end)

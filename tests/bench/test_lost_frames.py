@@ -1,0 +1,134 @@
+"""A node that dies ends a run with an error that says so; nothing waits for ever."""
+
+import random
+import signal
+import threading
+from typing import Any
+
+import can
+import pytest
+from nodes_on_a_bus import both, in_threads, processes, stimulator_with_plate
+
+from smarttac_can.bench import NotRunningError, Stimulator
+from smarttac_can.bench.errors import BenchError
+from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.open_link import _over_can
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.local_bus import LocalBus, Port
+from smarttac_can.host.python_can import PythonCanBus
+
+
+@pytest.fixture
+def short_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lost cycle costs 1 s of the clock: not here."""
+    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.02)
+
+
+def local_bench() -> tuple[Stimulator, list[Port]]:
+    bus = LocalBus()
+    ports = [bus.attach(node) for node in both()]
+    bench = Stimulator(
+        *_over_can(LocalNetwork(bus), 32, 33, where="local", lockstep=True, timeout=0.0)
+    )
+    return bench, ports
+
+
+@pytest.mark.parametrize("who", ["plate", "stimulator"])
+def test_a_node_pulled_off_a_local_bus_is_noticed_at_once(who: str) -> None:
+    bench, ports = local_bench()
+    bench.run(0.01)
+    ports[who == "stimulator"].close()
+    with pytest.raises(BenchError, match=r"lost|does not answer"):
+        bench.run(1.0)
+
+
+def test_a_node_pulled_off_in_the_middle_of_a_run() -> None:
+    bench, (plate, _) = local_bench()
+    syncs = 0
+
+    def pull(_can_id: int, _data: bytes, _time: float) -> None:
+        nonlocal syncs
+        syncs += 1
+        if syncs == 50:
+            plate.close()
+
+    link = bench._link
+    link._network.subscribe(0x221, pull)  # type: ignore[attr-defined]
+    with pytest.raises(NotRunningError, match="3 cycles in a row were lost"):
+        bench.run(1.0)
+    assert syncs == 50
+
+
+@pytest.mark.parametrize("who", ["plate", "stimulator"])
+def test_a_process_that_dies(who: str, multicast: dict[str, Any], short_cycle: None) -> None:
+    commands = ["plate --lockstep", "node --lockstep --plate-node 33"]
+    with processes(multicast, *commands) as (plate, stimulator):
+        bench = Stimulator.connect(**multicast, plate_node_id=33, lockstep=True, timeout=0.3)
+        bench.run(0.05)
+        victim = plate if who == "plate" else stimulator
+        killer = threading.Timer(0.2, victim.process.kill)
+        killer.start()
+        with pytest.raises(NotRunningError, match="3 cycles in a row were lost"), bench:
+            bench.amplitude = 1.0
+            bench.mode = "amplitude"
+            bench.run(1000.0)
+        killer.join()
+        survivor = stimulator if who == "plate" else plate
+        status, lines, complaints = survivor.end(signal.SIGTERM)
+        assert (status, complaints) == (0, "")
+        assert lines[-1].endswith("stopped at 0 V")
+
+
+class LossyBus(PythonCanBus):
+    """Loses one frame in fifty of those that carry the loop."""
+
+    def __init__(self, seed: int, options: dict[str, Any]) -> None:
+        super().__init__(**options)
+        self._random = random.Random(seed)
+
+    def send(self, frame: Frame) -> None:
+        if 0x180 <= frame.can_id < 0x500 and self._random.random() < 0.02:
+            return
+        super().send(frame)
+
+
+def test_lost_frames_cost_rows_and_no_more(
+    virtual: dict[str, Any], short_cycle: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds = iter((1, 2))
+    monkeypatch.setattr("nodes_on_a_bus.PythonCanBus", lambda **bus: LossyBus(next(seeds), bus))
+    with (
+        in_threads(virtual, *both()),
+        Stimulator.connect(**virtual, plate_node_id=33, lockstep=True) as bench,
+    ):
+        bench.amplitude = 1.0
+        bench.mode = "amplitude"
+        trace = bench.run(0.4)
+        assert 300 < len(trace) < 400
+        assert trace.tick[-1] - trace.tick[0] > 380, "the plate goes on"
+        assert bench.get("Cycle.Lost cycles") > 0
+        # A row is never mixed of two cycles, nor a drive applied twice.
+        assert abs(trace.amplitude_um[-50:].mean() - 1.0) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [(0x80, "3 cycles in a row were lost"), (0x02, "node 32 does not answer")],
+)
+def test_a_stimulator_that_another_master_takes_out_of_operational(
+    command: int, message: str, virtual: dict[str, Any], short_cycle: None
+) -> None:
+    def nmt(command: int) -> None:
+        master.send(can.Message(arbitration_id=0, data=[command, 32], is_extended_id=False))
+
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        can.Bus(**virtual) as master,
+        Stimulator.connect(**virtual, lockstep=True, timeout=0.2) as bench,
+    ):
+        bench.run(0.005)
+        nmt(command)
+        with pytest.raises(BenchError, match=message):
+            bench.run(0.05)
+        nmt(0x01)
+        assert len(bench.run(0.05)) == 50
