@@ -32,7 +32,7 @@ class StateLines:
         self._title = f"{name} {node.device.node_id}"
         self._where = where
         self._node = node
-        self._say = say
+        self._line = say
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
         self._said = self._now()
@@ -62,6 +62,13 @@ class StateLines:
         frames = self._node.shutdown()
         self._say(f"{self._title} stopped at 0 V")
         return frames
+
+    def _say(self, line: str) -> None:
+        try:
+            self._line(line)
+        except OSError:
+            # The terminal is closed. The node goes on, and above all ends at 0 V, without a reader.
+            self._line = lambda line: None
 
     def _now(self) -> tuple[NMTState, int]:
         return self._device.nmt_state, self._mode.value if self._mode is not None else 0

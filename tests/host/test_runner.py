@@ -94,6 +94,19 @@ def test_flood_of_frames_does_not_hold_up_the_ticks() -> None:
     assert sum(frame.can_id == REPLY + 1 for frame in bus.sent) == 100
 
 
+def test_node_that_is_always_late_still_hears_the_bus() -> None:
+    class SlowNode(CountingNode):
+        def advance(self, microseconds: int) -> list[Frame]:
+            bus.now += 2 * TICK_NS
+            return super().advance(microseconds)
+
+    node = SlowNode()
+    bus = ScriptedBus(ON_TIME, *[(0, Frame(REQUEST + 1))] * 24, NEVER_ASKED)
+    run(node, bus)
+    assert sum(frame.can_id == REPLY + 1 for frame in bus.sent) == 24
+    assert len([call for call, _ in node.calls if call == "advance"]) in (3, 4)
+
+
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.integers(0, 10 * TICK_NS), min_size=1, max_size=30))
 def test_no_tick_is_lost_or_invented(stalls: list[int]) -> None:
