@@ -25,7 +25,7 @@ class Access:
     def __init__(
         self,
         od: ObjectDictionary,
-        owners: dict[int, Service],
+        owners: dict[int, list[Service]],
         application: Application,
         on_change: Callable[[], None],
     ) -> None:
@@ -45,7 +45,7 @@ class Access:
         entry = self._od.entry(index, subindex)
         if not entry.readable:
             raise Abort(AbortCode.WRITE_ONLY)
-        if (owner := self._owners.get(index)) is not None:
+        for owner in self._owners.get(index, ()):
             owner.check_read(entry)
         return entry.pack()
 
@@ -81,13 +81,15 @@ class Access:
             application; the entry then has its old value.
         """
         value: Any = entry.unpack(data)
-        owner = self._owners.get(entry.index)
-        if owner is not None:
+        owners = self._owners.get(entry.index, ())
+        for owner in owners:
             owner.check(entry, value)
         self._application.on_write(entry, value)
-        changed = value != entry.value
-        entry.value = value
         # A master that writes back what it read must not restart timers and counts.
-        if owner is not None and changed:
+        if value == entry.value:
+            return
+        entry.value = value
+        for owner in owners:
             owner.apply(entry)
+        if owners:
             self._on_change()

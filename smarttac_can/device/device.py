@@ -5,7 +5,9 @@ from __future__ import annotations
 from smarttac_can.device.access import Access
 from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.error_behaviour import ErrorBehaviour, ErrorClass
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.guarding import Guarding
 from smarttac_can.device.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from smarttac_can.device.nmt import NMTState, commands_to
 from smarttac_can.device.port import Port
@@ -17,7 +19,6 @@ from smarttac_can.device.tpdo import TPDO
 from smarttac_can.od.cia import (
     COMMUNICATION_FIRST,
     COMMUNICATION_LAST,
-    ERROR_BEHAVIOUR,
     NMT_ID,
     NMT_STARTUP,
     PDO_COUNT,
@@ -27,6 +28,8 @@ from smarttac_can.od.cia import (
     SDO_SERVER_LAST,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
+    EmergencyCode,
+    ErrorRegister,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 
@@ -64,12 +67,13 @@ class Device:
         self._state = NMTState.INITIALISING
         self._port = port = Port()
         self._emergency = Emergency(port, od)
-        self._heartbeat = HeartbeatProducer(port, od, od.node_id)
+        self._heartbeat = HeartbeatProducer(port, od)
+        self._error_behaviour = ErrorBehaviour(port, od, self._enter)
         self._sync = Sync(port, od, self._emergency, self._synchronise)
         self._rpdos = {
             n: RPDO(
                 port, od, n, RPDO_COMMUNICATION + n - 1, RPDO_MAPPING + n - 1,
-                emergency=self._emergency, application=self._application,
+                emergency=self._emergency, sync=self._sync, application=self._application,
             )
             for n in _pdo_numbers(od, RPDO_COMMUNICATION, RPDO_MAPPING)
         }  # fmt: skip
@@ -77,20 +81,24 @@ class Device:
             n: TPDO(port, od, n, TPDO_COMMUNICATION + n - 1, TPDO_MAPPING + n - 1)
             for n in _pdo_numbers(od, TPDO_COMMUNICATION, TPDO_MAPPING)
         }
-        self._owners: dict[int, Service] = {}
+        self._owners: dict[int, list[Service]] = {}
         access = Access(od, self._owners, self._application, self._listen)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
         # Emergency comes first, so that what the others report on their way out is held there.
         self._services: tuple[Service, ...] = (
             self._emergency,
             self._heartbeat,
-            HeartbeatConsumer(port, od, self._emergency, self._on_communication_error),
+            self._error_behaviour,
+            HeartbeatConsumer(port, od, self._emergency, self._error_behaviour.react),
+            Guarding(port, od, self._emergency, self._error_behaviour.react),
             self._sync,
             *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),
             *self._rpdos.values(),
             *self._tpdos.values(),
         )
-        self._owners.update((i, service) for service in self._services for i in service.objects)
+        for service in self._services:
+            for index in service.objects:
+                self._owners.setdefault(index, []).append(service)
         self._latching: list[RPDO] = []
         self._sampling: list[TPDO] = []
         self._on_nmt = commands_to(od.node_id, self._request)
@@ -156,6 +164,22 @@ class Device:
         """Take back an error of the application; nothing happens if it was not reported."""
         self._emergency.clear(code)
 
+    def react(self, error_class: ErrorClass) -> list[Frame]:
+        """Follow an error of the application as the error behaviour object says."""
+        self._error_behaviour.react(error_class)
+        return self._port.take()
+
+    def bus_off(self) -> list[Frame]:
+        """Take note that the CAN controller went bus-off, a communication error."""
+        self._error_behaviour.react()
+        return self._port.take()
+
+    def bus_recovered(self) -> list[Frame]:
+        """Report, when the bus is there again, that it was not."""
+        self._emergency.report(EmergencyCode.BUS_OFF_RECOVERED, ErrorRegister.COMMUNICATION)
+        self._emergency.clear(EmergencyCode.BUS_OFF_RECOVERED)
+        return self._port.take()
+
     def _request(self, state: NMTState) -> None:
         if state in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
             self._initialise(state)
@@ -204,14 +228,6 @@ class Device:
         self._application.on_sync()
         for tpdo in self._sampling:
             tpdo.on_sync(counter)
-
-    def _on_communication_error(self) -> None:
-        """Error behaviour 1029h:1: PRE-OPERATIONAL unless told otherwise (CiA 301, 7.5.2.32)."""
-        behaviour = self.od.number(ERROR_BEHAVIOUR, 1)
-        if behaviour == 0 and self._state is NMTState.OPERATIONAL:
-            self._enter(NMTState.PRE_OPERATIONAL)
-        elif behaviour == 2 and self._state is not NMTState.STOPPED:
-            self._enter(NMTState.STOPPED)
 
 
 def _pdo_numbers(od: ObjectDictionary, communication: int, mapping: int) -> list[int]:

@@ -27,16 +27,15 @@ class HeartbeatProducer(Service):
 
     states: ClassVar = ALL_STATES
 
-    def __init__(self, port: Port, od: ObjectDictionary, node_id: int) -> None:
+    def __init__(self, port: Port, od: ObjectDictionary) -> None:
         super().__init__(port, od, (HEARTBEAT_PRODUCER,))
-        self._can_id = HEARTBEAT_ID + node_id
         self._timer = port.clock.timer(self._send)
         self._state = NMTState.INITIALISING
         self._period = 0
 
     def boot_up(self) -> None:
         """Send the boot-up message."""
-        self.port.out.append(Frame(self._can_id, b"\0"))
+        self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, b"\0"))
 
     def enter(self, state: NMTState | None) -> None:
         """Remember the state to send."""
@@ -58,7 +57,7 @@ class HeartbeatProducer(Service):
         self._timer.stop()
 
     def _send(self) -> None:
-        self.port.out.append(Frame(self._can_id, bytes((self._state,))))
+        self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, bytes((self._state,))))
 
 
 class Monitor:
@@ -141,9 +140,9 @@ class HeartbeatConsumer(Service):
 
     def _lost(self, node_id: int) -> None:
         self._emergency.report(
-            EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION, bytes((node_id,)), node_id
+            EmergencyCode.ERROR_CONTROL, ErrorRegister.COMMUNICATION, bytes((node_id,)), node_id
         )
         self._on_loss()
 
     def _found(self, node_id: int) -> None:
-        self._emergency.clear(EmergencyCode.HEARTBEAT, node_id)
+        self._emergency.clear(EmergencyCode.ERROR_CONTROL, node_id)

@@ -10,6 +10,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.device.mapping import Direction
 from smarttac_can.device.pdo import PDO
 from smarttac_can.device.port import Port
+from smarttac_can.device.sync import Sync
 from smarttac_can.od.cia import (
     CYCLIC_LAST,
     EVENT_MANUFACTURER,
@@ -25,7 +26,8 @@ class RPDO(PDO):
     A PDO with any value outside the limits of its entry is ignored as a whole and reported as
     8200h (protocol error) with the PDO number, the index and the sub-index. A frame too short is
     ignored and reported as 8210h, of one too long the first bytes are used and 8220h is reported.
-    Each error is taken back by the next PDO without it.
+    Each error is taken back by the next PDO without it. A synchronous PDO that comes after the SYNC
+    window has closed is dropped.
     """
 
     direction: ClassVar = Direction.RECEIVE
@@ -40,10 +42,12 @@ class RPDO(PDO):
         mapping: int,
         *,
         emergency: Emergency,
+        sync: Sync,
         application: Application,
     ) -> None:
         super().__init__(port, od, number, communication, mapping)
         self._emergency = emergency
+        self._sync = sync
         self._application = application
         self._deadline = port.clock.timer(self._on_deadline)
         self._late = False
@@ -89,7 +93,8 @@ class RPDO(PDO):
             self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
             self._settle(EmergencyCode.PDO_LENGTH)
         if self.transmission <= CYCLIC_LAST:
-            self._latch = data
+            if self._sync.window_open:
+                self._latch = data
         else:
             self._deliver(data)
 

@@ -1,4 +1,4 @@
-"""SYNC consumer and producer with counter (CiA 301, 7.2.5)."""
+"""SYNC consumer and producer with counter and window (CiA 301, 7.2.5)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from smarttac_can.od.cia import (
     SYNC_COUNTER,
     SYNC_ID,
     SYNC_PERIOD,
+    SYNC_WINDOW,
     Abort,
     AbortCode,
     EmergencyCode,
@@ -45,7 +46,7 @@ class Sync(Service):
         emergency: Emergency,
         on_sync: Callable[[int], None],
     ) -> None:
-        super().__init__(port, od, (SYNC_COB_ID, SYNC_PERIOD, SYNC_COUNTER))
+        super().__init__(port, od, (SYNC_COB_ID, SYNC_PERIOD, SYNC_COUNTER, SYNC_WINDOW))
         self._emergency = emergency
         self._on_sync = on_sync
         self._timer = port.clock.timer(self._produce)
@@ -55,9 +56,16 @@ class Sync(Service):
         self._overflow = 0
         self._counter = 0
         self._wrong_length = False
+        self._window = 0
+        self._heard = 0
+
+    @property
+    def window_open(self) -> bool:
+        """Whether synchronous RPDOs are taken: within the window after SYNC, if there is one."""
+        return not self._window or self.port.clock.now - self._heard <= self._window
 
     def check(self, entry: Entry, value: Any) -> None:
-        """See the standard on each of the three objects."""
+        """See the standard on each of the objects."""
         if entry.index == SYNC_COB_ID:
             same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
             if entry.value & value & COB_SYNC_PRODUCER and not same:
@@ -78,7 +86,8 @@ class Sync(Service):
         self.configure()
         if entry.index == SYNC_COUNTER:
             self._counter = 0
-        self._start_or_stop()
+        if entry.index != SYNC_WINDOW:
+            self._start_or_stop()
 
     def configure(self) -> None:
         """Read the parameters."""
@@ -87,6 +96,7 @@ class Sync(Service):
         self._produces = bool(cob_id & COB_SYNC_PRODUCER)
         self._period = self.od.number(SYNC_PERIOD)
         self._overflow = self.od.number(SYNC_COUNTER)
+        self._window = self.od.number(SYNC_WINDOW)
 
     def begin(self) -> None:
         """Out of reset or STOPPED the counter starts at 1."""
@@ -115,6 +125,7 @@ class Sync(Service):
         if self._wrong_length:
             self._wrong_length = False
             self._emergency.clear(EmergencyCode.SYNC_LENGTH)
+        self._heard = self.port.clock.now
         self._on_sync(data[0] if data else 0)
 
     def _start_or_stop(self) -> None:
@@ -129,4 +140,5 @@ class Sync(Service):
             self.port.out.append(Frame(self._can_id, bytes((self._counter,))))
         else:
             self.port.out.append(Frame(self._can_id))
+        self._heard = self.port.clock.now
         self._on_sync(self._counter)

@@ -127,11 +127,16 @@ class Abort(Exception):  # noqa: N818 - the term of CiA 301
 
 
 class EmergencyCode(IntEnum):
-    """Emergency error codes of CiA 301, table 26, as far as the communication part needs them."""
+    """Emergency error codes of CiA 301, table 26, as far as the communication part needs them.
+
+    DATA_STORAGE is that of the drive profile (CiA 402) for non-volatile memory.
+    """
 
     RESET = 0x0000
+    DATA_STORAGE = 0x5530
     DATA_SET = 0x6300
-    HEARTBEAT = 0x8130
+    ERROR_CONTROL = 0x8130
+    BUS_OFF_RECOVERED = 0x8140
     PROTOCOL = 0x8200
     PDO_LENGTH = 0x8210
     PDO_LENGTH_EXCEEDED = 0x8220

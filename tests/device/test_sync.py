@@ -2,6 +2,7 @@ import pytest
 from transcript import download, play, started
 
 from smarttac_can.device.application import Application
+from smarttac_can.device.frame import Frame
 
 
 class Order(Application):
@@ -133,3 +134,30 @@ def test_wrong_length_is_reported_once_and_ignored() -> None:
     device = started()
     download(device, 0x1019, 0, 10, 1)
     play(device, "> 080\n< 0A0 40 82 11 00 00 00 00 00")
+
+
+def test_window_drops_synchronous_rpdos_that_come_late() -> None:
+    device = started()
+    rpdo = next(n for n in range(4) if device.od.entry(0x1400 + n, 2).value <= 240)
+    cob_id = device.od.entry(0x1400 + rpdo, 1).value & 0x7FF
+    mapped = device.od.entry(0x1600 + rpdo, 1).value
+    target = device.od.entry(mapped >> 16, mapped >> 8 & 0xFF)
+    size = sum(device.od.entry(0x1600 + rpdo, k + 1).value & 0xFF
+               for k in range(device.od.entry(0x1600 + rpdo, 0).value)) // 8  # fmt: skip
+    assert download(device, 0x1007, 0, 2000, 4) == 0
+
+    def receive(value: int) -> None:
+        device.receive(Frame(cob_id, bytes((value,)) + bytes(size - 1)))
+
+    device.receive(Frame(0x080))
+    device.advance(2000)
+    receive(1)
+    device.receive(Frame(0x080))
+    assert target.value == 1
+    device.advance(2001)
+    receive(2)
+    device.receive(Frame(0x080))
+    assert target.value == 1
+    receive(3)
+    device.receive(Frame(0x080))
+    assert target.value == 3

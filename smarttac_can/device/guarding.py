@@ -1,0 +1,86 @@
+"""Node and life guarding (CiA 301, 7.2.8.3.2.1); rests while the heartbeat is on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import ALL_STATES, NMTState
+from smarttac_can.device.port import Port
+from smarttac_can.device.service import Service
+from smarttac_can.od.cia import (
+    GUARD_TIME,
+    HEARTBEAT_ID,
+    HEARTBEAT_PRODUCER,
+    LIFE_TIME_FACTOR,
+    EmergencyCode,
+    ErrorRegister,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+
+_TOGGLE = 0x80
+
+
+class Guarding(Service):
+    """Answers the master's remote frames with the NMT state, and misses them.
+
+    The first remote frame starts the life guarding. Once none came for the life time, EMCY 8130h
+    goes out; the next remote frame takes it back.
+    """
+
+    states: ClassVar = ALL_STATES
+
+    def __init__(
+        self, port: Port, od: ObjectDictionary, emergency: Emergency, on_loss: Callable[[], None]
+    ) -> None:
+        super().__init__(port, od, (GUARD_TIME, LIFE_TIME_FACTOR, HEARTBEAT_PRODUCER))
+        self._emergency = emergency
+        self._on_loss = on_loss
+        self._timer = port.clock.timer(self._on_life_time)
+        self._state = NMTState.INITIALISING
+        self._toggle = 0
+        self._active = False
+        self._life_time = 0
+
+    def configure(self) -> None:
+        """Read the parameters; the guard time is in ms."""
+        number = self.od.number
+        supported = GUARD_TIME in self.od.objects and LIFE_TIME_FACTOR in self.od.objects
+        self._active = supported and not number(HEARTBEAT_PRODUCER)
+        self._life_time = 1000 * number(GUARD_TIME) * number(LIFE_TIME_FACTOR)
+        self._toggle = 0
+
+    def enter(self, state: NMTState | None) -> None:
+        """Remember the state to send."""
+        if state is not None:
+            self._state = state
+        super().enter(state)
+
+    def cease(self) -> None:
+        """Wait for a first remote frame again."""
+        self._timer.stop()
+        self._found()
+
+    def listen(self) -> None:
+        """Hear the remote frames."""
+        if self._active:
+            self.port.listen(HEARTBEAT_ID + self.od.node_id, self.receive)
+
+    def receive(self, frame: Frame) -> None:
+        """Answer a remote frame."""
+        if not frame.rtr:
+            return
+        self.port.out.append(Frame(frame.can_id, bytes((self._toggle | self._state,))))
+        self._toggle ^= _TOGGLE
+        if self._life_time:
+            self._timer.start(self._life_time)
+            self._found()
+
+    def _found(self) -> None:
+        self._emergency.clear(EmergencyCode.ERROR_CONTROL)
+
+    def _on_life_time(self) -> None:
+        self._emergency.report(EmergencyCode.ERROR_CONTROL, ErrorRegister.COMMUNICATION)
+        self._on_loss()
