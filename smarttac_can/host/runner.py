@@ -14,7 +14,7 @@ from smarttac_can.od.cia import SYNC_ID
 _TICK_NS = TICK_US * 1000
 _STOP_POLL_S = 0.05
 _HEARD_PER_TICK = 8
-"""Frames that are heard between two ticks even by a node that is late: those of the loop and SDO."""
+"""Frames heard between two ticks even by a node that is late: those of the loop, and SDO."""
 
 
 def run_node(
