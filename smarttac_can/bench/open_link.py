@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import canopen
 
@@ -28,6 +28,7 @@ STIMULATOR_ID = 32
 """Node-ID of the stimulator unless another is given."""
 PLATE_ID = 33
 """Node-ID of the plate node unless another is given."""
+_CLOSING_S: Final = 0.02
 
 
 def stimulator_od(node_id: int = STIMULATOR_ID) -> ObjectDictionary:
@@ -66,6 +67,8 @@ def open_can_link(
     """
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
     network = canopen.Network()
+    # How long closing the bus may take; python-canopen waits for up to 1 s.
+    network.NOTIFIER_CYCLE = _CLOSING_S
     try:
         network.connect(interface=interface, channel=channel, **options)
     except Exception as error:  # drivers raise what they like

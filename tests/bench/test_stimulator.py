@@ -1,0 +1,288 @@
+"""The bench's client: the same over every link, in a person's units."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from smarttac_can.bench import Law, Mode, NotRunningError, RefusedError, Stimulator
+from smarttac_can.bench.errors import BenchError
+from smarttac_can.bench.link import Row, Snapshot
+from smarttac_can.bench.open_link import stimulator_od
+
+
+@pytest.fixture(params=["local", "bus", "inside", "virtual"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Stimulator]:
+    """A stimulator over each link; the last is the fixture that users get."""
+    if request.param == "virtual":
+        yield request.getfixturevalue("stimulator")
+        return
+    link = "local" if request.param == "local" else "bus"
+    with Stimulator.simulate(link, plate_inside=request.param == "inside") as made:
+        yield made
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "raw"),
+    [
+        ("voltage", 12.34, ("Setpoint.Voltage", 12_340)),
+        ("frequency", 43_210.98, ("Setpoint.Frequency", 43_210.98)),
+        ("amplitude", 1.234, ("Setpoint.Amplitude", 1234)),
+        ("boundary", -3.21, ("Setpoint.Boundary", -3210)),
+        ("mode", Mode.AMPLITUDE, ("Mode", 2)),
+        ("law", Law.NOMINAL, ("Friction law", Law.NOMINAL)),
+    ],
+)
+def test_set_points(bench: Stimulator, name: str, value: float, raw: tuple[str, float]) -> None:
+    setattr(bench, name, value)
+    assert getattr(bench, name) == pytest.approx(value, abs=1e-9)
+    assert bench.get(raw[0]) == pytest.approx(raw[1])
+
+
+def test_cof_of_both_sides_or_each(bench: Stimulator) -> None:
+    bench.cof = 0.35
+    assert bench.cof == pytest.approx((0.35, 0.35))
+    bench.cof = (0.2, 0.5)
+    assert bench.cof == pytest.approx((0.2, 0.5))
+    assert bench.get("Setpoint.COF right") == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        ("off", Mode.OFF),
+        ("open loop", Mode.OPEN_LOOP),
+        ("amplitude + resonance".replace(" + ", "+"), Mode.AMPLITUDE_RESONANCE),
+        ("Friction", Mode.FRICTION),
+        ("amplitude_resonance", Mode.AMPLITUDE_RESONANCE),
+    ],
+)
+def test_modes_by_name(name: str, mode: Mode) -> None:
+    with Stimulator.simulate("local") as bench:
+        bench.mode = name  # type: ignore[assignment]
+        assert bench.mode is mode
+
+
+def test_names_that_do_not_exist() -> None:
+    with Stimulator.simulate("local") as bench:
+        with pytest.raises(ValueError, match="mode 'fast' is none of off, open_loop, amplitude"):
+            bench.mode = "fast"  # type: ignore[assignment]
+        with pytest.raises(ValueError, match="law 'new' is none of measured, accumulate, nominal"):
+            bench.law = "new"  # type: ignore[assignment]
+        with pytest.raises(KeyError, match="is not in the EDS"):
+            bench.get("Nonsense")
+        with pytest.raises(ValueError, match="nan is not a finite number"):
+            bench.voltage = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("Setpoint.Voltage", 200_010, "06090031: value written too high"),
+        ("Setpoint.Voltage", 1e9, "06090031: value written too high"),
+        ("Setpoint.Voltage", -10, "06090032: value written too low"),
+        ("Setpoint.COF left", 0.0499, "06090032: value written too low"),
+        ("Limit.Lowest frequency", 44_500, "06090030: invalid value for parameter"),
+        ("Statusword", 1, "06010002: attempt to write a read only object"),
+        ("Finger.Motion", 2, "08000022"),
+    ],
+)
+def test_refused_with_the_reason_and_nothing_changed(
+    bench: Stimulator, name: str, value: float, text: str
+) -> None:
+    before = bench.get(name)
+    with pytest.raises(RefusedError, match=f"cannot write .* to {name}: abort {text}"):
+        bench.set(name, value)
+    assert bench.get(name) == before
+
+
+def test_reading_what_cannot_be_read(bench: Stimulator) -> None:
+    with pytest.raises(RefusedError, match=r"cannot read Simulation.Start run: abort 06010001"):
+        bench.get("Simulation.Start run")
+
+
+@pytest.mark.parametrize("seconds", [0.001, 0.0499, 0.25])
+def test_a_run_has_a_row_a_millisecond(bench: Stimulator, seconds: float) -> None:
+    trace = bench.run(seconds, "some.label", 3)
+    assert (trace.experiment, trace.subject, len(trace)) == ("some.label", 3, round(1e3 * seconds))
+    assert trace.tick.tolist() == list(range(len(trace)))
+    assert bench.run(0.01).tick[0] == len(trace), "the next run goes on"
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.0004, -1.0])
+def test_a_run_of_no_length_is_refused(seconds: float) -> None:
+    with (
+        Stimulator.simulate("local") as bench,
+        pytest.raises(ValueError, match=rf"seconds {seconds} is below 0.001"),
+    ):
+        bench.run(seconds)
+
+
+def test_a_reading_has_all_in_its_unit(bench: Stimulator) -> None:
+    bench.finger.stroke(4, force=0.8)
+    bench.finger.surroundings(seed=1, temperature=25.0)
+    bench.start_run()
+    bench.tare()
+    bench.frequency = 43_320.0
+    bench.amplitude = 0.8
+    bench.mode = "amplitude resonance"
+    trace = bench.run(0.5)
+    reading = bench.read()
+    assert reading.mode is Mode.AMPLITUDE_RESONANCE
+    assert reading.status & 0b111 == 0b111, "running, driving, touching"
+    assert reading.amplitude == pytest.approx(0.8, abs=0.05)
+    assert reading.normal_force == pytest.approx(0.8, abs=0.1)
+    assert reading.temperature == pytest.approx(25.0, abs=0.3)
+    assert reading.frequency == pytest.approx(43_320.0, abs=60.0)
+    assert 5.0 < reading.voltage < 100.0
+    assert abs(reading.position) <= 10.5
+    assert reading.cof == pytest.approx(reading.tangential_force / reading.normal_force, abs=0.01)
+    # In lockstep the last row and the reading are of the same cycle.
+    assert reading.amplitude == pytest.approx(trace.amplitude_um[-1])
+    assert reading.cof == pytest.approx(trace.cof[-1])
+
+
+def test_without_a_finger_there_is_no_cof(bench: Stimulator) -> None:
+    bench.run(0.2)
+    assert bench.read().cof is None
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_the_age_of_a_reading_is_that_of_its_oldest_value(inside: bool) -> None:
+    with Stimulator.simulate("bus", plate_inside=inside) as bench:
+        with pytest.raises(NotRunningError, match="has not been published yet"):
+            bench.read()
+        bench.run(0.15)
+        # The status goes out on change, and each 100 ms: it is the oldest.
+        assert 0.04 < bench.read().age < 0.06
+        bench.run(0.04)
+        assert 0.08 < bench.read().age <= 0.1
+    with Stimulator.simulate("local") as bench:
+        bench.run(0.01)
+        assert bench.read().age == 0.0
+
+
+class ScriptedLink:
+    """A link that plays rows."""
+
+    def __init__(self, ticks: list[int]) -> None:
+        self._rows: list[Row] = [(tick, 0, 0, 0, 0, 0, 0, 0) for tick in ticks]
+
+    def run(self, cycles: int) -> list[Row]:
+        return self._rows
+
+    def read(self, name: str) -> int:
+        return 0
+
+    def text(self, name: str) -> str:
+        return ""
+
+    def write(self, name: str, raw: int) -> None: ...
+
+    def snapshot(self) -> Snapshot:
+        return Snapshot({}, 0.0)
+
+    def start_run(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def test_ticks_go_on_rising_beyond_16_bits() -> None:
+    ticks = [65_533, 65_535, 0, 1, 40_000, 65_535, 3]
+    bench = Stimulator(ScriptedLink(ticks), stimulator_od())
+    expected = [65_533, 65_535, 65_536, 65_537, 105_536, 131_071, 131_075]
+    assert bench.run(1.0).tick.tolist() == expected
+
+
+def test_a_run_across_the_end_of_the_tick_count() -> None:
+    with Stimulator.simulate("local") as bench:
+        bench._link._block.od["Contact.Tick"].value = 0xFEFF  # type: ignore[attr-defined]
+        assert bench.run(0.6).tick.tolist() == list(range(0xFF00, 0xFF00 + 600))
+
+
+def test_identify(bench: Stimulator) -> None:
+    bench.finger.surroundings(seed=2, temperature=30.0)
+    bench.start_run()
+    bench.tare()
+    bench.frequency = 43_250.0
+    steps: list[int] = []
+    model = bench.identify(steps.append)
+    assert model.f0 == pytest.approx(43_250.0, abs=2.0)
+    assert model.tau == pytest.approx(0.944e-3, rel=0.02)
+    assert model.gain == pytest.approx(50e-9, rel=0.02)
+    assert bench.mode is Mode.OFF
+    assert bench.message == ""
+    assert steps == sorted(steps)
+    assert steps[-1] == 100
+
+
+def test_identify_says_that_a_finger_is_on_the_plate(bench: Stimulator) -> None:
+    bench.run(0.07)
+    bench.finger.stroke(1)
+    bench.start_run()
+    bench.run(0.4)
+    with pytest.raises(BenchError, match=r"loaded with 0\.\d\d N\): lift the finger, tare"):
+        bench.identify()
+    assert bench.mode is Mode.OFF
+    assert "loaded" in bench.message
+    bench.run(0.01)
+    assert bench.read().voltage == 0.0
+
+
+def test_tare(bench: Stimulator) -> None:
+    bench.set("Tare at power-on", 0)
+    bench.start_run()
+    bench.run(0.01)
+    offset = bench.get("Contact.Force x")
+    assert abs(offset) > 30, "mN"
+    bench.tare()
+    bench.run(0.01)
+    assert abs(bench.get("Contact.Force x")) < 30
+
+
+def test_the_finger_of_a_simulated_plate(bench: Stimulator) -> None:
+    bench.run(0.07)
+    bench.finger.stroke(3, force=1.2, speed=100.0, travel=10.0)
+    bench.finger.surroundings(seed=1)
+    bench.start_run()
+    trace = bench.run(0.6)
+    assert trace.normal_force_n[-100:].mean() == pytest.approx(1.2, abs=0.06)
+    assert bench.get("Finger.Speed") == pytest.approx(100.0)
+    bench.finger.lift()
+    bench.start_run()
+    assert bench.run(0.6).normal_force_n[-100:].mean() == pytest.approx(0.0, abs=0.02)
+    with pytest.raises(RefusedError, match="08000022"):
+        bench.finger.play_recording()
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [("subject", 6), ("force", 0.04), ("force", 2.01), ("speed", 4.0), ("travel", 51.0)],
+)
+def test_a_finger_out_of_range_is_refused(argument: str, value: float) -> None:
+    with Stimulator.simulate("local") as bench, pytest.raises(RefusedError, match="060900"):
+        bench.finger.stroke(**({"subject": 1} | {argument: value}))  # type: ignore[arg-type]
+
+
+def test_a_wavering_finger_differs_from_pass_to_pass() -> None:
+    with Stimulator.simulate("local") as bench:
+        bench.run(0.07)
+        bench.finger.stroke(1, force_variation=0.5, speed_variation=0.5)
+        bench.start_run()
+        wavering = bench.run(2.0).normal_force_n[500:].std()
+        bench.finger.stroke(1)
+        bench.start_run()
+        assert wavering > 3 * bench.run(2.0).normal_force_n[500:].std()
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_presets_are_those_of_the_power_on(inside: bool) -> None:
+    presets = {"Tare at power-on": 0, "Setpoint.Amplitude": 700}
+    with (
+        Stimulator.simulate("local", presets=presets) as local,
+        Stimulator.simulate("bus", plate_inside=inside, presets=presets) as bus,
+    ):
+        for bench in (local, bus):
+            assert bench.amplitude == pytest.approx(0.7)
+        one, other = local.run(0.2), bus.run(0.2)
+        assert one.normal_force_n.tolist() == other.normal_force_n.tolist()
+        assert abs(one.normal_force_n[-1]) > 0.03, "not tared"
