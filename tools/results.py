@@ -14,11 +14,11 @@ from smarttac_can.bench.dead_time import loop_dead_time
 from smarttac_can.bench.experiments import Conditions, experiments
 from smarttac_can.bench.local_link import LocalLink
 from smarttac_can.bench.metrics import Step, align_at_switch, find, from_switch_on
-from smarttac_can.bench.summary import summary
 from smarttac_can.bench.open_link import plate_od, stimulator_od
 from smarttac_can.bench.paper import PUBLISHED
 from smarttac_can.bench.reproduce import reproduce
 from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.bench.summary import summary
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.friction import Law
 from smarttac_can.nodes.plate_block import PlateBlock
