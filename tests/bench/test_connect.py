@@ -1,0 +1,234 @@
+"""Connecting to nodes that are there, that are others, or that go away; and leaving them at 0 V."""
+
+import struct
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+import can
+import pytest
+from nodes_on_a_bus import GUARD_S, both, in_threads, stimulator_with_plate
+
+from smarttac_can.bench import (
+    BenchError,
+    HeartbeatLostError,
+    Mode,
+    NodeNotFoundError,
+    NotRunningError,
+    RefusedError,
+    Stimulator,
+    WrongDeviceError,
+)
+from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for what must come; the bound is a guard."""
+    end = time.monotonic() + GUARD_S
+    while not condition():
+        assert time.monotonic() < end, "it did not come"
+        time.sleep(0.005)
+
+
+def test_no_such_interface() -> None:
+    with pytest.raises(BenchError, match="cannot open nonsense:x: "):
+        Stimulator.connect(interface="nonsense", channel="x")
+
+
+def test_no_node_answers(virtual: dict[str, Any]) -> None:
+    with pytest.raises(NodeNotFoundError, match=r"no node 32 answers on virtual:.*: is it running"):
+        Stimulator.connect(**virtual, timeout=0.05)
+
+
+def test_another_node_id(virtual: dict[str, Any]) -> None:
+    with in_threads(virtual, stimulator_with_plate()):
+        with pytest.raises(NodeNotFoundError, match="no node 31 answers"):
+            Stimulator.connect(**virtual, node_id=31, timeout=0.05)
+        with pytest.raises(NodeNotFoundError, match="no node 33 answers"):
+            Stimulator.connect(**virtual, plate_node_id=33, timeout=0.05)
+
+
+@pytest.mark.parametrize("node_id", [0, 128, -1])
+def test_a_node_id_that_does_not_exist(virtual: dict[str, Any], node_id: int) -> None:
+    with pytest.raises(ValueError, match=str(node_id)):
+        Stimulator.connect(**virtual, node_id=node_id)
+
+
+def test_the_plate_is_not_the_stimulator(virtual: dict[str, Any]) -> None:
+    with in_threads(virtual, *both()):
+        with pytest.raises(WrongDeviceError, match=r"node 33 on .* has product code 534D5402, a "):
+            Stimulator.connect(**virtual, node_id=33)
+        with pytest.raises(WrongDeviceError, match=r"node 32 on .* has product code 534D5401, a "):
+            Stimulator.connect(**virtual, plate_node_id=32)
+
+
+def test_other_node_ids(virtual: dict[str, Any]) -> None:
+    nodes = PlateNode(plate_od(2)), StimulatorNode(stimulator_od(1), plate_node_id=2)
+    with (
+        in_threads(virtual, *nodes),
+        Stimulator.connect(**virtual, node_id=1, plate_node_id=2, lockstep=True) as bench,
+    ):
+        assert len(bench.run(0.05)) == 50
+
+
+def test_the_interface_from_the_configuration(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(can.rc, "interface", "virtual")
+    monkeypatch.setitem(can.rc, "channel", virtual["channel"])
+    with in_threads(virtual, stimulator_with_plate()), Stimulator.connect(lockstep=True) as bench:
+        assert len(bench.run(0.01)) == 10
+
+
+def test_a_heartbeat_that_stays_away(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 0.0
+    monkeypatch.setattr("smarttac_can.bench.remote_device.monotonic", lambda: now)
+    heartbeat = can.Message(arbitration_id=0x720, data=[5], is_extended_id=False)
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        can.Bus(**virtual) as other,
+        Stimulator.connect(**virtual) as bench,
+    ):
+        device = bench._link._stimulator  # type: ignore[attr-defined]
+        device.heartbeat_at = None
+        other.send(heartbeat)
+        until(lambda: device.heartbeat_at is not None)
+        now = device.heartbeat_at + 2.9
+        bench._link.snapshot()
+        now = device.heartbeat_at + 3.1
+        with pytest.raises(HeartbeatLostError, match=r"no heartbeat for 3\.1 s: it has stopped"):
+            bench.read()
+
+
+def test_a_node_that_stops_answering(virtual: dict[str, Any]) -> None:
+    with in_threads(virtual, stimulator_with_plate()) as stop:
+        bench = Stimulator.connect(**virtual, lockstep=True, timeout=0.1)
+        bench.run(0.01)
+        stop.set()
+        until(lambda: "does not answer" in _error_of(bench))
+        with pytest.raises(HeartbeatLostError, match="node 32 does not answer"), bench:
+            pass
+
+
+def _error_of(bench: Stimulator) -> str:
+    try:
+        bench.get("Mode")
+    except HeartbeatLostError as error:
+        return str(error)
+    return ""
+
+
+def test_tpdos_without_what_a_recording_holds(virtual: dict[str, Any]) -> None:
+    node = stimulator_with_plate()
+    with in_threads(virtual, node):
+        with Stimulator.connect(**virtual, lockstep=True) as bench:
+            record = bench._link._stimulator  # type: ignore[attr-defined]
+            record.write(record.od.entry(0x1803, 1), 0x800004A0)
+        with (
+            Stimulator.connect(**virtual, lockstep=True) as bench,
+            pytest.raises(NotRunningError, match=r"do not map all of .* restore their default"),
+        ):
+            bench.run(0.01)
+
+
+@pytest.mark.parametrize(
+    "failure",
+    [None, ValueError("of the script"), RefusedError("of the device"), KeyboardInterrupt()],
+)
+def test_it_leaves_0_v_whatever_happens(
+    failure: BaseException | None, virtual: dict[str, Any]
+) -> None:
+    node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()), presets={"Tare at power-on": 0})
+    with in_threads(virtual, node, lockstep=False):
+        raised: AbstractContextManager[Any] = (
+            nullcontext() if failure is None else pytest.raises(type(failure))
+        )
+        with raised, Stimulator.connect(**virtual) as bench:
+            bench.amplitude = 1.0
+            bench.mode = "amplitude"
+            until(lambda: bench.get("Vibration.Voltage") > 10_000)
+            if failure is not None:
+                raise failure
+        until(lambda: node.od["Drive.Voltage"].value == 0)
+        assert node.od["Mode"].value == Mode.OFF
+
+
+def test_it_leaves_0_v_after_a_value_was_refused(virtual: dict[str, Any]) -> None:
+    node = stimulator_with_plate()
+    with in_threads(virtual, node, lockstep=False):
+        with (
+            pytest.raises(RefusedError, match="written too high"),
+            Stimulator.connect(**virtual) as bench,
+        ):
+            bench.voltage = 20.0
+            bench.mode = "open loop"
+            until(lambda: bench.get("Vibration.Voltage") > 10_000)
+            bench.voltage = 500.0
+        until(lambda: node.od["Drive.Voltage"].value == 0)
+
+
+def test_live_data_by_the_clock(virtual: dict[str, Any]) -> None:
+    node = stimulator_with_plate()
+    with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
+        bench.finger.stroke(1)
+        bench.start_run()
+        trace = bench.run(0.3)
+        assert 200 < len(trace) <= 300
+        assert bench.get("Cycle.Cycles") >= len(trace)
+        until(lambda: bench.read().age < 0.2)
+        assert bench.get("Cycle.Missed deadlines") >= 0
+
+
+def test_a_plate_node_by_the_clock_with_the_stimulator_as_its_tick(virtual: dict[str, Any]) -> None:
+    plate = PlateNode(plate_od())
+    stimulator = StimulatorNode(stimulator_od(), plate_node_id=33, produce_sync=True)
+    with (
+        in_threads(virtual, plate, stimulator, lockstep=False),
+        Stimulator.connect(**virtual, plate_node_id=33) as bench,
+    ):
+        trace = bench.run(0.2)
+        assert len(trace) > 100
+    until(lambda: plate.od["Stage.Voltage"].value == 0)
+
+
+def test_without_sync_the_loop_gives_no_cycles(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.02)
+    with (
+        in_threads(virtual, *both(), lockstep=False),
+        Stimulator.connect(**virtual, plate_node_id=33) as bench,
+        pytest.raises(NotRunningError, match="does one produce SYNC"),
+    ):
+        bench.run(0.01)
+
+
+def test_the_types_of_the_tpdos_are_put_back_after_a_run(virtual: dict[str, Any]) -> None:
+    node = stimulator_with_plate()
+    with in_threads(virtual, node), Stimulator.connect(**virtual, lockstep=True) as bench:
+        bench.run(0.01)
+        assert [node.od.entry(0x1800 + n, 2).value for n in range(4)] == [255] * 4
+
+
+def test_closing_twice() -> None:
+    bench = Stimulator.simulate("bus")
+    bench._link.close()
+    bench._link.close()
+
+
+def test_frames_of_a_foreign_length_are_not_taken(virtual: dict[str, Any]) -> None:
+    data = struct.pack("<H", 7)
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        can.Bus(**virtual) as other,
+        Stimulator.connect(**virtual, lockstep=True) as bench,
+    ):
+        for can_id in (0x1A0, 0x2A0, 0x3A0, 0x4A0):
+            other.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        assert len(bench.run(0.02)) == 20
