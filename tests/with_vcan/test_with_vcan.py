@@ -1,0 +1,103 @@
+"""``tools/with-vcan`` passes on what a command gets and gives, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+WITH_VCAN = Path(__file__).parents[2] / "tools" / "with-vcan"
+GUARD_S = 120.0
+
+
+def left_in(folder: Path) -> list[psutil.Process]:
+    """Processes that were started in a folder, and live."""
+    left = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):  # zombies have no folder any more
+            if Path(process.cwd()).is_relative_to(folder):
+                left.append(process)
+    return left
+
+
+def with_vcan(
+    *arguments: str, folder: Path, env: dict[bytes, bytes] | None = None
+) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, WITH_VCAN, *arguments]
+    done = subprocess.run(
+        command, capture_output=True, cwd=folder, env=env, timeout=GUARD_S, check=False
+    )
+    assert left_in(folder) == []
+    return done
+
+
+def test_folder_environment_output_and_status(tmp_path: Path) -> None:
+    folder = tmp_path / "it's a folder"
+    folder.mkdir()
+    odd = b" $HOME `ls` 'a' \"b\" \\ \n\t\xff "
+    script = """
+import os, pathlib, sys
+pathlib.Path("made").write_bytes(os.environb[b"ODD"])
+lines = "".join(f"{number}\\n" for number in range(10_000))
+print(lines, end="")
+print(sys.argv[1:], [os.isatty(number) for number in range(3)], sys.stdin.read(), file=sys.stderr)
+for bus in ("vcan0", "vcan1"):
+    assert int(pathlib.Path("/sys/class/net", bus, "flags").read_text(), 0) & 1
+sys.exit(42)
+"""
+    arguments = ["two words", "", "line\nend"]
+    done = with_vcan(
+        *("--", sys.executable, "-c", script, *arguments),
+        folder=folder,
+        env={**os.environb, b"ODD": odd},
+    )
+    assert done.stderr.decode() == f"{arguments} [False, False, False] \n"
+    assert done.stdout == "".join(f"{number}\n" for number in range(10_000)).encode()
+    assert done.returncode == 42
+    assert (folder / "made").read_bytes() == odd
+
+
+def test_two_buses_and_candump(tmp_path: Path) -> None:
+    log = (
+        "candump -L -n 1 -T 20000 vcan0 & sleep 1; cansend vcan1 111#; cansend vcan0 123#4567; wait"
+    )
+    done = with_vcan("--", "sh", "-c", f"{log}; wait", folder=tmp_path)
+    assert done.stdout.endswith(b" vcan0 123#4567\n")
+    assert done.stdout.count(b"\n") == 1
+
+
+def test_what_the_command_left_running_is_ended(tmp_path: Path) -> None:
+    done = with_vcan("--", "sh", "-c", "sleep 1000 & echo done", folder=tmp_path)
+    assert (done.stdout, done.returncode) == (b"done\n", 0)
+
+
+def test_time_out(tmp_path: Path) -> None:
+    done = with_vcan("--timeout", "3", "--", "sleep", "1000", folder=tmp_path)
+    assert done.returncode == 124
+    assert done.stderr == b"with-vcan: stopped after 3 s: sleep 1000\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted(number: signal.Signals, tmp_path: Path) -> None:
+    command = [sys.executable, WITH_VCAN, "--", "sh", "-c", "echo up; exec sleep 1000"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"up\n"
+        assert len(left_in(tmp_path)) > 1
+        process.send_signal(number)
+        assert process.wait(GUARD_S) == 128 + number
+    assert left_in(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "status"),
+    [(("sh", "-c", "kill -KILL $$"), 128 + signal.SIGKILL), (("no-such-command",), 127)],
+)
+def test_killed_or_not_found(command: tuple[str, ...], status: int, tmp_path: Path) -> None:
+    assert with_vcan("--", *command, folder=tmp_path).returncode == status
