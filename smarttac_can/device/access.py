@@ -7,7 +7,7 @@ from typing import Any
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.service import Service
-from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.cia import STRUCTURE_SUBINDEX, Abort, AbortCode
 from smarttac_can.od.dictionary import MAX_BYTES, Entry, ObjectDictionary
 
 
@@ -42,6 +42,8 @@ class Access:
         Abort
             NO_OBJECT, NO_SUBINDEX, WRITE_ONLY, NO_DATA.
         """
+        if subindex == STRUCTURE_SUBINDEX and (structure := self._structure(index)) is not None:
+            return structure.to_bytes(4, "little")
         entry = self._od.entry(index, subindex)
         if not entry.readable:
             raise Abort(AbortCode.WRITE_ONLY)
@@ -62,6 +64,8 @@ class Access:
         Abort
             NO_OBJECT, NO_SUBINDEX, READ_ONLY, TOO_LONG, TOO_SHORT.
         """
+        if subindex == STRUCTURE_SUBINDEX and self._structure(index) is not None:
+            raise Abort(AbortCode.READ_ONLY)
         entry = self._od.entry(index, subindex)
         if not entry.writable:
             raise Abort(AbortCode.READ_ONLY)
@@ -93,3 +97,8 @@ class Access:
             owner.apply(entry)
         if owners:
             self._on_change()
+
+    def _structure(self, index: int) -> int | None:
+        """What every object has at sub-index FFh, unless the EDS has something else there."""
+        item = self._od.objects.get(index)
+        return None if item is None or STRUCTURE_SUBINDEX in item.entries else item.structure

@@ -9,16 +9,20 @@ from smarttac_can.device.error_behaviour import ErrorBehaviour, ErrorClass
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.guarding import Guarding
 from smarttac_can.device.heartbeat import HeartbeatConsumer, HeartbeatProducer
+from smarttac_can.device.lss import LSS
 from smarttac_can.device.nmt import NMTState, commands_to
 from smarttac_can.device.port import Port
 from smarttac_can.device.rpdo import RPDO
 from smarttac_can.device.sdo import SDOServer
 from smarttac_can.device.service import Service
+from smarttac_can.device.storage import Memory, ParameterStorage, Storage
 from smarttac_can.device.sync import Sync
+from smarttac_can.device.time_stamp import TimeStamp
 from smarttac_can.device.tpdo import TPDO
 from smarttac_can.od.cia import (
     COMMUNICATION_FIRST,
     COMMUNICATION_LAST,
+    LAST_INDEX,
     NMT_ID,
     NMT_STARTUP,
     PDO_COUNT,
@@ -26,15 +30,17 @@ from smarttac_can.od.cia import (
     RPDO_MAPPING,
     SDO_SERVER_FIRST,
     SDO_SERVER_LAST,
+    STORE_EDS,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
+    UNCONFIGURED,
+    DataType,
     EmergencyCode,
     ErrorRegister,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 
 _NO_AUTOSTART = 4
-_LAST_INDEX = 0xFFFF
 
 
 class Device:
@@ -52,6 +58,11 @@ class Device:
     autostart
         OPERATIONAL after power-on and reset node without waiting for a master. Bit 2 of object
         1F80h does the same when it is there and clear.
+    storage
+        Where parameters are stored; without it they are forgotten with the device.
+    node_id
+        1..127 wins over a stored node-ID; 255 leaves it to the stored one, and the device waits for
+        LSS where there is none; None takes the stored one or else that of `od`.
     """
 
     def __init__(
@@ -60,13 +71,24 @@ class Device:
         application: Application | None = None,
         *,
         autostart: bool = False,
+        storage: Storage | None = None,
+        node_id: int | None = None,
     ) -> None:
+        if node_id is not None and not (1 <= node_id <= 127 or node_id == UNCONFIGURED):
+            raise ValueError(f"node_id {node_id} is outside 1..127 and not {UNCONFIGURED}")
         self.od = od
         self._application = application or Application()
         self._autostart = autostart
         self._state = NMTState.INITIALISING
+        self._node_id = node_id
+        self._off = True
         self._port = port = Port()
         self._emergency = Emergency(port, od)
+        self._storage = ParameterStorage(port, od, self._emergency, storage or Memory())
+        self._lss = LSS(port, od, self._storage, self._begin, self._application.on_bit_timing)
+        self._time_stamp = TimeStamp(port, od)
+        if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
+            eds.default = eds.value = od.text.encode("latin-1", "replace")
         self._heartbeat = HeartbeatProducer(port, od)
         self._error_behaviour = ErrorBehaviour(port, od, self._enter)
         self._sync = Sync(port, od, self._emergency, self._synchronise)
@@ -87,6 +109,9 @@ class Device:
         # Emergency comes first, so that what the others report on their way out is held there.
         self._services: tuple[Service, ...] = (
             self._emergency,
+            self._storage,
+            self._lss,
+            self._time_stamp,
             self._heartbeat,
             self._error_behaviour,
             HeartbeatConsumer(port, od, self._emergency, self._error_behaviour.react),
@@ -101,21 +126,31 @@ class Device:
                 self._owners.setdefault(index, []).append(service)
         self._latching: list[RPDO] = []
         self._sampling: list[TPDO] = []
-        self._on_nmt = commands_to(od.node_id, self._request)
+        self._on_nmt = commands_to(lambda: self._lss.node_id, self._request)
 
     @property
     def node_id(self) -> int:
-        """Node-ID, 1..127."""
-        return self.od.node_id
+        """Node-ID, 1..127; 255 while it waits for one."""
+        return self._lss.node_id
 
     @property
     def nmt_state(self) -> NMTState:
         """Present NMT state; INITIALISING before `start`."""
         return self._state
 
+    @property
+    def time(self) -> int | None:
+        """Time since 1984-01-01 in us, None before the first TIME."""
+        return self._time_stamp.microseconds
+
     def start(self) -> list[Frame]:
         """Power on."""
-        self._initialise(NMTState.RESET_APPLICATION)
+        self._storage.load()
+        fixed = self._node_id not in (None, UNCONFIGURED)
+        default = self.od.node_id if self._node_id is None else self._node_id
+        self._lss.load(default if fixed else self._storage.node_id or default)
+        self._off = True
+        self._begin()
         return self._port.take()
 
     def receive(self, frame: Frame) -> list[Frame]:
@@ -183,24 +218,37 @@ class Device:
     def _request(self, state: NMTState) -> None:
         if state in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
             self._initialise(state)
-        elif state != self._state:
+        elif state != self._state and not self._off:
             self._enter(state)
+
+    def _begin(self) -> None:
+        self._initialise(NMTState.RESET_APPLICATION)
 
     def _initialise(self, state: NMTState) -> None:
         self._state = state
         for service in self._services:
             service.enter(state)
-        power_on = state is NMTState.RESET_APPLICATION
+        self._lss.node_id = self._lss.pending
+        if self._lss.node_id == UNCONFIGURED:
+            self._off = True
+            self._enter(NMTState.INITIALISING)
+            return
+        self.od.renumber(self._lss.node_id)
+        power_on = self._off or state is NMTState.RESET_APPLICATION
+        first, last = (0, LAST_INDEX) if power_on else (COMMUNICATION_FIRST, COMMUNICATION_LAST)
+        self._off = False
+        self.od.reset(first, last)
+        self._storage.restore(first, last)
         if power_on:
-            self.od.reset(0, _LAST_INDEX)
-            self._application.on_state(state)
-        else:
-            self.od.reset(COMMUNICATION_FIRST, COMMUNICATION_LAST)
+            self._state = NMTState.RESET_APPLICATION
+            self._application.on_state(self._state)
         self._state = NMTState.RESET_COMMUNICATION
         self._application.on_state(self._state)
+        self._storage.note_presets()
         for service in self._services:
             service.configure()
         self._heartbeat.boot_up()
+        self._storage.report()
         self._enter(NMTState.PRE_OPERATIONAL)
         startup = self.od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
         if power_on and (self._autostart or not startup & _NO_AUTOSTART):

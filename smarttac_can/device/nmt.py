@@ -36,12 +36,14 @@ CONFIGURABLE: Final = frozenset({NMTState.OPERATIONAL, NMTState.PRE_OPERATIONAL}
 OPERATIONAL_ONLY: Final = frozenset({NMTState.OPERATIONAL})
 
 
-def commands_to(node_id: int, request: Callable[[NMTState], None]) -> Callable[[Frame], None]:
+def commands_to(
+    own: Callable[[], int], request: Callable[[NMTState], None]
+) -> Callable[[Frame], None]:
     """Make the handler of NMT frames: it requests the state asked of this node or of all."""
 
     def receive(frame: Frame) -> None:
         data = frame.data
-        if len(data) == 2 and data[1] in (0, node_id) and data[0] in COMMANDS and not frame.rtr:
+        if len(data) == 2 and data[1] in (0, own()) and data[0] in COMMANDS and not frame.rtr:
             request(COMMANDS[data[0]])
 
     return receive

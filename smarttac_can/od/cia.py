@@ -162,6 +162,8 @@ COMMUNICATION_LAST: Final = 0x1FFF
 DEVICE_TYPE: Final = 0x1000
 MANUFACTURER_FIRST: Final = 0x2000
 PROFILE_FIRST: Final = 0x6000
+PROFILE_LAST: Final = 0x9FFF
+LAST_INDEX: Final = 0xFFFF
 ERROR_REGISTER: Final = 0x1001
 ERROR_FIELD: Final = 0x1003
 SYNC_COB_ID: Final = 0x1005
@@ -174,6 +176,7 @@ GUARD_TIME: Final = 0x100C
 LIFE_TIME_FACTOR: Final = 0x100D
 STORE_PARAMETERS: Final = 0x1010
 RESTORE_DEFAULTS: Final = 0x1011
+TIME_COB_ID: Final = 0x1012
 EMCY_COB_ID: Final = 0x1014
 EMCY_INHIBIT: Final = 0x1015
 HEARTBEAT_CONSUMER: Final = 0x1016
@@ -181,6 +184,7 @@ HEARTBEAT_PRODUCER: Final = 0x1017
 IDENTITY: Final = 0x1018
 SYNC_COUNTER: Final = 0x1019
 VERIFY_CONFIGURATION: Final = 0x1020
+STORE_EDS: Final = 0x1021
 ERROR_BEHAVIOUR: Final = 0x1029
 SDO_SERVER_FIRST: Final = 0x1200
 SDO_SERVER_LAST: Final = 0x127F
@@ -211,6 +215,8 @@ CAN_ID_MASK: Final = 0x7FF
 COB_INVALID: Final = 1 << 31
 COB_NO_RTR: Final = 1 << 30
 COB_SYNC_PRODUCER: Final = 1 << 30
+COB_TIME_CONSUMER: Final = 1 << 31
+COB_TIME_PRODUCER: Final = 1 << 30
 COB_EXTENDED: Final = 1 << 29
 
 # Identifiers of the pre-defined connection set; the node-ID is added to those of a node.
@@ -222,6 +228,22 @@ EMCY_ID: Final = 0x080
 SDO_TX_ID: Final = 0x580
 SDO_RX_ID: Final = 0x600
 HEARTBEAT_ID: Final = 0x700
+LSS_SLAVE_ID: Final = 0x7E4
+LSS_MASTER_ID: Final = 0x7E5
+
+UNCONFIGURED: Final = 255
+"""Node-ID of a device that waits for one from LSS."""
+
+STRUCTURE_SUBINDEX: Final = 0xFF
+RECORD_TYPES: Final = (
+    (IDENTITY, IDENTITY, 0x23),
+    (SDO_SERVER_FIRST, SDO_SERVER_LAST, 0x22),
+    (RPDO_COMMUNICATION, RPDO_COMMUNICATION + PDO_COUNT - 1, 0x20),
+    (RPDO_MAPPING, RPDO_MAPPING + PDO_COUNT - 1, 0x21),
+    (TPDO_COMMUNICATION, TPDO_COMMUNICATION + PDO_COUNT - 1, 0x20),
+    (TPDO_MAPPING, TPDO_MAPPING + PDO_COUNT - 1, 0x21),
+)
+"""First and last index of the records of CiA 301 and their complex data type."""
 
 
 def restricted(can_id: int) -> bool:

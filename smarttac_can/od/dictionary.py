@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from smarttac_can.od.cia import Abort, AbortCode, DataType, ObjectType
+from smarttac_can.od.cia import RECORD_TYPES, Abort, AbortCode, DataType, ObjectType
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, UNSIGNED, bounds, pack, unpack
 from smarttac_can.od.units import PLAIN, Unit
 
@@ -36,6 +36,8 @@ class Entry:
         keeps it within the limits; `quantise` does.
     size
         Bytes on the wire, 0 for a type of variable length.
+    per_node
+        Which of `default`, `low` and `high` hold the node-ID plus something (``$NODEID``).
     unit, factor, si
         Displayed unit, displayed units per count and SI base units per count.
     """
@@ -50,6 +52,7 @@ class Entry:
         "low",
         "name",
         "pdo",
+        "per_node",
         "readable",
         "si",
         "size",
@@ -84,6 +87,7 @@ class Entry:
         self.default: Any = default
         self.value: Any = default
         self.pdo = pdo
+        self.per_node: tuple[str, ...] = ()
         self.size = SIZES.get(data_type, 0)
         self.unit, self.factor, self.si = unit
         self.readable = access != "wo"
@@ -169,6 +173,17 @@ class Object:
     entries: dict[int, Entry]
     """Entries by sub-index; a VAR has only 0."""
 
+    @property
+    def structure(self) -> int:
+        """Content of sub-index FFh (CiA 301, 7.4.7.3): data type above object code."""
+        if self.object_type is ObjectType.RECORD:
+            found = (data for first, last, data in RECORD_TYPES if first <= self.index <= last)
+            data_type = next(found, 0)
+        else:
+            subindex = 1 if self.object_type is ObjectType.ARRAY and 1 in self.entries else 0
+            data_type = self.entries[subindex].data_type
+        return data_type << 8 | self.object_type
+
 
 class ObjectDictionary:
     """All objects of one device.
@@ -179,7 +194,7 @@ class ObjectDictionary:
     Parameters
     ----------
     node_id
-        Node-ID for which ``$NODEID`` was replaced, 1..127.
+        Node-ID for which ``$NODEID`` was replaced, 1..127; see `renumber`.
     objects
         Objects in any order.
     dummies
@@ -188,6 +203,8 @@ class ObjectDictionary:
         Keys of ``[DeviceInfo]`` in lower case.
     warnings
         What was odd about the EDS, one line each.
+    text
+        The EDS.
     """
 
     def __init__(
@@ -197,12 +214,14 @@ class ObjectDictionary:
         dummies: frozenset[int] = frozenset(),
         info: dict[str, str] | None = None,
         warnings: list[str] | None = None,
+        text: str = "",
     ) -> None:
         self.node_id = node_id
         self.objects = {item.index: item for item in sorted(objects, key=lambda item: item.index)}
         self.dummies = dummies
         self.info = info or {}
         self.warnings = warnings or []
+        self.text = text
         self._names: dict[str, Entry | None] = {}
         for entry in self:
             # None marks a name that stands for several entries.
@@ -250,6 +269,15 @@ class ObjectDictionary:
         """Check a value as `Entry.check` does and set it."""
         entry.check(value)
         entry.value = value
+
+    def renumber(self, node_id: int) -> None:
+        """Give the defaults and limits that hold ``$NODEID`` another one, 1..127."""
+        for entry in self:
+            least, most = bounds(entry.data_type)
+            for attribute in entry.per_node:
+                value = getattr(entry, attribute) - self.node_id + node_id
+                setattr(entry, attribute, min(max(value, least), most))
+        self.node_id = node_id
 
     def reset(self, first: int = 0, last: int = 0xFFFF) -> None:
         """Set the entries of the objects first..last to their defaults."""

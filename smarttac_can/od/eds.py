@@ -66,7 +66,9 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
     reader.warn_about_leftovers({item.index for item in objects})
     usage = sections.get("dummyusage", {})
     dummies = frozenset(n for n in range(1, 8) if usage.get(f"dummy{n:04x}", "0") not in ("0", ""))
-    return ObjectDictionary(node_id, objects, dummies, sections.get("deviceinfo", {}), warnings)
+    return ObjectDictionary(
+        node_id, objects, dummies, sections.get("deviceinfo", {}), warnings, text
+    )
 
 
 class _Reader:
@@ -155,10 +157,15 @@ class _Reader:
         if (low is not None and default < low) or (high is not None and default > high):
             self.warnings.append(f"[{name}] default {default} is outside its limits {low}..{high}")
         pdo = self._integer(name, "pdomapping") != 0
-        return Entry(
+        entry = Entry(
             index, subindex, title, data_type, access,
             low=low, high=high, default=default, pdo=pdo, unit=unit,
         )  # fmt: skip
+        if data_type not in TEXT:
+            values = {"default": text, "low": section.get("lowlimit", "")}
+            values["high"] = section.get("highlimit", "")
+            entry.per_node = tuple(key for key, value in values.items() if _per_node(value))
+        return entry
 
     def _compact(
         self, name: str, index: int, title: str, unit: Unit, count: int
@@ -175,6 +182,7 @@ class _Reader:
             entry = self._entry(name, index, subindex, f"{title}.{member}", unit)
             if text := values.get(str(subindex)):
                 entry.default = entry.value = self._value(name, entry.data_type, text)
+                entry.per_node = ("default",) if _per_node(text) else ()
             entries[subindex] = entry
         return entries
 
@@ -218,3 +226,7 @@ class _Reader:
 
     def _value(self, section: str, data_type: DataType, text: str) -> Any:
         return parse_value(data_type, text, self.node_id, f"[{section}] value {text!r}")
+
+
+def _per_node(text: str) -> bool:
+    return "$nodeid" in text.lower()

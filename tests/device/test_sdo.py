@@ -347,3 +347,31 @@ def test_second_server() -> None:
 def test_response_comes_before_what_the_write_sets_off() -> None:
     device = started()
     play(device, "> 620 2B 17 10 00 01 00 00 00\n< 5A0 60 17 10 00 00 00 00 00\n+ 1ms\n< 720 05")
+
+
+@pytest.mark.parametrize(
+    ("index", "structure"),
+    [
+        (0x1000, 0x0707),
+        (0x1003, 0x0708),
+        (0x1008, 0x0907),
+        (0x1018, 0x2309),
+        (0x1200, 0x2209),
+        (0x1400, 0x2009),
+        (0x1600, 0x2109),
+        (0x1800, 0x2009),
+        (0x1A00, 0x2109),
+        (0x2110, 0x0507),
+        (0x2300, 0x0F02),
+    ],
+)
+def test_every_object_tells_its_structure(index: int, structure: int) -> None:
+    device = started()
+    assert upload(device, index, 0xFF) == structure.to_bytes(4, "little")
+    assert download(device, index, 0xFF, structure, 4) == 0x06010002
+
+
+def test_structure_of_nothing() -> None:
+    device = started()
+    assert upload(device, 0x5FFF, 0xFF) == 0x06020000
+    assert download(device, 0x5FFF, 0xFF, 0, 4) == 0x06020000

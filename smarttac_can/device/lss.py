@@ -1,0 +1,209 @@
+"""Layer setting services, slave side (CiA 305): node-ID and bit timing without knowing either."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar, Final
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.port import Port
+from smarttac_can.device.service import Service
+from smarttac_can.device.storage import ParameterStorage
+from smarttac_can.device.stored_image import UNCHANGED
+from smarttac_can.od.cia import IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, UNCONFIGURED
+from smarttac_can.od.dictionary import ObjectDictionary
+
+BIT_RATES: Final = {0: 1000, 1: 800, 2: 500, 3: 250, 4: 125, 6: 50, 7: 20, 8: 10}
+"""Bit rate in kbit/s by index into the table of CiA 305."""
+
+# Command specifiers.
+SWITCH_GLOBAL: Final = 0x04
+CONFIGURE_NODE_ID: Final = 0x11
+CONFIGURE_BIT_TIMING: Final = 0x13
+ACTIVATE_BIT_TIMING: Final = 0x15
+STORE: Final = 0x17
+SWITCH_SELECTIVE: Final = range(0x40, 0x44)
+SWITCHED: Final = 0x44
+IDENTIFY: Final = range(0x46, 0x4C)
+IDENTIFY_UNCONFIGURED: Final = 0x4C
+IDENTIFIED: Final = 0x4F
+UNCONFIGURED_IDENTIFIED: Final = 0x50
+FASTSCAN: Final = 0x51
+INQUIRE_IDENTITY: Final = range(0x5A, 0x5E)
+INQUIRE_NODE_ID: Final = 0x5E
+
+_OUT_OF_RANGE: Final = 1
+_STORAGE_FAILED: Final = 2
+_FASTSCAN_START: Final = 0x80
+# Index into the identity and comparison, for the six parts of identify remote slave.
+_LIMITS: Final = ((0, 0), (1, 0), (2, 1), (2, -1), (3, 1), (3, -1))
+
+
+class LSS(Service):
+    """Configured by a master that knows the identity, or finds it by fastscan.
+
+    A new node-ID takes effect at the next NMT reset; a device that had none starts as soon as the
+    master switches all slaves back to waiting.
+
+    Parameters
+    ----------
+    storage
+        Where the node-ID and the bit timing are stored.
+    on_configured
+        Called when a device without node-ID has got one.
+    on_bit_timing
+        Called with the bit rate in kbit/s when the master activates the bit timing.
+
+    Attributes
+    ----------
+    node_id
+        Active node-ID; 255 while the device has none.
+    pending
+        Node-ID after the next reset.
+    """
+
+    states: ClassVar = frozenset(
+        {NMTState.INITIALISING, NMTState.PRE_OPERATIONAL, NMTState.STOPPED}
+    )
+
+    def __init__(
+        self,
+        port: Port,
+        od: ObjectDictionary,
+        storage: ParameterStorage,
+        on_configured: Callable[[], None],
+        on_bit_timing: Callable[[int], None],
+    ) -> None:
+        super().__init__(port, od, ())
+        self._storage = storage
+        self._on_configured = on_configured
+        self._on_bit_timing = on_bit_timing
+        self.supported = od.info.get("lss_supported", "0") not in ("0", "")
+        self.node_id = self.pending = od.node_id
+        self._bit_timing = UNCHANGED
+        self._identity = tuple(od.number(IDENTITY, subindex) for subindex in range(1, 5))
+        self._rates = {
+            index
+            for index, rate in BIT_RATES.items()
+            if od.info.get(f"baudrate_{rate}", "0") not in ("0", "")
+        }
+        self._configuring = False
+        self._selected = 0
+        self._identified = 0
+        self._scanned = 0
+
+    def load(self, node_id: int) -> None:
+        """Start with a node-ID, 255 for none, and the stored bit timing."""
+        self.pending = node_id
+        self._bit_timing = self._storage.bit_timing
+
+    def cease(self) -> None:
+        """Fall back to waiting."""
+        self._configuring = False
+        self._selected = self._identified = self._scanned = 0
+
+    def listen(self) -> None:
+        """Hear the master."""
+        if self.supported:
+            self.port.listen(LSS_MASTER_ID, self.receive)
+
+    def receive(self, frame: Frame) -> None:
+        """Take a command; unknown ones have no answer."""
+        data = frame.data
+        if len(data) != 8 or frame.rtr:
+            return
+        command = data[0]
+        number = int.from_bytes(data[1:5], "little")
+        if command == SWITCH_GLOBAL:
+            self._switch(data[1])
+        elif command in SWITCH_SELECTIVE:
+            self._select(command - SWITCH_SELECTIVE.start, number)
+        elif command in IDENTIFY:
+            self._identify(command - IDENTIFY.start, number)
+        elif command == IDENTIFY_UNCONFIGURED:
+            if self.node_id == self.pending == UNCONFIGURED:
+                self._answer(UNCONFIGURED_IDENTIFIED)
+        elif command == FASTSCAN:
+            self._fastscan(number, *data[5:8])
+        elif self._configuring:
+            self._configure(command, data)
+
+    def _configure(self, command: int, data: bytes) -> None:
+        if command == CONFIGURE_NODE_ID:
+            valid = 1 <= data[1] <= 127 or data[1] == UNCONFIGURED
+            if valid:
+                self.pending = data[1]
+            self._answer(command, 0 if valid else _OUT_OF_RANGE)
+        elif command == CONFIGURE_BIT_TIMING:
+            valid = data[1] == 0 and data[2] in self._rates
+            if valid:
+                self._bit_timing = data[2]
+            self._answer(command, 0 if valid else _OUT_OF_RANGE)
+        elif command == ACTIVATE_BIT_TIMING:
+            if self._bit_timing in BIT_RATES:
+                self._on_bit_timing(BIT_RATES[self._bit_timing])
+        elif command == STORE:
+            try:
+                self._storage.store_lss(self.pending, self._bit_timing)
+            except OSError:
+                self._answer(command, _STORAGE_FAILED)
+            else:
+                self._answer(command, 0)
+        elif command in INQUIRE_IDENTITY:
+            value = self._identity[command - INQUIRE_IDENTITY.start]
+            self._answer(command, *value.to_bytes(4, "little"))
+        elif command == INQUIRE_NODE_ID:
+            self._answer(command, self.node_id)
+
+    def _switch(self, mode: int) -> None:
+        if mode > 1:
+            return
+        self._configuring = bool(mode)
+        self._selected = 0
+        if not mode and self.node_id == UNCONFIGURED != self.pending:
+            self._on_configured()
+
+    def _select(self, part: int, number: int) -> None:
+        """Vendor, product, revision and serial number come in this order."""
+        if part not in (0, self._selected) or number != self._identity[part]:
+            self._selected = 0
+        else:
+            self._selected = part + 1
+            if self._selected == len(self._identity):
+                self._selected = 0
+                self._configuring = True
+                self._answer(SWITCHED)
+
+    def _identify(self, part: int, number: int) -> None:
+        """Vendor, product, lowest and highest revision and serial number come in this order."""
+        which, sign = _LIMITS[part]
+        difference = self._identity[which] - number
+        fits = difference * sign >= 0 if sign else not difference
+        if part not in (0, self._identified) or not fits:
+            self._identified = 0
+        else:
+            self._identified = part + 1
+            if self._identified == len(_LIMITS):
+                self._identified = 0
+                self._answer(IDENTIFIED)
+
+    def _fastscan(self, number: int, bit: int, part: int, following: int) -> None:
+        """Say yes if the bits from `bit` up of this part of the identity are those of `number`."""
+        if self._configuring or not self.node_id == self.pending == UNCONFIGURED:
+            return
+        if bit == _FASTSCAN_START:
+            self._scanned = 0
+            self._answer(IDENTIFIED)
+            return
+        if bit > 31 or part > 3 or following > 3 or part != self._scanned:
+            return
+        if (number ^ self._identity[part]) >> bit:
+            return
+        if bit == 0:
+            self._scanned = following
+            self._configuring = following < part
+        self._answer(IDENTIFIED)
+
+    def _answer(self, *data: int) -> None:
+        self.port.out.append(Frame(LSS_SLAVE_ID, bytes(data).ljust(8, b"\0")))

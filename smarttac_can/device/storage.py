@@ -1,0 +1,215 @@
+"""Parameters that outlive a power cycle (CiA 301, 7.5.2.13 and 7.5.2.14), and those of LSS."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Final, Protocol
+
+from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.nmt import CONFIGURABLE
+from smarttac_can.device.port import Port
+from smarttac_can.device.service import Service
+from smarttac_can.device.stored_image import Identity, Image, pack_image, unpack_image
+from smarttac_can.od.cia import (
+    COMMUNICATION_FIRST,
+    COMMUNICATION_LAST,
+    ERROR_FIELD,
+    IDENTITY,
+    LAST_INDEX,
+    MANUFACTURER_FIRST,
+    PROFILE_FIRST,
+    PROFILE_LAST,
+    RESTORE_DEFAULTS,
+    STORE_PARAMETERS,
+    VERIFY_CONFIGURATION,
+    Abort,
+    AbortCode,
+    EmergencyCode,
+    ErrorRegister,
+)
+from smarttac_can.od.data_types import pack
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+_SIGNATURES: Final = {STORE_PARAMETERS: b"save", RESTORE_DEFAULTS: b"load"}
+_ALL: Final = (0, LAST_INDEX)
+_GROUPS: Final = {
+    1: _ALL,
+    2: (COMMUNICATION_FIRST, COMMUNICATION_LAST),
+    3: (PROFILE_FIRST, PROFILE_LAST),
+    4: (MANUFACTURER_FIRST, PROFILE_FIRST - 1),
+}
+"""Objects by sub-index; those above are of the manufacturer, too."""
+_NOT_PARAMETERS: Final = (ERROR_FIELD, STORE_PARAMETERS, RESTORE_DEFAULTS)
+
+
+class Storage(Protocol):
+    """Where the host keeps bytes."""
+
+    def read(self) -> bytes | None:
+        """What was written last, None if nothing ever was; may raise `OSError`."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Replace all of it, or raise `OSError` and leave the old."""
+        ...
+
+
+class Memory:
+    """Storage that lasts as long as the device."""
+
+    def __init__(self) -> None:
+        self._data: bytes | None = None
+
+    def read(self) -> bytes | None:
+        """What was written last."""
+        return self._data
+
+    def write(self, data: bytes) -> None:
+        """Keep it."""
+        self._data = data
+
+
+class ParameterStorage(Service):
+    """Stores parameters on command and knows them after a reset.
+
+    Stored is what differs from the default, so that the rest follows a new node-ID. What is
+    mappable is process data and not stored. A value that the application put in at a reset counts
+    as the value it replaced, for as long as nobody changes it.
+    """
+
+    states: ClassVar = CONFIGURABLE
+
+    def __init__(
+        self, port: Port, od: ObjectDictionary, emergency: Emergency, storage: Storage
+    ) -> None:
+        super().__init__(port, od, (*_SIGNATURES, VERIFY_CONFIGURATION))
+        self._emergency = emergency
+        self._storage = storage
+        self._identity: Identity = (
+            od.number(IDENTITY, 1), od.number(IDENTITY, 2), od.number(IDENTITY, 3),
+        )  # fmt: skip
+        self._parameters = [entry for entry in od if _is_parameter(entry)]
+        self._by_address = {(entry.index, entry.subindex): entry for entry in self._parameters}
+        self._before: dict[Entry, Any] = {}
+        self._presets: dict[Entry, tuple[Any, Any]] = {}
+        self._loaded: dict[Entry, Any] = {}
+        self._image = Image()
+        self._torn = False
+        self._signed = False
+
+    @property
+    def node_id(self) -> int:
+        """Stored node-ID, 0 for none."""
+        return self._image.node_id
+
+    @property
+    def bit_timing(self) -> int:
+        """Stored index of the bit timing."""
+        return self._image.bit_timing
+
+    def load(self) -> None:
+        """Read all; what cannot be understood is as if nothing was stored."""
+        self._image = Image()
+        self._torn = self._signed = False
+        try:
+            data = self._storage.read()
+            if data is not None:
+                image = unpack_image(self._identity, data)
+                self._loaded = self._values(image)
+                self._image = image
+            else:
+                self._loaded = {}
+        except (ValueError, OSError):
+            self._loaded = {}
+            self._torn = True
+
+    def restore(self, first: int, last: int) -> None:
+        """Put the stored values of the objects first..last in place of the defaults."""
+        for entry, value in self._loaded.items():
+            if first <= entry.index <= last:
+                entry.value = value
+        self._before = {e: e.value for e in self._parameters if first <= e.index <= last}
+
+    def note_presets(self) -> None:
+        """Note what the application has changed since `restore`."""
+        for entry, value in self._before.items():
+            if entry.value == value:
+                self._presets.pop(entry, None)
+            else:
+                self._presets[entry] = (value, entry.value)
+        self._before = {}
+
+    def report(self) -> None:
+        """Report stored parameters that were not understood."""
+        if self._torn:
+            self._emergency.report(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
+
+    def store_lss(self, node_id: int, bit_timing: int) -> None:
+        """Store what LSS has configured; raises `OSError`."""
+        self._write(Image(node_id, bit_timing, self._image.values))
+
+    def check(self, entry: Entry, value: Any) -> None:
+        """Only the signature does anything; what was read may be written back."""
+        signature = _SIGNATURES.get(entry.index)
+        if signature is None or value == entry.value:
+            return
+        if not entry.subindex or value != int.from_bytes(signature, "little"):
+            raise Abort(AbortCode.STORE)
+
+    def apply(self, entry: Entry) -> None:
+        """Obey; raises `Abort` with HARDWARE if the storage fails, and all is as before."""
+        if entry.index == VERIFY_CONFIGURATION:
+            self._signed = True
+            return
+        entry.value = entry.default
+        first, last = _GROUPS.get(entry.subindex, _GROUPS[4])
+        values = {a: data for a, data in self._image.values.items() if not first <= a[0] <= last}
+        if entry.index == STORE_PARAMETERS:
+            values |= self._changed(first, last)
+        verify = {a: data for a, data in values.items() if a[0] == VERIFY_CONFIGURATION}
+        others = {a: data for a, data in values.items() if a not in verify}
+        before = {a: d for a, d in self._image.values.items() if a[0] != VERIFY_CONFIGURATION}
+        outdated = others != before and not self._signed
+        try:
+            self._write(
+                Image(self._image.node_id, self._image.bit_timing, others if outdated else values)
+            )
+        except OSError:
+            raise Abort(AbortCode.HARDWARE) from None
+        self._signed = False
+        if outdated:
+            for (index, _), signed in self._by_address.items():
+                if index == VERIFY_CONFIGURATION:
+                    signed.value = signed.default
+
+    def _changed(self, first: int, last: int) -> dict[tuple[int, int], bytes]:
+        changed = {}
+        for entry in self._parameters:
+            if first <= entry.index <= last:
+                replaced, preset = self._presets.get(entry, (None, None))
+                value = entry.value if preset is None or entry.value != preset else replaced
+                if value != entry.default:
+                    changed[entry.index, entry.subindex] = pack(entry.data_type, value)
+        return changed
+
+    def _write(self, image: Image) -> None:
+        self._storage.write(pack_image(self._identity, image))
+        self._image = image
+        self._loaded = self._values(image)
+        self._torn = False
+        self._emergency.clear(EmergencyCode.DATA_STORAGE)
+
+    def _values(self, image: Image) -> dict[Entry, Any]:
+        """Entries and their values; raises ValueError if one is not of this object dictionary."""
+        try:
+            return {
+                self._by_address[address]: self._by_address[address].unpack(data)
+                for address, data in image.values.items()
+            }
+        except (KeyError, Abort):
+            raise ValueError("stored parameters do not fit the object dictionary") from None
+
+
+def _is_parameter(entry: Entry) -> bool:
+    return (
+        entry.readable and entry.writable and not entry.pdo and entry.index not in _NOT_PARAMETERS
+    )
