@@ -1,0 +1,128 @@
+"""RPDO: when its values are taken, its length and its deadline."""
+
+from __future__ import annotations
+
+from smarttac_can.bench.conformance.case import Failure, case
+from smarttac_can.bench.conformance.emcy_setup import expect_emcy
+from smarttac_can.bench.conformance.pdo_setup import (
+    can_id,
+    changed,
+    configure,
+    disable,
+    expect_values,
+    operational,
+    reads,
+    rpdo,
+)
+from smarttac_can.bench.conformance.probe import ENTER_PRE_OPERATIONAL, STOP, Probe
+from smarttac_can.bench.conformance.sheet import needs_object, needs_rpdo
+from smarttac_can.od.cia import (
+    EMCY_COB_ID,
+    EVENT_MANUFACTURER,
+    SYNC_COB_ID,
+    EmergencyCode,
+)
+
+_has_sync = needs_object(SYNC_COB_ID)
+_DEADLINE_MS = 60
+
+
+@case("PDO-20", "Event-driven RPDO", "7.5.2.35: its values are taken at once.", needs_rpdo)
+def event_driven(probe: Probe) -> None:
+    pdo = rpdo(probe)
+    configure(probe, pdo, EVENT_MANUFACTURER)
+    operational(probe)
+    data, wanted = changed(probe, pdo)
+    probe.send(can_id(probe, pdo), data)
+    probe.settle()
+    expect_values(probe, wanted, "after the RPDO")
+
+
+@case(
+    "PDO-21",
+    "Synchronous RPDO",
+    "7.5.2.35: its values are taken at the next SYNC.",
+    needs_rpdo,
+    _has_sync,
+)
+def synchronous(probe: Probe) -> None:
+    pdo = rpdo(probe)
+    configure(probe, pdo, 1)
+    operational(probe)
+    data, wanted = changed(probe, pdo)
+    probe.send(can_id(probe, pdo), data)
+    probe.settle()
+    if reads(probe, wanted):
+        raise Failure("the values of a synchronous RPDO are taken before SYNC")
+    probe.sync()
+    probe.settle()
+    expect_values(probe, wanted, "after SYNC")
+
+
+@case(
+    "PDO-22",
+    "RPDO by NMT state",
+    "7.3.2.2: not taken in PRE-OPERATIONAL and STOPPED.",
+    needs_rpdo,
+)
+def rpdo_by_state(probe: Probe) -> None:
+    pdo = rpdo(probe)
+    probe.enter(ENTER_PRE_OPERATIONAL)
+    configure(probe, pdo, EVENT_MANUFACTURER)
+    data, wanted = changed(probe, pdo)
+    for command, state in ((ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL"), (STOP, "STOPPED")):
+        probe.enter(command)
+        probe.send(can_id(probe, pdo), data)
+        probe.enter(ENTER_PRE_OPERATIONAL)
+        if reads(probe, wanted):
+            raise Failure(f"RPDO taken in {state}")
+
+
+@case("PDO-23", "Disabled RPDO", "7.5.2.35: with bit 31 it is not taken.", needs_rpdo)
+def disabled_rpdo(probe: Probe) -> None:
+    pdo = rpdo(probe)
+    configure(probe, pdo, EVENT_MANUFACTURER)
+    disable(probe, pdo)
+    operational(probe)
+    data, wanted = changed(probe, pdo)
+    probe.send(can_id(probe, pdo), data)
+    probe.settle()
+    if reads(probe, wanted):
+        raise Failure("RPDO taken that is disabled")
+
+
+@case(
+    "PDO-24",
+    "RPDO that is too short",
+    "7.2.2.5.1, 7.2.7.1: not taken; EMCY 8210h if the device has emergencies.",
+    needs_rpdo,
+)
+def too_short(probe: Probe) -> None:
+    pdo = rpdo(probe)
+    configure(probe, pdo, EVENT_MANUFACTURER)
+    operational(probe)
+    data, wanted = changed(probe, pdo)
+    probe.drain()
+    probe.send(can_id(probe, pdo), data[:-1])
+    if probe.sheet.has(EMCY_COB_ID):
+        expect_emcy(probe, EmergencyCode.PDO_LENGTH)
+    if reads(probe, wanted):
+        raise Failure("RPDO taken that is too short")
+
+
+@case(
+    "PDO-25",
+    "RPDO deadline",
+    "7.5.2.35: after the time without an RPDO comes EMCY 8250h; the next RPDO takes it back.",
+    needs_rpdo,
+    needs_object(EMCY_COB_ID),
+)
+def deadline(probe: Probe) -> None:
+    pdo = rpdo(probe)
+    configure(probe, pdo, EVENT_MANUFACTURER, event=_DEADLINE_MS)
+    operational(probe)
+    data, _ = changed(probe, pdo)
+    probe.send(can_id(probe, pdo), data)
+    expect_emcy(probe, EmergencyCode.RPDO_TIME_OUT, _DEADLINE_MS * 1e-3 + probe.timeout)
+    probe.send(can_id(probe, pdo), data)
+    expect_emcy(probe, EmergencyCode.RESET)
