@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -18,6 +19,7 @@ from smarttac_can.host.runner import run_node
 from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.plant.finger import Trajectory
@@ -109,7 +111,7 @@ def node(
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
     if plate_node == node_id:
         raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
-    with plain_errors():
+    with plain_errors(), _blaming(eds):
         od = _load("stimulator.eds", eds, node_id)
         motion, recording = finger
         if plate_node is None:
@@ -133,7 +135,7 @@ def plate(
     bus: BusChoice,
 ) -> None:
     """Run the simulated plate as a node of its own until Ctrl-C or SIGTERM."""
-    with plain_errors():
+    with plain_errors(), _blaming(eds):
         motion, recording = finger
         presets = _finger_presets(motion, subject, seed)
         device = PlateNode(_load("plate.eds", eds, node_id), presets, recording)
@@ -155,6 +157,18 @@ def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
     for warning in od.warnings:
         click.echo(f"{other or packaged}: {warning}", err=True)
     return od
+
+
+@contextmanager
+def _blaming(eds: Path | None) -> Iterator[None]:
+    """Say that an EDS a person gave is not one of this device, if a node cannot work with it."""
+    try:
+        yield
+    except (KeyError, Abort) as error:
+        if eds is None:
+            raise
+        reason = error.args[0] if isinstance(error, KeyError) else error
+        raise click.ClickException(f"{eds} does not suit the device: {reason}") from error
 
 
 def _run(name: str, device: StimulatorNode | PlateNode, lockstep: bool, bus: BusChoice) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import reduce, wraps
 from typing import Any, NamedTuple
@@ -14,6 +15,8 @@ from smarttac_can.host.python_can import PythonCanBus
 
 Command = Callable[..., Any]
 NODE_ID = click.IntRange(1, 127)
+_OWN_OPTIONS = ("interface", "channel", "bitrate")
+_INTEGER = re.compile(r"-?[0-9]+")
 
 
 class BusChoice(NamedTuple):
@@ -60,7 +63,9 @@ def _bus_option(
         key, separator, text = value.partition("=")
         if not separator or not key:
             raise click.BadParameter(f"{value!r} is not KEY=VALUE")
-        options[key] = int(text, 0) if text.removeprefix("-").isdigit() else text
+        if key in _OWN_OPTIONS:
+            raise click.BadParameter(f"{key!r} has an option of its own")
+        options[key] = int(text) if _INTEGER.fullmatch(text) else text
     return options
 
 

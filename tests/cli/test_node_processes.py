@@ -1,0 +1,123 @@
+"""``smarttac node`` and ``smarttac plate`` as processes on a bus of sockets."""
+
+import signal
+import struct
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+import psutil
+import pytest
+from nodes_on_a_bus import GUARD_S, NodeProcess, processes
+
+from smarttac_can.bench import Mode, Stimulator
+
+
+@contextmanager
+def listening(bus: dict[str, Any]) -> Iterator[list[int]]:
+    """Voltages of the drive frames that pass."""
+    heard: list[int] = []
+
+    def hear(message: can.Message) -> None:
+        if message.arbitration_id == 0x221:
+            heard.append(struct.unpack_from("<H", message.data)[0])
+
+    with can.Bus(**bus) as listener, can.Notifier(listener, [hear], timeout=0.02):
+        yield heard
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for what must come; the bound is a guard."""
+    end = time.monotonic() + GUARD_S
+    while not condition():
+        assert time.monotonic() < end, "it did not come"
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_leaves_0_v(number: int, multicast: dict[str, Any]) -> None:
+    with processes(multicast, "plate", "node --plate-node 33 --produce-sync") as (plate, node):
+        with listening(multicast) as voltages:
+            bench = Stimulator.connect(**multicast, plate_node_id=33)
+            bench.amplitude = 1.0
+            bench.mode = "amplitude"
+            bench._link.close()
+            node.wait_for("stimulator 32 mode amplitude")
+            until(lambda: voltages[-1:] > [1000])
+            status, lines, complaints = node.end(number)
+            assert (status, complaints) == (0, "")
+            assert lines[-1] == "stimulator 32 stopped at 0 V"
+            until(lambda: voltages[-1] == 0)
+        status, lines, complaints = plate.end(number)
+        assert (status, complaints) == (0, "")
+        assert lines == ["plate 33 operational", "plate 33 stopped at 0 V"]
+
+
+def test_one_command_shows_a_master_forces_and_a_cof(multicast: dict[str, Any]) -> None:
+    with (
+        processes(multicast, "node") as (node,),
+        can.Bus(**multicast) as master,
+    ):
+        master.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
+        node.wait_for("stimulator 32 operational")
+        for _ in range(2000):
+            message = master.recv(GUARD_S)
+            assert message is not None
+            if message.arbitration_id == 0x2A0:
+                Ft, Fn, cof, _ = struct.unpack("<hhHH", message.data)
+                if cof and Fn > 400:
+                    break
+        assert 400 < Fn < 600
+        assert abs(cof / 1e4 - Ft / Fn) < 0.05
+
+
+def test_a_line_per_change_of_state_and_none_per_cycle(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "node --lockstep") as (node,):
+        with Stimulator.connect(**multicast, lockstep=True) as bench:
+            bench.run(0.2)
+            bench.mode = "open loop"
+            bench.run(0.2)
+            bench.mode = Mode.OFF
+            bench.run(0.05)
+        status, lines, complaints = node.end()
+        assert (status, complaints) == (0, "")
+        assert lines == [
+            "stimulator 32 operational",
+            "stimulator 32 mode open_loop",
+            "stimulator 32 mode off",
+            "stimulator 32 stopped at 0 V",
+        ]
+
+
+def test_another_node_id_and_a_recorded_finger(multicast: dict[str, Any], tmp_path: Path) -> None:
+    finger = tmp_path / "finger.csv"
+    finger.write_text("t_s,x_mm,Fn_N\n0,0,0\n0.08,0,0\n0.1,0,0.9\n5,0,0.9\n")
+    options = ["--interface", "udp_multicast", "--channel", multicast["channel"]]
+    options += ["--bus-option", f"port={multicast['port']}"]
+    node = NodeProcess(
+        *("node", "--lockstep", "--node-id", "7", "--finger", str(finger), "--seed", "3"), *options
+    )
+    try:
+        node.wait_for(f"stimulator 7 ready on udp_multicast:{multicast['channel']}")
+        with Stimulator.connect(**multicast, node_id=7, lockstep=True) as bench:
+            assert bench.get("Simulation.Seed") == 3
+            trace = bench.run(0.3)
+            assert abs(trace.normal_force_n[-50:].mean() - 0.9) < 0.05
+    finally:
+        node.end()
+
+
+def test_a_running_node_takes_less_than_120_mb(multicast: dict[str, Any]) -> None:
+    with (
+        processes(multicast, "node --lockstep") as (node,),
+        Stimulator.connect(**multicast, lockstep=True) as bench,
+    ):
+        bench.run(0.3)
+        status = Path(f"/proc/{node.process.pid}/status")
+        if status.exists():
+            peak = next(line for line in status.read_text().splitlines() if "VmHWM" in line)
+            assert int(peak.split()[1]) < 120_000, peak
+        assert psutil.Process(node.process.pid).memory_info().rss < 120e6
