@@ -42,9 +42,11 @@ def dead_time_table(without: Mapping[str, Any], with_it: Mapping[str, Any]) -> s
     """
     heads = [f"dead time {results['dead_time_us']:.0f} us" for results in (without, with_it)]
     lines = [f"{'':<40}" + "".join(f"{head:>20}" for head in heads) + f"{'paper':>10}"]
-    for one, other in zip(compare(without), compare(with_it), strict=True):
+    others = {item.published.key: item for item in compare(with_it)}
+    for one in compare(without):
         published = one.published
-        if not published.key.startswith(("fig5", "fig6")):
+        other = others.get(published.key)
+        if other is None or not published.key.startswith(("fig5", "fig6")):
             continue
         cells = "".join(
             f"{'-' if item.value is None else f'{item.value:.2f} {published.unit}':>20}"

@@ -154,9 +154,21 @@ def report(folder: Path) -> None:
     """Draw the figures and index.html of a folder that ``reproduce --output`` wrote."""
     with plain_errors():
         _need_matplotlib()
-        results = json.loads((folder / RESULTS).read_text(encoding="utf-8"))
-        page = _write_report(folder, read_csv(folder / TRACES), results)
+        page = _write_report(folder, *_read_run(folder))
     click.echo(f"pictures: {page}")
+
+
+def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
+    """Read what ``reproduce --output`` wrote."""
+    file = folder / RESULTS
+    try:
+        results = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(results, dict) or "trace_sha256" not in results:
+            raise ValueError("it holds no results of reproduce")
+        file = folder / TRACES
+        return read_csv(file), results
+    except ValueError as error:
+        raise click.ClickException(f"{file}: {error}") from error
 
 
 def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:

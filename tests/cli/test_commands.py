@@ -1,0 +1,279 @@
+"""Every command by click's runner: help, results, files, and one line for what is wrong."""
+
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from smarttac_can import __version__
+from smarttac_can.bench.summary import summary
+from smarttac_can.bench.traces import read_csv, sha256
+from smarttac_can.cli import main
+
+COMMANDS = sorted(main.commands)
+
+
+def paths(group: click.Group, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Every command, those of groups by group and name."""
+    for name, command in sorted(group.commands.items()):
+        if isinstance(command, click.Group):
+            yield from paths(command, (*above, name))
+        else:
+            yield (*above, name)
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def succeed(*arguments: str | Path) -> str:
+    result = run(*arguments)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refusal(*arguments: str | Path) -> str:
+    result = run(*arguments)
+    assert result.exit_code not in (0, None)
+    assert isinstance(result.exception, SystemExit), result.exception
+    lines = [line for line in result.stderr.splitlines() if line.startswith("Error: ")]
+    assert result.stderr.endswith(lines[-1] + "\n")
+    assert "Traceback" not in result.output
+    return lines[-1].removeprefix("Error: ")
+
+
+@pytest.fixture(autouse=True)
+def short_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few passes of a finger and short strokes: these tests are not about the numbers."""
+    monkeypatch.setattr("smarttac_can.bench.experiments.PASSES", 6)
+    monkeypatch.setattr("smarttac_can.bench.experiments._FIG2_S", 0.4)
+
+
+def test_the_commands() -> None:
+    assert {"demo", "reproduce", "report", "node", "plate"} <= set(COMMANDS)
+    listed = succeed("--help")
+    assert all(f"\n  {command} " in listed for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", [(), *paths(main)], ids=" ".join)
+@pytest.mark.parametrize("flag", ["-h", "--help"])
+def test_help_shows_an_example(command: tuple[str, ...], flag: str) -> None:
+    _, example, shown = succeed(*command, flag).partition("Example")
+    assert example
+    assert " ".join(("smarttac", *command)) in shown
+
+
+def test_version() -> None:
+    assert __version__ in succeed("--version")
+
+
+def test_as_a_module() -> None:
+    def module(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-W", "error", "-m", "smarttac_can", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    done = module("reproduce", "fig5", "--json", "-")
+    assert json.loads(done.stdout)["fig5"]["amplitude_only"]["response_time_ms"] > 4.0
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    wrong = module("reproduce", "fig9")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert wrong.stderr.splitlines()[-1].startswith("Error: Invalid value")
+
+
+def keys(tree: Any, at: str = "") -> set[str]:
+    if isinstance(tree, dict):
+        return {at} | {k for n, v in tree.items() for k in keys(v, f"{at}.{n}".strip("."))}
+    if isinstance(tree, list) and tree and isinstance(tree[0], dict):
+        return {at} | {k for v in tree for k in keys(v, f"{at}[i]")}
+    return {at}
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Output folder of ``reproduce all --link bus``."""
+    folder = tmp_path_factory.mktemp("all")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("smarttac_can.bench.experiments.PASSES", 6)
+        patch.setattr("smarttac_can.bench.experiments._FIG2_S", 0.4)
+        succeed(
+            *("reproduce", "all", "--link", "bus", "--seed", "5"),
+            *("--output", folder, "--json", folder / "mine.json"),
+        )
+    return folder
+
+
+def test_the_keys_of_the_results(everything: Path) -> None:
+    results = json.loads((everything / "mine.json").read_text())
+    assert results == json.loads((everything / "results.json").read_text())
+    found = keys(results)
+    loops = ("amplitude_only", "amplitude_and_frequency")
+    metrics = ("rise_time_ms", "overshoot_percent", "static_error_percent")
+    table = ("subjects[i]", "mean", "std")
+    assert found >= {
+        *(f"fig5.{loop}.response_time_ms" for loop in loops),
+        *(f"fig5.{loop}.steady_amplitude_um" for loop in loops),
+        *(f"fig5.{loop}.final_frequency_hz" for loop in loops),
+        *(f"fig6.{loop}.voltage_v" for loop in loops),
+        "fig6.voltage_difference_percent",
+        *(f"table1.{row}.{metric}" for row in table for metric in metrics),
+        *(f"table1.down.{row}.{metric}" for row in table for metric in metrics),
+        *(f"table1.touches.{row}.{metric}" for row in table for metric in metrics),
+        *(f"table1.down.touches.{row}.{metric}" for row in table for metric in metrics),
+        *("trace_sha256", "seed", "law", "link", "dead_time_us", "version"),
+        *("fig2.mean_ratio_percent", "fig3.step_um"),
+    }
+    assert len(results["table1"]["subjects"]) == 4
+    assert (results["seed"], results["law"], results["link"]) == (5, "measured", "bus")
+    assert results["unavailable"] == {}
+
+
+def test_everything_follows_from_the_traces(everything: Path) -> None:
+    results = json.loads((everything / "results.json").read_text())
+    assert results["trace_sha256"] == sha256(everything / "traces.csv")
+    again = summary(
+        read_csv(everything / "traces.csv"),
+        seed=5,
+        law="measured",
+        link="bus",
+        dead_time=0.0,
+        version=__version__,
+        trace_sha256=sha256(everything / "traces.csv"),
+    )
+    del results["fig3"]
+    assert json.loads(json.dumps(again)) == results
+
+
+def test_the_traces_have_the_columns_of_the_manual(everything: Path) -> None:
+    with (everything / "traces.csv").open(encoding="ascii", newline="") as file:
+        rows = csv.DictReader(file)
+        assert rows.fieldnames is not None
+        assert [*rows.fieldnames][:8] == [
+            *("experiment", "subject", "tick", "mu", "mu_ref", "W", "V", "f"),
+        ]
+        labels = {row["experiment"] for row in rows}
+    assert labels == {
+        *("fig5.amplitude_only", "fig5.amplitude_and_frequency", "table1"),
+        *(f"fig2.{amplitude}" for amplitude in (0.0, 0.5, 1.0, 1.5, 2.0)),
+    }
+
+
+def test_a_bus_leaves_its_log(everything: Path) -> None:
+    first = (everything / "candump.log").read_text(encoding="ascii").partition("\n")[0]
+    assert first.startswith("(0000000000.")
+    assert " can0 721#00" in first, "the plate's boot-up"
+
+
+def test_report_draws_the_folder_again(everything: Path) -> None:
+    said = succeed("report", everything)
+    assert said == f"pictures: {everything / 'index.html'}\n"
+    page = (everything / "index.html").read_text(encoding="utf-8")
+    for figure in ("fig2", "fig3", "fig5", "fig6", "fig7"):
+        assert (everything / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
+        assert figure in page.lower().replace(". ", "").replace("figure ", "fig")
+    first = (everything / "fig5.png").read_bytes()
+    succeed("report", everything)
+    assert (everything / "fig5.png").read_bytes() == first
+
+
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_both_links_and_another_seed(link: str, tmp_path: Path) -> None:
+    def digest(*arguments: str) -> str:
+        return str(
+            json.loads(succeed("reproduce", "fig6", "--json", "-", *arguments))["trace_sha256"]
+        )
+
+    reference = digest()
+    assert digest("--link", link) == reference
+    assert digest("--link", link, "--seed", "2") != reference
+
+
+def test_reproduce_shows_a_table_and_keeps_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = succeed("reproduce", "fig5", "fig6")
+    assert "5 % response time, both loops" in text
+    assert "inside" in text
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("law", ["measured", "accumulate", "nominal"])
+def test_a_law(law: str) -> None:
+    results = json.loads(succeed("reproduce", "table1", "--law", law, "--json", "-"))
+    assert results["law"] == law
+
+
+def test_dead_time() -> None:
+    late = json.loads(succeed("reproduce", "fig5", "--dead-time", "auto", "--json", "-"))
+    assert 300 < late["dead_time_us"] < 1000
+    given = json.loads(succeed("reproduce", "fig5", "--dead-time", "250", "--json", "-"))
+    assert given["dead_time_us"] == 250
+    slow, slower = (r["fig5"]["amplitude_and_frequency"]["response_time_ms"] for r in (given, late))
+    assert slow != slower
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("fig9",), "'fig9' is not one of"),
+        (("--law", "other"), "'other' is not one of"),
+        (("--link", "can"), "'can' is not one of"),
+        (("--seed", "-1"), "-1 is not in the range"),
+        (("--seed", "4294967296"), "4294967296 is not in the range"),
+        (("--dead-time", "1000"), "1000 us is outside 0..999"),
+        (("--dead-time", "nan"), "nan us is outside 0..999"),
+        (("--dead-time", "soon"), "'soon' is neither 'auto' nor a number of us"),
+    ],
+)
+def test_reproduce_refuses(arguments: tuple[str, ...], message: str) -> None:
+    assert message in refusal("reproduce", *arguments)
+
+
+def test_files_that_cannot_be_written(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    assert "is a file" in refusal("reproduce", "fig3", "--output", file)
+    assert "is a directory" in refusal("reproduce", "fig3", "--json", tmp_path)
+    missing = tmp_path / "missing" / "x.json"
+    assert f"{missing}: No such file or directory" in refusal(
+        "reproduce", "fig3", "--json", missing
+    )
+    assert "Not a directory" in refusal("reproduce", "fig3", "--output", file / "below")
+
+
+def test_report_of_what_is_no_run(everything: Path, tmp_path: Path) -> None:
+    assert "does not exist" in refusal("report", tmp_path / "missing")
+    assert "results.json: No such file" in refusal("report", tmp_path)
+    (tmp_path / "results.json").write_text("{")
+    assert str(tmp_path) in refusal("report", tmp_path)
+    (tmp_path / "results.json").write_text((everything / "results.json").read_text())
+    assert "traces.csv: No such file" in refusal("report", tmp_path)
+    (tmp_path / "traces.csv").write_text("tick\n1\n")
+    assert "line 1 is not experiment,subject" in refusal("report", tmp_path)
+    (tmp_path / "traces.csv").write_text((everything / "traces.csv").read_text())
+    (tmp_path / "results.json").write_text("[]")
+    assert str(tmp_path) in refusal("report", tmp_path)
+
+
+def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = run("demo")
+    assert result.exit_code == 0, result.output
+    assert "running" in result.stderr, "the progress"
+    (folder,) = tmp_path.iterdir()
+    assert folder.name.startswith("smarttac-demo-")
+    assert result.stdout.endswith(f"pictures: {folder.name}/index.html\n")
+    assert {path.name for path in folder.iterdir()} >= {
+        *("index.html", "results.json", "traces.csv", "candump.log"),
+        *(f"fig{n}.png" for n in (2, 3, 5, 6, 7)),
+    }
+    assert "5 % response time, both loops" in result.stdout
+    assert "dead time 0 us" in result.stdout
