@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TypeVar
 
 import click
 
 from smarttac_can.bench.dcf import BIT_RATES, make_dcf
-from smarttac_can.cli.options import NODE_ID
+from smarttac_can.bench.default_reads import compare_reads
+from smarttac_can.cli.options import (
+    NODE_ID,
+    BusChoice,
+    bus_options,
+    closing_network,
+    json_option,
+    timeout_option,
+)
 from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.host.eds_files import read_eds_file
 from smarttac_can.od.eds import load_eds
+from smarttac_can.od.eds_check import check_eds
+from smarttac_can.od.finding import shown
+from smarttac_can.od.ini import read_sections
 from smarttac_can.od.object_reference import LEGEND, object_reference
+
+_Made = TypeVar("_Made")
 
 eds_file = click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 output_option = click.option(
@@ -27,6 +42,49 @@ output_option = click.option(
 @click.group()
 def eds() -> None:
     """Check an EDS, and make documents and files for other tools of it."""
+
+
+@eds.command(
+    epilog="\b\nExamples:\n  smarttac eds check eds/stimulator.eds\n"
+    "  smarttac eds check eds/plate.eds --device --node-id 33 --interface socketcan --channel can0"
+)
+@eds_file
+@click.option("--device", is_flag=True, help="Compare what a device on the bus reads, too.")
+@click.option("--node-id", type=NODE_ID, help="Node-ID of that device.")
+@timeout_option
+@bus_options
+@json_option
+def check(
+    file: Path,
+    device: bool,
+    node_id: int | None,
+    timeout: float,
+    bus: BusChoice,
+    as_json: bool,
+) -> None:
+    """Check an EDS by the rules of CiA 306 and CiA 301; errors end with exit code 1.
+
+    With --device every object of a device is read, and compared with the default of the EDS.
+    """
+    if device and node_id is None:
+        raise click.UsageError("--device needs --node-id")
+    with plain_errors():
+        text = read_eds_file(file)
+        findings = check_eds(text, file.name)
+        if device and node_id is not None:
+            od = _made(file, lambda text: load_eds(text, node_id))
+            with closing_network(bus) as network:
+                findings += compare_reads(network, od, read_sections(text, []), timeout)
+    if as_json:
+        rows = [
+            {"section": shown(f.section), "message": f.message, "error": f.error} for f in findings
+        ]
+        click.echo(json.dumps({"file": str(file), "findings": rows}, indent=2))
+    else:
+        for finding in findings:
+            click.echo(f"{file}: {finding}")
+    if any(finding.error for finding in findings):
+        raise SystemExit(1)
 
 
 @eds.command(epilog="Example: smarttac eds doc eds/plate.eds --output plate.md")
@@ -104,7 +162,7 @@ def dcf(
         _write(made, output)
 
 
-def _made(file: Path, make: Callable[[str], str]) -> str:
+def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
     """Make something of a file; what it refuses is told with the name of the file."""
     try:
         return make(read_eds_file(file))

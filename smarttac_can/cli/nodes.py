@@ -143,12 +143,10 @@ def plate(
 
 
 def _finger_presets(motion: int, subject: int, seed: int) -> dict[str, int]:
-    return {
-        "Simulation.Subject": subject,
-        "Simulation.Seed": seed,
-        "Finger.Speed": SLOW_STROKE_MM_S * 10,
-        "Finger.Motion": motion,
-    }
+    presets = {"Simulation.Subject": subject, "Simulation.Seed": seed, "Finger.Motion": motion}
+    if motion == STROKE:
+        presets["Finger.Speed"] = SLOW_STROKE_MM_S * 10
+    return presets
 
 
 def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import reduce, wraps
 from typing import Any, NamedTuple
 
@@ -17,6 +18,16 @@ Command = Callable[..., Any]
 NODE_ID = click.IntRange(1, 127)
 _OWN_OPTIONS = ("interface", "channel", "bitrate")
 _INTEGER = re.compile(r"-?[0-9]+")
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of lines.")
+timeout_option = click.option(
+    "--timeout",
+    type=click.FloatRange(min=0.01),
+    default=0.5,
+    show_default=True,
+    help="Longest wait for an answer in s.",
+)
 
 
 class BusChoice(NamedTuple):
@@ -48,6 +59,16 @@ class BusChoice(NamedTuple):
         except Exception as error:  # drivers raise what they like
             raise BusError(f"cannot open {self.where}: {error}") from error
         return network
+
+
+@contextmanager
+def closing_network(bus: BusChoice) -> Iterator[canopen.Network]:
+    """Open a bus as a network, and leave it on every way out."""
+    network = bus.open_network()
+    try:
+        yield network
+    finally:
+        network.disconnect()
 
 
 def with_options(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
