@@ -52,11 +52,13 @@ class Case:
         return self.number.partition("-")[0]
 
 
-def case(
-    number: str, title: str, rule: str, *needs: Need
-) -> Callable[[Callable[[Probe], None]], Case]:
-    """Make a function that asks a device into a case."""
-    return lambda check: Case(number, title, rule, needs, check)
+def case(number: str, rule: str, *needs: Need) -> Callable[[Callable[[Probe], None]], Case]:
+    """Make a function that asks a device into a case; its docstring is the title."""
+
+    def made(check: Callable[[Probe], None]) -> Case:
+        return Case(number, (check.__doc__ or "").rstrip("."), rule, needs, check)
+
+    return made
 
 
 class Result(NamedTuple):

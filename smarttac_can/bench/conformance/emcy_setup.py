@@ -56,4 +56,4 @@ def expect_emcy(probe: Probe, code: EmergencyCode, timeout: float | None = None)
 def lose_node(probe: Probe) -> bytes:
     """Cause EMCY 8130h; return it."""
     watch(probe)
-    return expect_emcy(probe, EmergencyCode.HEARTBEAT, WATCH_MS * 1e-3 + probe.timeout)
+    return expect_emcy(probe, EmergencyCode.ERROR_CONTROL, WATCH_MS * 1e-3 + probe.timeout)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from smarttac_can.bench.conformance.case import Failure, NotApplicable, case
 from smarttac_can.bench.conformance.pdo_setup import (
@@ -68,11 +69,11 @@ def _has_pdos(sheet: object) -> str | None:
 
 @case(
     "PDO-26",
-    "Default mapping",
     "7.5.2.36, .38: each entry exists, may be mapped in that direction, and all fit 64 bits.",
     _has_pdos,
 )
 def default_mapping(probe: Probe) -> None:
+    """Default mapping."""
     od = probe.sheet.od
     for pdo, allowed, kind in _all_pdos(probe):
         count = number(probe, pdo.mapping)
@@ -97,12 +98,12 @@ def default_mapping(probe: Probe) -> None:
 
 @case(
     "PDO-27",
-    "Mapping changed by the procedure",
     f"{_PROCEDURE}; the PDO then carries the new entries.",
     needs_mapping,
     needs_object(SYNC_COB_ID),
 )
 def remap(probe: Probe) -> None:
+    """Mapping changed by the procedure."""
     pdo = _pdo(probe)
     cob_id = _open(probe, pdo)
     parameters = [_parameter(_mappable(probe)[-1])] * 2
@@ -122,11 +123,11 @@ def remap(probe: Probe) -> None:
 
 @case(
     "PDO-28",
-    "Mapping changed without the procedure",
     f"{_PROCEDURE}; a valid PDO, or one whose number is not 0, refuses.",
     needs_mapping,
 )
 def remap_out_of_order(probe: Probe) -> None:
+    """Mapping changed without the procedure."""
     pdo = _pdo(probe)
     enable(probe, pdo, disable(probe, pdo))
     other = next(
@@ -145,8 +146,9 @@ def remap_out_of_order(probe: Probe) -> None:
     probe.refuse(write, "new entry while the number is not 0")
 
 
-@case("PDO-29", "Too many entries", "7.5.2.38: a number beyond the sub-indices.", needs_mapping)
+@case("PDO-29", "7.5.2.38: a number beyond the sub-indices.", needs_mapping)
 def too_many(probe: Probe) -> None:
+    """Too many entries."""
     pdo = _pdo(probe)
     _open(probe, pdo)
     most = max(probe.sheet.od.objects[pdo.mapping].entries)
@@ -157,8 +159,9 @@ def too_many(probe: Probe) -> None:
     )
 
 
-@case("PDO-30", "Too many bits", "7.5.2.38: more than 64 bits by 06040042h.", needs_mapping)
+@case("PDO-30", "7.5.2.38: more than 64 bits by 06040042h.", needs_mapping)
 def too_many_bits(probe: Probe) -> None:
+    """Too many bits."""
     pdo = _pdo(probe)
     longest = _mappable(probe)[0]
     count = _BITS // (8 * longest.size) + 1
@@ -175,11 +178,11 @@ def too_many_bits(probe: Probe) -> None:
 
 @case(
     "PDO-31",
-    "Entries that cannot be mapped",
     "7.5.2.38: missing ones by 06020000h or 06040041h, PDOMapping=0 by 06040041h.",
     needs_mapping,
 )
 def not_mappable(probe: Probe) -> None:
+    """Entries that cannot be mapped."""
     pdo = _pdo(probe)
     _open(probe, pdo)
     absent = next(i for i in range(0xFFFF, 0, -1) if i not in probe.sheet.od.objects)
@@ -199,11 +202,11 @@ def not_mappable(probe: Probe) -> None:
 
 @case(
     "PDO-32",
-    "Direction by access",
     "CiA 306, 4.6: wo and rww only in RPDOs, ro, const and rwr only in TPDOs.",
     needs_mapping,
 )
 def direction(probe: Probe) -> None:
+    """Direction by access."""
     asked = 0
     for pdos, name, kinds in (
         (probe.sheet.tpdos, "TPDO", ("wo", "rww")),
@@ -220,7 +223,7 @@ def direction(probe: Probe) -> None:
                 parameter = _parameter(entry)
                 write_number(probe, usable[0].mapping, 0, 0)
                 probe.refuse(
-                    lambda pdo=usable[0], parameter=parameter: _map(probe, pdo, [parameter]),
+                    partial(_map, probe, usable[0], [parameter]),
                     f"{kind} entry {entry.name} in a {name}",
                     *_REFUSED,
                 )
@@ -230,15 +233,16 @@ def direction(probe: Probe) -> None:
 
 @case(
     "PDO-33",
-    "Dummies",
     "7.4.7.3 and CiA 306, 4.6.2: an RPDO takes those of [DummyUsage], a TPDO takes none.",
     needs_mapping,
 )
 def dummies(probe: Probe) -> None:
+    """Dummies."""
     usable = probe.sheet.mappable(probe.sheet.rpdos)
-    if not usable or not probe.sheet.od.dummies:
+    dummies_of_bytes = probe.sheet.od.dummies - {DataType.BOOLEAN}
+    if not usable or not dummies_of_bytes:
         raise NotApplicable("the EDS has no RPDO with a writable mapping, or no dummies")
-    dummy = min(probe.sheet.od.dummies - {DataType.BOOLEAN})
+    dummy = min(dummies_of_bytes)
     parameter = dummy << 16 | 8 * SIZES[dummy]
     cob_id = _open(probe, usable[0])
     _map(probe, usable[0], [parameter])
@@ -247,4 +251,6 @@ def dummies(probe: Probe) -> None:
         raise Failure("the dummy does not read as written")
     pdo = _pdo(probe)
     _open(probe, pdo)
-    probe.refuse(lambda: _map(probe, pdo, [parameter]), "dummy in a TPDO", AbortCode.NO_OBJECT, *_REFUSED)
+    probe.refuse(
+        lambda: _map(probe, pdo, [parameter]), "dummy in a TPDO", AbortCode.NO_OBJECT, *_REFUSED
+    )

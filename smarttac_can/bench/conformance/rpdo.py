@@ -27,8 +27,9 @@ _has_sync = needs_object(SYNC_COB_ID)
 _DEADLINE_MS = 60
 
 
-@case("PDO-20", "Event-driven RPDO", "7.5.2.35: its values are taken at once.", needs_rpdo)
+@case("PDO-20", "7.5.2.35: its values are taken at once.", needs_rpdo)
 def event_driven(probe: Probe) -> None:
+    """Event-driven RPDO."""
     pdo = rpdo(probe)
     configure(probe, pdo, EVENT_MANUFACTURER)
     operational(probe)
@@ -40,12 +41,12 @@ def event_driven(probe: Probe) -> None:
 
 @case(
     "PDO-21",
-    "Synchronous RPDO",
     "7.5.2.35: its values are taken at the next SYNC.",
     needs_rpdo,
     _has_sync,
 )
 def synchronous(probe: Probe) -> None:
+    """Synchronous RPDO."""
     pdo = rpdo(probe)
     configure(probe, pdo, 1)
     operational(probe)
@@ -61,11 +62,11 @@ def synchronous(probe: Probe) -> None:
 
 @case(
     "PDO-22",
-    "RPDO by NMT state",
     "7.3.2.2: not taken in PRE-OPERATIONAL and STOPPED.",
     needs_rpdo,
 )
 def rpdo_by_state(probe: Probe) -> None:
+    """RPDO by NMT state."""
     pdo = rpdo(probe)
     probe.enter(ENTER_PRE_OPERATIONAL)
     configure(probe, pdo, EVENT_MANUFACTURER)
@@ -78,8 +79,9 @@ def rpdo_by_state(probe: Probe) -> None:
             raise Failure(f"RPDO taken in {state}")
 
 
-@case("PDO-23", "Disabled RPDO", "7.5.2.35: with bit 31 it is not taken.", needs_rpdo)
+@case("PDO-23", "7.5.2.35: with bit 31 it is not taken.", needs_rpdo)
 def disabled_rpdo(probe: Probe) -> None:
+    """Disabled RPDO."""
     pdo = rpdo(probe)
     configure(probe, pdo, EVENT_MANUFACTURER)
     disable(probe, pdo)
@@ -93,11 +95,11 @@ def disabled_rpdo(probe: Probe) -> None:
 
 @case(
     "PDO-24",
-    "RPDO that is too short",
     "7.2.2.5.1, 7.2.7.1: not taken; EMCY 8210h if the device has emergencies.",
     needs_rpdo,
 )
 def too_short(probe: Probe) -> None:
+    """RPDO that is too short."""
     pdo = rpdo(probe)
     configure(probe, pdo, EVENT_MANUFACTURER)
     operational(probe)
@@ -112,12 +114,12 @@ def too_short(probe: Probe) -> None:
 
 @case(
     "PDO-25",
-    "RPDO deadline",
     "7.5.2.35: after the time without an RPDO comes EMCY 8250h; the next RPDO takes it back.",
     needs_rpdo,
     needs_object(EMCY_COB_ID),
 )
 def deadline(probe: Probe) -> None:
+    """RPDO deadline."""
     pdo = rpdo(probe)
     configure(probe, pdo, EVENT_MANUFACTURER, event=_DEADLINE_MS)
     operational(probe)

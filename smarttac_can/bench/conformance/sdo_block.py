@@ -6,10 +6,11 @@ Block transfer is optional: a server that answers the initiate request by 050400
 from __future__ import annotations
 
 from binascii import crc_hqx
+from functools import partial
 
 from smarttac_can.bench.conformance.case import Failure, NotApplicable, case
 from smarttac_can.bench.conformance.probe import Probe
-from smarttac_can.bench.conformance.sdo import alive, other_value
+from smarttac_can.bench.conformance.sdo import alive, number_entry, other_value
 from smarttac_can.bench.conformance.sdo_client import address, upload
 from smarttac_can.bench.conformance.sheet import needs_number
 from smarttac_can.od.cia import DEVICE_TYPE, Abort, AbortCode
@@ -76,13 +77,15 @@ def _block_upload(probe: Probe, *, crc: bool) -> None:
     alive(probe)
 
 
-@case("SDO-23", "Block upload with CRC", "7.2.4.3.13 to .15: 4 bytes and their CRC-CCITT.")
+@case("SDO-23", "7.2.4.3.13 to .15: 4 bytes and their CRC-CCITT.")
 def upload_with_crc(probe: Probe) -> None:
+    """Block upload with CRC."""
     _block_upload(probe, crc=True)
 
 
-@case("SDO-24", "Block upload without CRC", "7.2.4.3.15: without a CRC its field is 0.")
+@case("SDO-24", "7.2.4.3.15: without a CRC its field is 0.")
 def upload_without_crc(probe: Probe) -> None:
+    """Block upload without CRC."""
     _block_upload(probe, crc=False)
 
 
@@ -112,8 +115,7 @@ def _end_download(probe: Probe, data: bytes, crc: int) -> None:
 
 
 def _block_download(probe: Probe, *, crc: bool, lose: bool = False) -> None:
-    entry = probe.sheet.number_entry()
-    assert entry is not None
+    entry = number_entry(probe)
     data = other_value(probe, entry)
     server_crc = _begin_download(probe, entry, len(data), crc=crc)
     if lose and (acknowledged := _sub_block(probe, 2, data)) != 0:
@@ -128,43 +130,42 @@ def _block_download(probe: Probe, *, crc: bool, lose: bool = False) -> None:
 
 @case(
     "SDO-25",
-    "Block download with CRC",
     "7.2.4.3.9 to .11: 4 bytes with their CRC-CCITT are confirmed and read back.",
     needs_number,
 )
 def download_with_crc(probe: Probe) -> None:
+    """Block download with CRC."""
     _block_download(probe, crc=True)
 
 
 @case(
     "SDO-26",
-    "Block download without CRC",
     "7.2.4.3.9: a client may have no CRC; its field is then not looked at.",
     needs_number,
 )
 def download_without_crc(probe: Probe) -> None:
+    """Block download without CRC."""
     _block_download(probe, crc=False)
 
 
 @case(
     "SDO-27",
-    "Block download with a lost segment",
     "7.2.4.3.10: the server acknowledges the last segment in order; the rest is sent again.",
     needs_number,
 )
 def lost_segment(probe: Probe) -> None:
+    """Block download with a lost segment."""
     _block_download(probe, crc=True, lose=True)
 
 
 @case(
     "SDO-28",
-    "Block download with a wrong CRC",
     "7.2.4.3.11: it is aborted by 05040004h and nothing is written.",
     needs_number,
 )
 def wrong_crc(probe: Probe) -> None:
-    entry = probe.sheet.number_entry()
-    assert entry is not None
+    """Block download with a wrong CRC."""
+    entry = number_entry(probe)
     before = upload(probe, entry.index, entry.subindex)
     data = other_value(probe, entry)
     if not _begin_download(probe, entry, len(data), crc=True):
@@ -178,14 +179,14 @@ def wrong_crc(probe: Probe) -> None:
 
 @case(
     "SDO-29",
-    "Block size out of range",
     "7.2.4.3.13: block sizes 0 and 128 are aborted by 05040002h.",
 )
 def block_size(probe: Probe) -> None:
+    """Block size out of range."""
     entry = probe.sheet.od.entry(DEVICE_TYPE)
     for size in (0, 128):
         probe.refuse(
-            lambda size=size: _begin_upload(probe, entry, crc=False, block_size=size),
+            partial(_begin_upload, probe, entry, crc=False, block_size=size),
             f"block size {size}",
             AbortCode.BLOCK_SIZE,
         )
@@ -194,17 +195,15 @@ def block_size(probe: Probe) -> None:
 
 @case(
     "SDO-30",
-    "Acknowledged sequence number",
     "7.2.4.3.14: after 0 the sub-block comes again; 128 is aborted by 05040003h.",
 )
 def sequence(probe: Probe) -> None:
+    """Acknowledged sequence number."""
     _begin_upload(probe, probe.sheet.od.entry(DEVICE_TYPE), crc=False)
     probe.sdo_send(b"\xa3")
     first = _segments(probe)
     probe.sdo_send(bytes((0xA2, 0, 127)))
     if _segments(probe) != first:
         raise Failure("the sub-block that comes again is another one")
-    probe.refuse(
-        lambda: probe.request(bytes((0xA2, 128, 127))), "sequence 128", AbortCode.SEQUENCE
-    )
+    probe.refuse(lambda: probe.request(bytes((0xA2, 128, 127))), "sequence 128", AbortCode.SEQUENCE)
     alive(probe)

@@ -85,9 +85,7 @@ class Sheet:
 
     def mapped(self, pdo: Pdo) -> list[int]:
         """Default mapping entries of a PDO."""
-        return [
-            self.od.number(pdo.mapping, n) for n in range(1, self.od.number(pdo.mapping) + 1)
-        ]
+        return [self.od.number(pdo.mapping, n) for n in range(1, self.od.number(pdo.mapping) + 1)]
 
     def usable(self, pdos: list[Pdo]) -> list[Pdo]:
         """PDOs that carry something and let themselves be configured."""

@@ -1,0 +1,99 @@
+"""The command that judges a device: ``conform``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+
+import click
+
+from smarttac_can.bench.conformance.case import Case, Result
+from smarttac_can.bench.conformance.probe import Probe
+from smarttac_can.bench.conformance.report import as_json, line, markdown, summary
+from smarttac_can.bench.conformance.run import failed, run_cases
+from smarttac_can.bench.conformance.sheet import Sheet
+from smarttac_can.bench.conformance.table import CASES
+from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.refusal import plain_errors
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+def _chosen(
+    _ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]
+) -> Sequence[Case]:
+    """Return the cases of numbers such as ``SDO-07`` and groups such as ``SDO``; all if none."""
+    known = {case.number for case in CASES} | {case.group for case in CASES}
+    for value in values:
+        if value.upper() not in known:
+            raise click.BadParameter(f"{value!r} is neither a case nor a group of cases")
+    wanted = {value.upper() for value in values} or known
+    return [case for case in CASES if case.number in wanted or case.group in wanted]
+
+
+@click.command(
+    epilog="\b\nExamples:\n"
+    "  smarttac conform --eds device.eds --node-id 5 --interface socketcan --channel can0\n"
+    "  smarttac conform --eds device.eds --node-id 5 --case SDO --case PDO-09"
+)
+@click.option(
+    "--eds",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    required=True,
+    help="Data sheet of the device.",
+)
+@click.option("--node-id", type=NODE_ID, required=True)
+@bus_options
+@click.option(
+    "--time-out",
+    type=click.FloatRange(min=0, min_open=True),
+    default=0.3,
+    show_default=True,
+    help="Longest time for an answer in s; all other times are multiples of it.",
+)
+@click.option(
+    "--case",
+    "cases",
+    multiple=True,
+    callback=_chosen,
+    metavar="ID",
+    help="Case such as SDO-07, or group such as SDO; may come several times.",
+)
+@click.option("--report", type=_FILE, help="Markdown file for the report.")
+@click.option("--json", "json_file", type=_FILE, help="JSON file for the results.")
+def conform(
+    eds: Path,
+    node_id: int,
+    bus: BusChoice,
+    time_out: float,
+    cases: Sequence[Case],
+    report: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Judge a CANopen device by its data sheet, and leave with 1 if a case fails.
+
+    The device should be alone on the bus. It is reset before and after each case, and what is
+    writable is written: disconnect what must not move.
+    """
+    with plain_errors():
+        sheet = Sheet(eds.read_text(encoding="latin-1"), node_id)
+        with closing(bus.open()) as connection:
+            probe = Probe(connection, sheet, timeout=time_out)
+            results = run_cases(probe, cases, lambda result: click.echo(line(result)))
+        device = f"node {node_id} by {eds.name}"
+        click.echo(summary(results))
+        _write(results, device, report, json_file)
+    if failed(results):
+        raise click.exceptions.Exit(1)
+
+
+def _write(
+    results: Sequence[Result], device: str, report: Path | None, json_file: Path | None
+) -> None:
+    if report is not None:
+        report.write_text(markdown(results, device), encoding="utf-8")
+    if json_file is not None:
+        text = json.dumps(as_json(results, device), indent=2)
+        json_file.write_text(text + "\n", encoding="utf-8")
