@@ -1,0 +1,65 @@
+"""The command that runs a device of any EDS: ``device``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.device.device import Device
+from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.host.runner import run_node
+from smarttac_can.host.storage_file import StorageFile
+from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.od.eds import load_eds
+
+
+@click.command(
+    epilog="Example: smarttac device --eds some.eds --node-id 5 --interface socketcan "
+    "--channel vcan0"
+)
+@click.option(
+    "--eds",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    required=True,
+    help="Data sheet or DCF that says what the device has.",
+)
+@click.option("--node-id", type=NODE_ID, default=1, show_default=True)
+@bus_options
+@click.option("--autostart", is_flag=True, help="OPERATIONAL without waiting for a master.")
+@click.option(
+    "--lockstep",
+    is_flag=True,
+    help="Let SYNC be the only clock: for simulated time at any pace.",
+)
+@click.option(
+    "--storage",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File for stored parameters; without it they end with the command.",
+)
+def device(
+    eds: Path,
+    node_id: int,
+    bus: BusChoice,
+    autostart: bool,
+    lockstep: bool,
+    storage: Path | None,
+) -> None:
+    """Run a device of any EDS, with its values in memory, until Ctrl-C or SIGTERM.
+
+    It has every service whose objects the EDS has, and nothing behind its other objects: what is
+    written is read back, and TPDOs carry it.
+    """
+    with plain_errors():
+        od = load_eds(eds.read_text(encoding="latin-1"), node_id)
+        for warning in od.warnings:
+            click.echo(f"{eds}: {warning}", err=True)
+        file = None if storage is None else StorageFile(storage)
+        node = PlainNode(Device(od, autostart=autostart, storage=file, node_id=node_id))
+        with stop_on_signals() as stop:
+            connection = bus.open()
+            click.echo(f"device {node_id} ready on {bus.where}")
+            run_node(node, connection, stop, lockstep=lockstep)
+        click.echo(f"device {node_id} stopped")

@@ -1,0 +1,26 @@
+"""A device of any EDS with nothing behind its objects: a stand-in for the real one."""
+
+from __future__ import annotations
+
+from smarttac_can.device.device import Device
+from smarttac_can.device.frame import Frame
+
+
+class PlainNode:
+    """Runs a device whose values are held in memory only.
+
+    Parameters
+    ----------
+    device
+        The device, without an application.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.start = device.start
+        self.receive = device.receive
+        self.advance = device.advance
+
+    def shutdown(self) -> list[Frame]:
+        """Switch off; nothing is driven, so nothing is to be said."""
+        return []
