@@ -15,6 +15,7 @@ from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
+from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
     PDO_TRANSMISSION,
@@ -143,7 +144,7 @@ class CanLink:
         self._network.disconnect()
 
     def _owner(self, name: str) -> RemoteDevice:
-        simulated = name.partition(".")[0] in ("Simulation", "Finger")
+        simulated = name.partition(".")[0] in SIMULATION
         return self._plate if simulated and self._plate is not None else self._stimulator
 
     def _check(self) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
+from smarttac_can.plant.faults import Fault, FaultKind
 from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
@@ -16,6 +17,8 @@ from smarttac_can.signals import Drive
 TICK_MASK: Final = 0xFF
 """The tick count travels as 8 bits."""
 START_RUN: Final = "Simulation.Start run"
+FAULT_KIND: Final = "Fault.Kind"
+_NEVER: Final = -1
 LIFTED, STROKE, RECORDED = range(3)
 """Values of ``Finger.Motion``."""
 
@@ -71,6 +74,9 @@ class PlateBlock:
             ambient=od["Simulation.Ambient temperature"].si_value,
             dead_time=od["Simulation.Dead time"].si_value,
         )
+        od[FAULT_KIND].value = FaultKind.NONE
+        self._fault_in = _NEVER
+        self._stuck_voltage = 0.0
         self._voltage.value = 0
         self._moving = False
         self._answered = False
@@ -85,6 +91,8 @@ class PlateBlock:
     def cycle(self) -> None:
         """Step to the next tick with the drive that arrived, and sample the sensors there."""
         plate = self.plate
+        if self._fault_in >= 0:
+            self._approach_fault()
         if self._moving:
             if self._driven and not self._answered:
                 self._lost.value += 1
@@ -110,7 +118,10 @@ class PlateBlock:
             self._driven = True
         if self._drive_tick.value == self.tick.value:
             self._answered = True
-        self._new = Drive(self._voltage.si_value, self._frequency.si_value)
+        voltage = self._voltage.si_value
+        if self._stuck_voltage and voltage:
+            voltage = self._stuck_voltage
+        self._new = Drive(voltage, self._frequency.si_value)
         self._show_stage()
 
     def switch_off(self) -> None:
@@ -133,12 +144,41 @@ class PlateBlock:
         Raises
         ------
         Abort
-            STATE for the recorded finger where there is no recording.
+            STATE for the recorded finger where there is no recording; VALUE for a fault that
+            makes no sense.
         """
         if entry.name == START_RUN:
             self.start_run()
+        elif entry.name == FAULT_KIND:
+            self._set_fault(FaultKind(value))
         elif entry.name == "Finger.Motion" and value == RECORDED and self._recording is None:
             raise Abort(AbortCode.STATE)
+
+    def _set_fault(self, kind: FaultKind) -> None:
+        """Take sensor, value and delay from the object dictionary; what was broken is mended."""
+        fault = Fault(kind, self.od["Fault.Sensor"].value, self.od["Fault.Value"].value)
+        try:
+            fault.require_sense()
+        except ValueError as error:
+            raise Abort(AbortCode.VALUE) from error
+        self._stuck_voltage = 0.0
+        self.plate.inject(Fault(FaultKind.NONE, 1, 0))
+        self._fault = fault
+        self._fault_in = self.od["Fault.Delay in cycles"].value if kind else _NEVER
+
+    def _approach_fault(self) -> None:
+        """Break what is due to break before the coming step."""
+        self._fault_in -= 1
+        if self._fault_in >= 0:
+            return
+        if self._fault.kind is FaultKind.STAGE_STUCK:
+            # At 0 V the output is disconnected, so that much a stuck stage obeys.
+            self._stuck_voltage = self._fault.value * 1e-2 or self._new.voltage
+            if self._new.voltage:
+                self._new = Drive(self._stuck_voltage, self._new.frequency)
+                self._show_stage()
+        else:
+            self.plate.inject(self._fault)
 
     def _show_stage(self) -> None:
         self._stage.write(self._new)

@@ -8,15 +8,16 @@ from typing import Final
 from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
-from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
+from smarttac_can.nodes.plate_block import FAULT_KIND, START_RUN, PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import cascade_parameters, keep_model, plate_model
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
+from smarttac_can.plant.faults import FaultKind
 from smarttac_can.signals import Measurement, Setpoint
 
-SIMULATION: Final = ("Simulation", "Finger")
+SIMULATION: Final = ("Simulation", "Finger", "Fault")
 """Records that belong to the simulated plate."""
 _DESIGN: Final = ("Friction law", "Controller", "Limit", "Calibration")
 _MODEL: Final = "Model"
@@ -87,6 +88,7 @@ class StimulatorBlock:
         """Begin anew: controllers reset and off, tick 0 next; the plate inside is at rest."""
         if self._plate is not None:
             self._plate.start_run()
+            self.od[FAULT_KIND].value = FaultKind.NONE
         self.cascade = Cascade(cascade_parameters(self.od), plate_model(self.od))
         self._restore_zeros()
         self._redesign = False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from smarttac_can.plant.faults import SENSOR_KINDS, Fault, FaultKind, SensorFault, Slam, broken
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.force_path import ForcePath, Transition, transition
 from smarttac_can.plant.friction import bare_friction
@@ -75,9 +76,12 @@ class Plate:
         "_normal_phi",
         "_parameters",
         "_resonator",
+        "_seed",
         "_segments",
+        "_sensor_fault",
         "_sensors",
         "_skin",
+        "_sound",
         "_subject",
         "_tangential",
         "_warming",
@@ -103,6 +107,9 @@ class Plate:
         self._subject = subject
         self._finger = finger
         self._ambient = ambient
+        self._seed = seed
+        self._sound = (parameters, finger, ambient)
+        self._sensor_fault: SensorFault | None = None
         self._resonator = Resonator(parameters.resonator.mass)
         self._skin = Skin(SCALAR, subject, parameters.resonator.f0)
         self._sensors = Sensors(parameters.sensors, seed)
@@ -157,7 +164,7 @@ class Plate:
 
     def sample(self) -> Measurement:
         """Return what the sensors report at the present tick, always the same for one tick."""
-        return self._sensors.measure(
+        measurement = self._sensors.measure(
             self.tick,
             self._resonator.W,
             self.temperature,
@@ -165,6 +172,36 @@ class Plate:
             self._normal.y,
             self._moment.y,
         )
+        if self._sensor_fault is None:
+            return measurement
+        return self._sensor_fault.measure(self.tick, measurement)
+
+    def inject(self, fault: Fault) -> None:
+        """Break something from the coming step on, instead of what was broken before.
+
+        `FaultKind.NONE` mends it: another temperature is back at once, the plate goes on moving.
+
+        Raises
+        ------
+        ValueError
+            If there is no such fault; nothing has changed then.
+        """
+        fault.require_sense()
+        if self._ambient != self._sound[2]:
+            self.temperature = self._sound[2]
+        self._parameters, self._finger, self._ambient = self._sound
+        self._sensor_fault = None
+        kind = fault.kind
+        if kind in SENSOR_KINDS:
+            self._sensor_fault = SensorFault(
+                fault, self._parameters.sensors, self._seed, self.tick + 1
+            )
+        elif kind is FaultKind.SLAM:
+            self._finger = Slam(self._finger, fault.value * 1e-3)
+        elif kind is FaultKind.TEMPERATURE:
+            self.temperature = self._ambient = fault.value * 1e-2
+        elif kind in (FaultKind.RESONANCE_SHIFT, FaultKind.QUALITY):
+            self._parameters = broken(self._parameters, fault)
 
     def step(self, old: Drive, new: Drive) -> None:
         """Advance by one tick, with the old drive for the dead time and then with the new one.

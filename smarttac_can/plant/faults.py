@@ -1,0 +1,200 @@
+"""Faults of the plate: what breaks, and what a broken sensor reports."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import IntEnum
+from math import floor
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from smarttac_can.plant.finger import Finger, FingerState
+from smarttac_can.plant.parameters import PlateParameters, SensorParameters, require
+from smarttac_can.plant.sensors import PICKUP_SATURATED
+from smarttac_can.signals import Measurement
+
+_FAULT_STREAM: Final = 0x46
+GAUGES: Final = 6
+PICKUP_D, PICKUP_Q, THERMOMETER = 7, 8, 9
+"""Sensor numbers; 1..6 are the gauges S1..S6."""
+
+
+class FaultKind(IntEnum):
+    """What breaks. The unit of a value is that of its sensor: mN, nm or 0.01 K."""
+
+    NONE = 0
+    """All is well."""
+    STUCK = 1
+    """The sensor repeats its last reading."""
+    SATURATED = 2
+    """The sensor is at the end of its range, the negative one for a value below 0."""
+    OFFSET = 3
+    """The sensor reads more by the value."""
+    GAIN = 4
+    """The sensor reads its value in 0.1 %."""
+    DEAD = 5
+    """The sensor reads 0."""
+    NOISE = 6
+    """The sensor has white noise whose standard deviation is the value on top of its own."""
+    SPIKE = 7
+    """The sensor reads more by the value, for one tick."""
+    RESONANCE_SHIFT = 8
+    """The resonance is higher by the value in Hz, as of a crack or a loose mount."""
+    QUALITY = 9
+    """The quality factor is the value in 0.1 % of what it was."""
+    TEMPERATURE = 10
+    """The plate and its surroundings have the value in 0.01 degC."""
+    SLAM = 11
+    """The finger presses harder by the value in mN."""
+    STAGE_STUCK = 12
+    """The power stage keeps the value in 10 mV whatever is asked for, above 0 V."""
+
+
+SENSOR_KINDS: Final = range(FaultKind.STUCK, FaultKind.SPIKE + 1)
+_RANGES: Final = {
+    FaultKind.GAIN: (-10_000, 10_000),
+    FaultKind.NOISE: (0, 1_000_000),
+    FaultKind.RESONANCE_SHIFT: (-20_000, 20_000),
+    FaultKind.QUALITY: (20, 1000),
+    FaultKind.TEMPERATURE: (-4000, 20_000),
+    FaultKind.SLAM: (0, 100_000),
+    FaultKind.STAGE_STUCK: (0, 100_000),
+}
+"""Values of the kinds that do not take any value up to `_MOST`."""
+_MOST: Final = 1_000_000
+
+
+class Fault(NamedTuple):
+    """A fault of the plate."""
+
+    kind: FaultKind
+    sensor: int
+    """Number of the sensor, 1..9; of no meaning where no sensor breaks."""
+    value: int
+    """How much; the unit follows from kind and sensor."""
+
+    def require_sense(self) -> None:
+        """Raise ValueError if there is no such sensor, or the value makes no sense for the kind."""
+        require("sensor", self.sensor, 1, THERMOMETER)
+        require(self.kind.name.lower(), self.value, *_RANGES.get(self.kind, (-_MOST, _MOST)))
+
+
+class SensorFault:
+    """One broken sensor; the others report as they did.
+
+    What it reports at a tick is a function of seed, tick, and for a stuck sensor of the reading
+    at which it got stuck.
+
+    Parameters
+    ----------
+    fault
+        Of one of the sensors.
+    parameters
+        Range and resolution of the sensors.
+    seed
+        Seed of the noise, 0 or more.
+    tick
+        First tick with the fault.
+    """
+
+    __slots__ = ("_fault", "_full_scale", "_held", "_seed", "_step", "_tick")
+
+    def __init__(self, fault: Fault, parameters: SensorParameters, seed: int, tick: int) -> None:
+        self._fault = fault
+        self._seed = seed
+        self._tick = tick
+        self._held: float | None = None
+        p = parameters
+        self._full_scale = p.full_scale
+        if fault.sensor <= GAUGES:
+            self._step = p.gauge_resolution
+        elif fault.sensor < THERMOMETER:
+            self._step = p.pickup_resolution
+        else:
+            self._step = p.temperature_resolution
+
+    def measure(self, tick: int, sound: Measurement) -> Measurement:
+        """Return what is reported at a tick instead of what a sound sensor would report."""
+        W, gauges, temperature, saturated = sound
+        sensor = self._fault.sensor
+        if sensor <= GAUGES:
+            value, limited = self._reading(tick, gauges[sensor - 1])
+            bit = 1 << (sensor - 1)
+            forces = list(gauges)
+            forces[sensor - 1] = value
+            s1, s2, s3, s4, s5, s6 = forces
+            saturated = saturated & ~bit | (bit if limited else 0)
+            return Measurement(W, (s1, s2, s3, s4, s5, s6), temperature, saturated)
+        if sensor == THERMOMETER:
+            return Measurement(W, gauges, self._reading(tick, temperature)[0], saturated)
+        if sensor == PICKUP_D:
+            value, limited = self._reading(tick, W.real)
+            W = complex(value, W.imag)
+        else:
+            value, limited = self._reading(tick, W.imag)
+            W = complex(W.real, value)
+        if limited:
+            saturated |= PICKUP_SATURATED
+        return Measurement(W, gauges, temperature, saturated)
+
+    def _reading(self, tick: int, sound: float) -> tuple[float, bool]:
+        """Return the broken sensor's reading in SI units, and whether it is at its end."""
+        step, limit = self._step, self._full_scale
+        count = floor(self._disturbed(tick, sound) / step + 0.5)
+        return max(-limit, min(limit, count)) * step, abs(count) >= limit
+
+    def _disturbed(self, tick: int, sound: float) -> float:
+        kind, sensor, value = self._fault
+        if self._held is None:
+            self._held = sound
+        if kind is FaultKind.STUCK:
+            return self._held
+        if kind is FaultKind.SATURATED:
+            end = self._full_scale * self._step
+            return -end if value < 0 else end
+        if kind is FaultKind.DEAD:
+            return 0.0
+        if kind is FaultKind.GAIN:
+            return sound * value * 1e-3
+        size = value * (1e-3 if sensor <= GAUGES else 1e-9 if sensor < THERMOMETER else 1e-2)
+        if kind is FaultKind.NOISE:
+            rng = np.random.default_rng([self._seed, _FAULT_STREAM, tick])
+            return sound + size * float(rng.standard_normal())
+        return sound + (size if kind is FaultKind.OFFSET or tick == self._tick else 0.0)
+
+
+class Slam:
+    """A finger that presses harder than its motion says.
+
+    Parameters
+    ----------
+    finger
+        The motion.
+    force
+        Further normal force in N, 0 or more.
+    """
+
+    __slots__ = ("_finger", "_force")
+
+    def __init__(self, finger: Finger, force: float) -> None:
+        self._finger = finger
+        self._force = force
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s, 0 or more, from the start of the run."""
+        x, Fn = self._finger.at(time)
+        return FingerState(x, Fn + self._force)
+
+
+def broken(parameters: PlateParameters, fault: Fault) -> PlateParameters:
+    """Return the parameters of a plate whose resonance has shifted or whose quality is lost."""
+    mode = parameters.resonator
+    f0, tau = mode.f0, mode.tau
+    if fault.kind is FaultKind.RESONANCE_SHIFT:
+        f0 += fault.value
+    elif fault.kind is FaultKind.QUALITY:
+        tau *= fault.value * 1e-3
+    # The electromechanical conversion does not break.
+    gain = mode.gain * tau / mode.tau * mode.f0 / f0
+    return replace(parameters, resonator=replace(mode, f0=f0, tau=tau, gain=gain))

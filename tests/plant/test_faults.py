@@ -1,0 +1,186 @@
+"""What breaks, how a broken plate reads, and that mending leaves no trace."""
+
+from dataclasses import replace
+
+import pytest
+
+from smarttac_can.plant.faults import PICKUP_D, PICKUP_Q, THERMOMETER, Fault, FaultKind, broken
+from smarttac_can.plant.finger import Lifted, Stroke
+from smarttac_can.plant.parameters import PlateParameters
+from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.sensors import PICKUP_SATURATED
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.signals import Drive, Measurement
+
+DRIVE = Drive(20.0, 43390.0)
+SOUND = Fault(FaultKind.NONE, 1, 0)
+GAUGE_RANGE = 32767 * 1e-4
+
+
+def plate(finger: bool = True) -> Plate:
+    motion = Stroke(rest=0.0, press=0.01) if finger else Lifted()
+    return Plate(PlateParameters(), SUBJECTS[1], motion, seed=3)
+
+
+def run(it: Plate, ticks: int) -> list[Measurement]:
+    said = []
+    for _ in range(ticks):
+        it.step(DRIVE, DRIVE)
+        said.append(it.sample())
+    return said
+
+
+def both(fault: Fault, ticks: int = 20) -> tuple[list[Measurement], list[Measurement]]:
+    """Measurements of a sound plate, and of one that breaks after 30 ticks."""
+    sound, broken = plate(), plate()
+    run(sound, 30)
+    run(broken, 30)
+    broken.inject(fault)
+    return run(sound, ticks), run(broken, ticks)
+
+
+@pytest.mark.parametrize("sensor", range(1, 7))
+def test_broken_gauge_leaves_the_others_alone(sensor: int) -> None:
+    sound, broken = both(Fault(FaultKind.OFFSET, sensor, 500))
+    for one, other in zip(sound, broken, strict=True):
+        assert other.W == one.W and other.temperature == one.temperature
+        for number in range(6):
+            expected = one.gauges[number] + (0.5 if number == sensor - 1 else 0.0)
+            assert other.gauges[number] == pytest.approx(expected, abs=1e-9)
+
+
+def test_stuck_gauge_repeats_the_reading_of_its_first_tick() -> None:
+    sound, broken = both(Fault(FaultKind.STUCK, 3, 0))
+    assert {m.gauges[2] for m in broken} == {sound[0].gauges[2]}
+    assert len({m.gauges[2] for m in sound}) > 10
+
+
+@pytest.mark.parametrize(("value", "reading"), [(0, GAUGE_RANGE), (-1, -GAUGE_RANGE)])
+def test_saturated_gauge_is_at_its_end_and_says_so(value: int, reading: float) -> None:
+    _, broken = both(Fault(FaultKind.SATURATED, 4, value))
+    assert [m.gauges[3] for m in broken] == [pytest.approx(reading)] * len(broken)
+    assert {m.saturated for m in broken} == {1 << 3}
+
+
+def test_offset_beyond_the_range_saturates() -> None:
+    _, broken = both(Fault(FaultKind.OFFSET, 1, 9000))
+    assert {m.saturated for m in broken} == {1}
+    assert [m.gauges[0] for m in broken] == [pytest.approx(GAUGE_RANGE)] * len(broken)
+
+
+def test_dead_gauge_reads_zero() -> None:
+    _, broken = both(Fault(FaultKind.DEAD, 2, 0))
+    assert {m.gauges[1] for m in broken} == {0.0}
+
+
+def test_gain_scales_the_reading() -> None:
+    sound, broken = both(Fault(FaultKind.GAIN, 5, 500))
+    for one, other in zip(sound, broken, strict=True):
+        assert other.gauges[4] == pytest.approx(0.5 * one.gauges[4], abs=1e-4)
+
+
+def test_noise_is_as_large_as_asked_for_and_the_same_twice() -> None:
+    sound, broken = both(Fault(FaultKind.NOISE, 6, 200), ticks=400)
+    _, again = both(Fault(FaultKind.NOISE, 6, 200), ticks=400)
+    assert broken == again
+    extra = [b.gauges[5] - a.gauges[5] for a, b in zip(sound, broken, strict=True)]
+    assert (sum(x * x for x in extra) / len(extra)) ** 0.5 == pytest.approx(0.2, rel=0.15)
+
+
+def test_spike_lasts_one_tick() -> None:
+    sound, broken = both(Fault(FaultKind.SPIKE, 3, 800))
+    assert broken[0].gauges[2] == pytest.approx(sound[0].gauges[2] + 0.8)
+    assert broken[1:] == sound[1:]
+
+
+def test_one_tick_reads_the_same_however_often() -> None:
+    it = plate()
+    it.inject(Fault(FaultKind.NOISE, PICKUP_D, 300))
+    run(it, 5)
+    assert it.sample() == it.sample()
+
+
+@pytest.mark.parametrize(("sensor", "axis"), [(PICKUP_D, "real"), (PICKUP_Q, "imag")])
+def test_pickup_axes_break_alone(sensor: int, axis: str) -> None:
+    sound, broken = both(Fault(FaultKind.DEAD, sensor, 0))
+    other_axis = "imag" if axis == "real" else "real"
+    for one, other in zip(sound, broken, strict=True):
+        assert getattr(other.W, axis) == 0.0
+        assert getattr(other.W, other_axis) == getattr(one.W, other_axis)
+
+
+def test_saturated_pickup_says_so() -> None:
+    _, broken = both(Fault(FaultKind.SATURATED, PICKUP_D, 0))
+    assert {m.saturated for m in broken} == {PICKUP_SATURATED}
+    assert [m.W.real for m in broken] == [pytest.approx(32767e-10)] * len(broken)
+
+
+def test_thermometer_reads_more() -> None:
+    sound, broken = both(Fault(FaultKind.OFFSET, THERMOMETER, 4500))
+    for one, other in zip(sound, broken, strict=True):
+        assert other.temperature == pytest.approx(one.temperature + 45.0)
+
+
+def test_crack_shifts_the_resonance_and_so_does_heat() -> None:
+    it = plate()
+    before = it.resonance
+    it.inject(Fault(FaultKind.RESONANCE_SHIFT, 1, -900))
+    assert it.resonance == pytest.approx(before - 900.0)
+    it.inject(Fault(FaultKind.TEMPERATURE, 1, 8000))
+    assert it.temperature == 80.0
+    assert it.resonance == pytest.approx(before - 60 * 14.0)
+
+
+def test_half_the_quality_halves_the_vibration() -> None:
+    sound, lossy = plate(finger=False), plate(finger=False)
+    lossy.inject(Fault(FaultKind.QUALITY, 1, 500))
+    W_sound, W_broken = abs(run(sound, 30)[-1].W), abs(run(lossy, 30)[-1].W)
+    assert W_broken == pytest.approx(0.5 * W_sound, rel=0.01)
+
+
+def test_slam_presses_through_the_force_path() -> None:
+    it = plate()
+    run(it, 50)
+    force = it.Fn
+    it.inject(Fault(FaultKind.SLAM, 1, 8000))
+    run(it, 1)
+    assert it.Fn == pytest.approx(force + 8.0, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", [k for k in FaultKind if k is not FaultKind.STAGE_STUCK])
+def test_mended_before_its_first_step_leaves_no_trace(kind: FaultKind) -> None:
+    sound, mended = plate(), plate()
+    mended.inject(Fault(kind, 3, 900))
+    mended.inject(SOUND)
+    assert run(sound, 20) == run(mended, 20)
+
+
+def test_only_one_fault_at_a_time() -> None:
+    it = plate()
+    it.inject(Fault(FaultKind.SLAM, 1, 8000))
+    it.inject(Fault(FaultKind.RESONANCE_SHIFT, 1, 100))
+    run(it, 20)
+    assert it.Fn < 1.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "complaint"),
+    [
+        (Fault(FaultKind.DEAD, 10, 0), "sensor 10 is outside 1..9"),
+        (Fault(FaultKind.QUALITY, 1, 0), "quality 0 is outside 20..1000"),
+        (Fault(FaultKind.SLAM, 1, -1), "slam -1 is outside 0..100000"),
+        (Fault(FaultKind.OFFSET, 1, 2_000_000), "offset 2000000 is outside"),
+    ],
+)
+def test_fault_without_sense_is_refused_and_nothing_changes(fault: Fault, complaint: str) -> None:
+    it, sound = plate(), plate()
+    with pytest.raises(ValueError, match=complaint):
+        it.inject(fault)
+    assert run(it, 5) == run(sound, 5)
+
+
+def test_conversion_does_not_break() -> None:
+    whole = PlateParameters()
+    cracked = broken(whole, Fault(FaultKind.QUALITY, 1, 300))
+    assert cracked.resonator.conversion == pytest.approx(whole.resonator.conversion)
+    assert replace(cracked, resonator=whole.resonator) == whole
