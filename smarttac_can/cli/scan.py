@@ -1,0 +1,87 @@
+"""The command that lists what is on a bus: ``scan``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from smarttac_can.bench.errors import NodeNotFoundError
+from smarttac_can.bench.scan import FoundDevice
+from smarttac_can.bench.scan import scan as scan_bus
+from smarttac_can.cli.options import (
+    BusChoice,
+    bus_options,
+    closing_network,
+    json_option,
+    timeout_option,
+)
+from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.host.eds_files import read_eds, read_eds_file
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import load_eds
+from smarttac_can.od.ini import EDSError
+
+PACKAGED = ("stimulator.eds", "plate.eds")
+_HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "EDS")
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac scan --interface socketcan --channel can0\n"
+    "  smarttac scan --interface socketcan --channel can0 --eds drive.eds --json"
+)
+@bus_options
+@timeout_option
+@click.option(
+    "--eds",
+    "eds_files",
+    multiple=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Compare with this EDS, too.",
+)
+@json_option
+def scan(bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], as_json: bool) -> None:
+    """List the devices on a bus with state, identity and the EDS that describes them.
+
+    Devices with a node-ID are found by SDO and heartbeat, those without one by LSS fastscan.
+    """
+    with plain_errors():
+        texts = {name: read_eds(name) for name in PACKAGED}
+        texts |= {str(path): read_eds_file(path) for path in eds_files}
+        known = {name: _load(name, text) for name, text in texts.items()}
+        with closing_network(bus) as network:
+            found = scan_bus(network, known, timeout)
+        if not found and not as_json:
+            raise NodeNotFoundError(f"no device answers on {bus.where}")
+    if as_json:
+        click.echo(json.dumps([_row(device) for device in found], indent=2))
+        return
+    lines = [_HEAD, *(_cells(device) for device in found)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        padded = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+        click.echo("  ".join(padded).rstrip())
+
+
+def _load(name: str, text: str) -> ObjectDictionary:
+    try:
+        return load_eds(text, 1)
+    except EDSError as error:
+        raise click.ClickException(f"{name}: {error}") from error
+
+
+def _row(device: FoundDevice) -> dict[str, object]:
+    identity = None if device.identity is None else device.identity._asdict()
+    return {**device._asdict(), "identity": identity}
+
+
+def _cells(device: FoundDevice) -> tuple[str, ...]:
+    numbers = device.identity
+    return (
+        "-" if device.node_id is None else f"{device.node_id}",
+        device.state,
+        device.name or "-",
+        *(("-",) * 4 if numbers is None else [f"{number:08X}" for number in numbers]),
+        device.eds or "-",
+    )

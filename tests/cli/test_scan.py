@@ -1,0 +1,149 @@
+"""``smarttac scan``, ``smarttac lss`` and ``eds check --device`` against devices in threads."""
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from smarttac_can.bench.commissioning import Identity
+from smarttac_can.bench.scan import matching_eds
+from smarttac_can.cli import main
+from smarttac_can.device.device import Device
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.storage import Memory
+from smarttac_can.host.node import Node
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.runner import run_node
+from smarttac_can.od.eds import load_eds
+
+RICH = Path(__file__).parent.parent / "eds" / "rich.eds"
+RICH_IDENTITY = "00000123:00000007:00010000:0000002A"
+
+
+@contextmanager
+def running(channel: str, *nodes: Node) -> Iterator[tuple[str, ...]]:
+    """Each node in a thread of its own; gives the options of the bus."""
+    stopping = threading.Event()
+    threads = [
+        threading.Thread(
+            target=run_node, args=(node, PythonCanBus("virtual", channel), stopping.is_set)
+        )
+        for node in nodes
+    ]
+    for thread in threads:
+        thread.start()
+    try:
+        yield "--interface", "virtual", "--channel", channel
+    finally:
+        stopping.set()
+        for thread in threads:
+            thread.join(10.0)
+
+
+class PlainDevice(Device):
+    def shutdown(self) -> list[Frame]:
+        return []
+
+
+def rich(node_id: int, storage: Memory | None = None) -> PlainDevice:
+    od = load_eds(RICH.read_text(), 5 if node_id == 255 else node_id)
+    return PlainDevice(od, storage=storage, node_id=node_id)
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def test_scan_tells_state_identity_and_eds() -> None:
+    with running("scan", rich(5), rich(9), rich(255)) as bus:
+        bare = run("scan", *bus)
+        result = run("scan", *bus, "--eds", RICH, "--json")
+    assert bare.exit_code == result.exit_code == 0, (bare.output, result.output)
+    head, *lines = bare.stdout.splitlines()
+    assert head.split() == [
+        "node", "state", "name", "vendor", "product", "revision", "serial", "EDS",
+    ]  # fmt: skip
+    assert [line.split()[0] for line in lines] == ["5", "9", "-"]
+    assert lines[0].split()[1] == "pre-operational"
+    assert lines[0].endswith("00000123  00000007  00010000  0000002A  -")
+    assert lines[2].split() == ["-", "unconfigured", "-", *RICH_IDENTITY.split(":"), "-"]
+    found = json.loads(result.stdout)
+    assert [device["node_id"] for device in found] == [5, 9, None]
+    assert {device["eds"] for device in found} == {str(RICH)}
+    assert found[0]["identity"] == {
+        "vendor": 0x123, "product": 7, "revision": 0x10000, "serial": 42,
+    }  # fmt: skip
+
+
+def test_nobody_there() -> None:
+    result = run("scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05")
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1] == "Error: no device answers on virtual:empty"
+
+
+def test_an_eds_of_another_revision_comes_second() -> None:
+    od = load_eds(RICH.read_text(), 1)
+    identity = Identity(0x123, 7, 0x20000, 1)
+    assert matching_eds(identity, [("a", od)]) == "a (revision differs)"
+    assert matching_eds(identity._replace(revision=0x10000), [("a", od)]) == "a"
+    assert matching_eds(identity._replace(product=8), [("a", od)]) == ""
+
+
+def test_lss_gives_a_node_id_to_a_device_that_has_none() -> None:
+    memory = Memory()
+    device = rich(255, memory)
+    with running("lss", rich(5), device) as bus:
+        result = run("lss", "12", "--store", *bus, "--timeout", "5")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"{RICH_IDENTITY} has node-ID 12, stored; it had none\n"
+    assert device.node_id == 12
+    again = rich(255, memory)
+    again.start()
+    assert again.node_id == 12
+
+
+def test_lss_moves_a_device_by_its_identity() -> None:
+    device = rich(5)
+    with running("move", device) as bus:
+        result = run("lss", "6", "--identity", RICH_IDENTITY, *bus, "--timeout", "5")
+        wrong = run("lss", "7", "--identity", "123:7:10000:2B", *bus, "--timeout", "0.1")
+        none = run("lss", "7", *bus, "--timeout", "0.1")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"{RICH_IDENTITY} has node-ID 6; it had 5\n"
+    assert device.node_id == 6
+    assert (wrong.exit_code, none.exit_code) == (1, 1)
+    assert "no device with the identity 00000123:00000007:00010000:0000002B" in wrong.stderr
+    assert "no device without node-ID answers fastscan" in none.stderr
+
+
+@pytest.mark.parametrize("identity", ["1:2:3", "1:2:3:x", "1:2:3:100000000", "1:2:3:-4", ""])
+def test_an_identity_is_four_numbers(identity: str) -> None:
+    result = run("lss", "1", "--identity", identity)
+    assert result.exit_code == 2
+    assert "four hexadecimal numbers" in result.stderr
+
+
+@pytest.mark.parametrize("node_id", ["0", "128", "x"])
+def test_a_node_id_is_in_range(node_id: str) -> None:
+    assert run("lss", node_id).exit_code == 2
+
+
+def test_a_device_reads_as_its_eds_says(tmp_path: Path) -> None:
+    other = tmp_path / "rich.eds"
+    text = RICH.read_text()
+    assert text.count("DefaultValue=0x00020194") == 1
+    other.write_text(text.replace("DefaultValue=0x00020194", "DefaultValue=0x00020191"))
+    with running("reads", rich(5)) as bus:
+        same = run("eds", "check", RICH, "--device", "--node-id", "5", *bus)
+        differs = run("eds", "check", other, "--device", "--node-id", "5", *bus)
+        silent = run("eds", "check", RICH, "--device", "--node-id", "6", *bus, "--timeout", "0.05")
+    assert same.exit_code == 0, same.output
+    assert differs.exit_code == 1
+    assert differs.stdout == f"{other}: [1000] the device reads 131476, not 131473\n"
+    assert silent.exit_code == 1
+    assert silent.stdout == f"{RICH}: [1000] node 6 does not answer\n"
+    assert run("eds", "check", RICH, "--device").exit_code == 2
