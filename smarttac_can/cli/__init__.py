@@ -6,8 +6,10 @@ import click
 
 from smarttac_can import __version__
 from smarttac_can.cli.eds import eds
+from smarttac_can.cli.lss import lss
 from smarttac_can.cli.nodes import node, plate
 from smarttac_can.cli.reproduction import demo, report, reproduce
+from smarttac_can.cli.scan import scan
 
 EXAMPLE = """\b
 Examples:
@@ -22,5 +24,5 @@ def main() -> None:
     """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""
 
 
-for command in (demo, reproduce, report, node, plate, eds):
+for command in (demo, reproduce, report, node, plate, scan, lss, eds):
     main.add_command(command)
