@@ -16,6 +16,7 @@ from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.runner import run_node
+from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -44,11 +45,24 @@ def _finger(
         raise click.BadParameter(str(error)) from error
 
 
+def _storage(
+    _ctx: click.Context, _param: click.Parameter, value: Path | None
+) -> StorageFile | None:
+    if value is not None and not value.parent.is_dir():
+        raise click.BadParameter(f"{str(value.parent)!r} is no directory")
+    return None if value is None else StorageFile(value)
+
+
 def node_options(node_id: int) -> Callable[[Command], Command]:
     """Options of both commands, with a default for the node-ID."""
     return with_options(
         bus_options,
-        click.option("--node-id", type=NODE_ID, default=node_id, show_default=True),
+        click.option(
+            "--node-id",
+            type=NODE_ID,
+            show_default=f"the one stored by LSS, else {node_id}",
+            help="Wins over a stored node-ID.",
+        ),
         click.option(
             "--lockstep",
             is_flag=True,
@@ -81,6 +95,12 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
             type=click.Path(exists=True, dir_okay=False, path_type=Path),
             help="EDS with other default values than the packaged one.",
         ),
+        click.option(
+            "--storage",
+            type=click.Path(dir_okay=False, path_type=Path),
+            callback=_storage,
+            help="File for what is stored by 1010h and LSS; without, it is forgotten at the end.",
+        ),
     )
 
 
@@ -94,12 +114,13 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
 )
 @click.option("--produce-sync", is_flag=True, help="Produce the SYNC that is the plate's tick.")
 def node(
-    node_id: int,
+    node_id: int | None,
     lockstep: bool,
     finger: tuple[int, Trajectory | None],
     subject: int,
     seed: int,
     eds: Path | None,
+    storage: StorageFile | None,
     plate_node: int | None,
     produce_sync: bool,
     bus: BusChoice,
@@ -109,36 +130,45 @@ def node(
         raise click.UsageError("--produce-sync is the tick of a --plate-node: none is given")
     if produce_sync and lockstep:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
-    if plate_node == node_id:
+    own = STIMULATOR_ID if node_id is None else node_id
+    if plate_node == own:
         raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
     with plain_errors(), _blaming(eds):
-        od = _load("stimulator.eds", eds, node_id)
+        od = _load("stimulator.eds", eds, own)
         motion, recording = finger
         if plate_node is None:
             inside = PlateBlock(_load("plate.eds", None, PLATE_ID), recording)
             presets = _finger_presets(motion, subject, seed)
-            device = StimulatorNode(od, inside, presets=presets)
+            device = StimulatorNode(od, inside, presets=presets, storage=storage, node_id=node_id)
         else:
-            device = StimulatorNode(od, plate_node_id=plate_node, produce_sync=produce_sync)
+            device = StimulatorNode(
+                od,
+                plate_node_id=plate_node,
+                produce_sync=produce_sync,
+                storage=storage,
+                node_id=node_id,
+            )
         _run("stimulator", device, lockstep, bus)
 
 
 @click.command(epilog="Example: smarttac plate --interface socketcan --channel can0 --node-id 33")
 @node_options(PLATE_ID)
 def plate(
-    node_id: int,
+    node_id: int | None,
     lockstep: bool,
     finger: tuple[int, Trajectory | None],
     subject: int,
     seed: int,
     eds: Path | None,
+    storage: StorageFile | None,
     bus: BusChoice,
 ) -> None:
     """Run the simulated plate as a node of its own until Ctrl-C or SIGTERM."""
     with plain_errors(), _blaming(eds):
         motion, recording = finger
         presets = _finger_presets(motion, subject, seed)
-        device = PlateNode(_load("plate.eds", eds, node_id), presets, recording)
+        od = _load("plate.eds", eds, PLATE_ID if node_id is None else node_id)
+        device = PlateNode(od, presets, recording, storage=storage, node_id=node_id)
         _run("plate", device, lockstep, bus)
 
 

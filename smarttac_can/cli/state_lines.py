@@ -29,13 +29,14 @@ class StateLines:
     def __init__(
         self, name: str, where: str, node: StimulatorNode | PlateNode, say: Callable[[str], None]
     ) -> None:
-        self._title = f"{name} {node.device.node_id}"
+        self._name = name
         self._where = where
         self._node = node
         self._line = say
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
         self._said = self._now()
+        self._bit_rate: int | None = None
         self.missed = getattr(node, "missed", lambda ticks: None)
 
     def start(self) -> list[Frame]:
@@ -63,6 +64,10 @@ class StateLines:
         self._say(f"{self._title} stopped at 0 V")
         return frames
 
+    @property
+    def _title(self) -> str:
+        return f"{self._name} {self._device.node_id}"
+
     def _say(self, line: str) -> None:
         try:
             self._line(line)
@@ -74,6 +79,9 @@ class StateLines:
         return self._device.nmt_state, self._mode.value if self._mode is not None else 0
 
     def _follow(self) -> None:
+        if self._device.bit_rate != self._bit_rate:
+            self._bit_rate = self._device.bit_rate
+            self._say(f"{self._title} {self._bit_rate} kbit/s by LSS: not switched, only stored")
         now = self._now()
         if now == self._said:
             return

@@ -37,6 +37,3 @@ class Application:
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse an SDO write by raising `Abort`; the entry still has its old value."""
-
-    def on_bit_timing(self, bit_rate: int) -> None:
-        """Act on LSS that activates a bit rate, in kbit/s: the device itself cannot switch."""

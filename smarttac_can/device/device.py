@@ -85,7 +85,7 @@ class Device:
         self._port = port = Port()
         self._emergency = Emergency(port, od)
         self._storage = ParameterStorage(port, od, self._emergency, storage or Memory())
-        self._lss = LSS(port, od, self._storage, self._begin, self._application.on_bit_timing)
+        self._lss = LSS(port, od, self._storage, self._begin)
         self._time_stamp = TimeStamp(port, od)
         if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
             eds.default = eds.value = od.text.encode("latin-1", "replace")
@@ -137,6 +137,11 @@ class Device:
     def nmt_state(self) -> NMTState:
         """Present NMT state; INITIALISING before `start`."""
         return self._state
+
+    @property
+    def bit_rate(self) -> int | None:
+        """Bit rate in kbit/s that LSS has activated, None so far; the device cannot switch."""
+        return self._lss.bit_rate
 
     @property
     def time(self) -> int | None:

@@ -52,8 +52,6 @@ class LSS(Service):
         Where the node-ID and the bit timing are stored.
     on_configured
         Called when a device without node-ID has got one.
-    on_bit_timing
-        Called with the bit rate in kbit/s when the master activates the bit timing.
 
     Attributes
     ----------
@@ -61,6 +59,8 @@ class LSS(Service):
         Active node-ID; 255 while the device has none.
     pending
         Node-ID after the next reset.
+    bit_rate
+        Bit rate in kbit/s that the master has activated, None so far: it is for the host to switch.
     """
 
     states: ClassVar = frozenset(
@@ -73,12 +73,11 @@ class LSS(Service):
         od: ObjectDictionary,
         storage: ParameterStorage,
         on_configured: Callable[[], None],
-        on_bit_timing: Callable[[int], None],
     ) -> None:
         super().__init__(port, od, ())
         self._storage = storage
         self._on_configured = on_configured
-        self._on_bit_timing = on_bit_timing
+        self.bit_rate: int | None = None
         self.supported = od.info.get("lss_supported", "0") not in ("0", "")
         self.node_id = self.pending = od.node_id
         self._bit_timing = UNCHANGED
@@ -142,7 +141,7 @@ class LSS(Service):
             self._answer(command, 0 if valid else _OUT_OF_RANGE)
         elif command == ACTIVATE_BIT_TIMING:
             if self._bit_timing in BIT_RATES:
-                self._on_bit_timing(BIT_RATES[self._bit_timing])
+                self.bit_rate = BIT_RATES[self._bit_timing]
         elif command == STORE:
             try:
                 self._storage.store_lss(self.pending, self._bit_timing)

@@ -9,6 +9,7 @@ from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.storage import Storage
 from smarttac_can.nodes.loop_period import LoopPeriod
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.od.cia import CAN_ID_MASK, PDO_COB_ID, TPDO_COMMUNICATION
@@ -30,6 +31,8 @@ class PlateNode(Application):
         Raw values by name that replace defaults of the EDS at power-on.
     recording
         The finger of ``Finger.Motion`` 2.
+    storage, node_id
+        As for `Device`.
     """
 
     def __init__(
@@ -37,11 +40,14 @@ class PlateNode(Application):
         od: ObjectDictionary,
         presets: Mapping[str, int] | None = None,
         recording: Trajectory | None = None,
+        *,
+        storage: Storage | None = None,
+        node_id: int | None = None,
     ) -> None:
         self.od = od
         self._presets = dict(presets or {})
         self.block = PlateBlock(od, recording)
-        self.device = Device(od, self)
+        self.device = Device(od, self, storage=storage, node_id=node_id)
         self._period = LoopPeriod(self.device)
         self._measures = True
         self.advance = self.device.advance

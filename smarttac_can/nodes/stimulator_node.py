@@ -9,6 +9,7 @@ from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.storage import Storage
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
@@ -57,6 +58,8 @@ class StimulatorNode(Application):
         Whether this node produces the SYNC that is the tick of the plate node.
     presets
         Raw values by name that replace defaults of the EDS at power-on.
+    storage, node_id
+        As for `Device`.
     """
 
     def __init__(
@@ -67,6 +70,8 @@ class StimulatorNode(Application):
         plate_node_id: int = 0,
         produce_sync: bool = False,
         presets: Mapping[str, int] | None = None,
+        storage: Storage | None = None,
+        node_id: int | None = None,
     ) -> None:
         if (plate is None) == (plate_node_id == 0):
             raise ValueError("a stimulator has the plate either inside or at a node-ID")
@@ -75,7 +80,7 @@ class StimulatorNode(Application):
         self._produce_sync = produce_sync
         self._presets = dict(presets or {})
         self.block = StimulatorBlock(od, plate)
-        self.device = Device(od, self)
+        self.device = Device(od, self, storage=storage, node_id=node_id)
         self._period = LoopPeriod(self.device)
         self._elapsed = 0
         self._come: set[int] = set()

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from transcript import RICH, make_device, play, started
 
-from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
@@ -147,24 +146,19 @@ def test_a_failing_storage_is_told() -> None:
     play(device, "power\n" + CONFIGURE + "> 7E5 17 00 00 00 00 00 00 00\n< 7E4 17 02" + " 00" * 6)
 
 
-def test_bit_timing_is_stored_and_handed_to_the_application() -> None:
-    rates = []
-
-    class Rate(Application):
-        def on_bit_timing(self, bit_rate: int) -> None:
-            rates.append(bit_rate)
-
+def test_bit_timing_is_stored_and_left_to_the_host() -> None:
     memory = Memory()
-    device = Device(load_eds(RICH, 0x20), Rate(), storage=memory)
+    device = Device(load_eds(RICH, 0x20), storage=memory)
     activate = "> 7E5 15 64 00 00 00 00 00 00\n"
-    play(
-        device,
-        "power\n< 720 00\n" + CONFIGURE + activate
-        + "> 7E5 13 00 02 00 00 00 00 00\n< 7E4 13 00 00 00 00 00 00 00\n" + activate + STORE,
-    )  # fmt: skip
-    again = Device(load_eds(RICH, 0x20), Rate(), storage=memory)
+    play(device, "power\n< 720 00\n" + CONFIGURE + activate)
+    assert device.bit_rate is None
+    play(device, "> 7E5 13 00 02 00 00 00 00 00\n< 7E4 13 00 00 00 00 00 00 00\n" + STORE)
+    assert device.bit_rate is None
+    play(device, activate)
+    assert device.bit_rate == 500
+    again = Device(load_eds(RICH, 0x20), storage=memory)
     play(again, "power\n< 720 00\n" + CONFIGURE + activate)
-    assert rates == [500, 500]
+    assert again.bit_rate == 500
 
 
 def test_inquiries() -> None:
