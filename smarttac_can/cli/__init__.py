@@ -5,6 +5,8 @@ from __future__ import annotations
 import click
 
 from smarttac_can import __version__
+from smarttac_can.cli.conformance import conform
+from smarttac_can.cli.device import device
 from smarttac_can.cli.eds import eds
 from smarttac_can.cli.lss import lss
 from smarttac_can.cli.nodes import node, plate
@@ -24,5 +26,5 @@ def main() -> None:
     """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""
 
 
-for command in (demo, reproduce, report, node, plate, scan, lss, eds):
+for command in (demo, reproduce, report, node, plate, device, conform, scan, lss, eds):
     main.add_command(command)
