@@ -90,12 +90,15 @@ class NodeProcess:
             self.lines.put(line.rstrip("\n"))
 
     def wait_for(self, line: str) -> None:
-        try:
-            while (said := self.lines.get(timeout=GUARD_S)) != line:
-                pass
-        except Empty:
-            raise AssertionError(f"{line!r} was not said") from None
-        assert said == line
+        """Return once the process has said so; it must live, and the bound is a guard."""
+        guard = time.monotonic() + GUARD_S
+        said = ""
+        while said != line:
+            try:
+                said = self.lines.get(timeout=0.1)
+            except Empty:
+                alive = self.process.poll() is None and time.monotonic() < guard
+                assert alive, f"{line!r} was not said"
 
     def end(self, number: int = signal.SIGTERM) -> tuple[int, list[str], str]:
         """Send a signal; return the exit status, the lines not yet seen, and stderr."""
