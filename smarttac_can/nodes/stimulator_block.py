@@ -80,6 +80,10 @@ class StimulatorBlock:
     def reset(self) -> None:
         """Begin as after power-on: every object at its default, the plate's inside as well."""
         self.od.reset()
+        self.power_on()
+
+    def power_on(self) -> None:
+        """Begin with the values that the objects have now; the plate's inside at their defaults."""
         if self._plate is not None:
             self._plate.od.reset()
         self.start_run()

@@ -124,7 +124,7 @@ class StimulatorNode(Application):
     def on_state(self, state: NMTState) -> None:
         """Start from rest at power-on, link to the plate node; only OPERATIONAL drives."""
         if state is NMTState.RESET_APPLICATION:
-            self.block.reset()
+            self.block.power_on()
             for name, raw in self._presets.items():
                 self.block.write(name, raw)
             self.od["Plate node-ID"].value = self._plate_node_id
