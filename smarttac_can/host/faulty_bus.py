@@ -1,0 +1,302 @@
+"""A local bus on which frames and nodes go wrong, on purpose and the same way in every run."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import LogHook
+from smarttac_can.host.local_bus import LocalBus, Port
+from smarttac_can.host.node import TICK_US, Node
+from smarttac_can.od.cia import SYNC_ID
+
+
+class Mishap(Enum):
+    """What happens to a frame between its sender and the bus."""
+
+    LOSS = "loss"
+    """It is never sent."""
+    DUPLICATION = "duplication"
+    """It is sent twice in a row."""
+    REORDERING = "reordering"
+    """It is sent after the sender's next frame."""
+    DELAY = "delay"
+    """It is sent some cycles later, before the sender's own frames of that cycle."""
+    CORRUPTION = "corruption"
+    """One bit of its data is another, as from a bad memory: the CAN controller's CRC is right."""
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """Which frames a mishap befalls."""
+
+    mishap: Mishap
+    can_ids: frozenset[int] = frozenset()
+    """Identifiers; none stands for every frame."""
+    share: float = 1.0
+    """Share of these frames, 0..1, drawn at random."""
+    cycles: int = 1
+    """Cycles of a delay, 1 or more."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.share <= 1.0:
+            raise ValueError(f"share {self.share} is outside 0..1")
+        if self.cycles < 1:
+            raise ValueError(f"cycles {self.cycles} is below 1")
+
+
+class _Transmitter:
+    """The way of one party's frames to the bus."""
+
+    __slots__ = ("_behind", "_bus", "_held")
+
+    def __init__(self, bus: FaultyBus) -> None:
+        self._bus = bus
+        self._held: list[tuple[int, Frame]] = []
+        self._behind: list[Frame] = []
+
+    def passed(self, frames: Iterable[Frame]) -> list[Frame]:
+        """Return what becomes of the frames that a party sends now."""
+        if not (self._bus.disturbed or self._held or self._behind):
+            return list(frames)
+        out = self._due()
+        for frame in frames:
+            sent = self._disturb(frame)
+            if sent is None:
+                continue
+            out += sent
+            out += self._behind
+            self._behind = []
+        return self._fitting(out)
+
+    def _due(self) -> list[Frame]:
+        cycle = self._bus.cycle
+        due = [frame for when, frame in self._held if when <= cycle]
+        self._held = [(when, frame) for when, frame in self._held if when > cycle]
+        return due
+
+    def _disturb(self, frame: Frame) -> list[Frame] | None:
+        """Return the frames sent now in place of one, None if it goes behind the next."""
+        bus = self._bus
+        for disturbance in bus.disturbances:
+            if disturbance.can_ids and frame.can_id not in disturbance.can_ids:
+                continue
+            if disturbance.share < 1.0 and bus.random.random() >= disturbance.share:
+                continue
+            mishap = disturbance.mishap
+            if mishap is Mishap.LOSS:
+                return []
+            if mishap is Mishap.DUPLICATION:
+                return [frame, frame]
+            if mishap is Mishap.REORDERING and not self._behind:
+                self._behind.append(frame)
+                return None
+            if mishap is Mishap.DELAY:
+                self._held.append((bus.cycle + disturbance.cycles, frame))
+                return []
+            if mishap is Mishap.CORRUPTION and frame.data:
+                data = bytearray(frame.data)
+                bit = bus.random.randrange(8 * len(data))
+                data[bit // 8] ^= 1 << bit % 8
+                return [Frame(frame.can_id, bytes(data), frame.rtr)]
+        return [frame]
+
+    def _fitting(self, frames: list[Frame]) -> list[Frame]:
+        """Leave for the next cycle what a babbling node leaves no room for in this one."""
+        out = []
+        for frame in frames:
+            if self._bus.has_room(frame):
+                out.append(frame)
+            else:
+                self._held.append((self._bus.cycle + 1, frame))
+        return out
+
+
+class _Station:
+    """A node with its own power, clock and process."""
+
+    __slots__ = ("_missed", "clock_runs", "node", "paused", "powered", "transmitter")
+
+    def __init__(self, node: Node, transmitter: _Transmitter) -> None:
+        self.node = node
+        self.transmitter = transmitter
+        self.powered = True
+        self.clock_runs = True
+        self.paused = False
+        self._missed: list[Frame | int] = []
+
+    def start(self) -> list[Frame]:
+        return self.transmitter.passed(self.node.start())
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        if self.paused:
+            self._missed.append(frame)
+        elif self.powered:
+            return self.transmitter.passed(self.node.receive(frame))
+        return []
+
+    def advance(self, microseconds: int) -> list[Frame]:
+        if self.paused:
+            self._missed.append(microseconds)
+        elif self.powered:
+            return self.transmitter.passed(
+                self.node.advance(microseconds) if self.clock_runs else ()
+            )
+        return []
+
+    def shutdown(self) -> list[Frame]:
+        return self.transmitter.passed(self.node.shutdown()) if self.powered else []
+
+    def catch_up(self) -> list[Frame]:
+        """Go on after a pause with all the frames and the time that came meanwhile."""
+        self.paused = False
+        missed, self._missed = self._missed, []
+        out = []
+        for item in missed:
+            out += self.advance(item) if isinstance(item, int) else self.receive(item)
+        return out
+
+
+class _DisturbedPort(Port):
+    """A place whose frames may go wrong."""
+
+    __slots__ = ("_transmitter",)
+
+    def __init__(
+        self, bus: FaultyBus, receive: Callable[[Frame], None], transmitter: _Transmitter
+    ) -> None:
+        super().__init__(bus, receive, None, False)
+        self._transmitter = transmitter
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame, if nothing happens to it."""
+        self._bus._send(self, self._transmitter.passed((frame,)))
+
+
+class FaultyBus(LocalBus):
+    """A `LocalBus` with faults, none at first.
+
+    Frames go wrong on their way to the bus, so the log holds what everyone could hear. Nodes go
+    wrong by their port.
+
+    Parameters
+    ----------
+    seed
+        Of everything that is drawn at random.
+    sync_id, bit_rate, log
+        As for `LocalBus`.
+
+    Attributes
+    ----------
+    disturbances
+        Those in force; the first that befalls a frame is the only one.
+    """
+
+    def __init__(
+        self,
+        seed: int = 1,
+        *,
+        sync_id: int = SYNC_ID,
+        bit_rate: int = 1_000_000,
+        log: LogHook | None = None,
+    ) -> None:
+        super().__init__(sync_id=sync_id, bit_rate=bit_rate, log=log)
+        self.random = random.Random(seed)
+        self.disturbances: list[Disturbance] = []
+        self.cycle = 0
+        self._stations: dict[Port, _Station] = {}
+        self._babbler: Port | None = None
+        self._babble = Frame(0)
+        self._babble_time = 0
+        self._room = 0
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether anything happens to frames now."""
+        return bool(self.disturbances) or self._babbler is not None
+
+    def attach(self, node: Node, *, lockstep: bool = True) -> Port:
+        """Plug in a node and switch it on; see `LocalBus.attach`."""
+        station = _Station(node, _Transmitter(self))
+        port = super().attach(station, lockstep=lockstep)
+        self._stations[port] = station
+        return port
+
+    def connect(self, listener: Callable[[Frame], None]) -> Port:
+        """Plug in a party; what it sends may go wrong as well."""
+        port = _DisturbedPort(self, listener, _Transmitter(self))
+        self._add(port)
+        return port
+
+    def power_off(self, port: Port) -> None:
+        """Cut a node's power: it says nothing more, and what it drives is at 0 V."""
+        station = self._stations[port]
+        if station.powered:
+            station.node.shutdown()
+            station.powered = False
+
+    def power_on(self, port: Port) -> None:
+        """Give a node its power back; it starts as after power-on."""
+        station = self._stations[port]
+        station.powered = True
+        self._send(port, station.start())
+
+    def pause(self, port: Port) -> None:
+        """Stop a node's process: it neither hears nor ages."""
+        self._stations[port].paused = True
+
+    def resume(self, port: Port) -> None:
+        """Let a process go on: it takes all frames and all time that it missed, in order."""
+        self._send(port, self._stations[port].catch_up())
+
+    def stop_clock(self, port: Port) -> None:
+        """Stop a node's clock; it goes on hearing frames."""
+        self._stations[port].clock_runs = False
+
+    def start_clock(self, port: Port) -> None:
+        """Let a node's clock go on from where it stopped."""
+        self._stations[port].clock_runs = True
+
+    def jump(self, port: Port, microseconds: int) -> None:
+        """Put a node's clock forward at once, 0 or more us."""
+        if microseconds < 0:
+            raise ValueError(f"microseconds {microseconds} is below 0")
+        self._send(port, self._stations[port].advance(microseconds))
+
+    def babble(self, frames: int, can_id: int = 0x001) -> None:
+        """Have a broken node send 8 bytes that many times in every cycle; 0 ends it.
+
+        Frames of a lower priority that no longer fit into a cycle wait for the next one. SYNC
+        always passes here: that it does not is `Mishap.LOSS`.
+        """
+        if self._babbler is not None:
+            self._babbler.close()
+            self._babbler = None
+        if frames < 1:
+            return
+        self._babble = Frame(can_id, bytes(8))
+        self._babble_time = frames * self._durations[8]
+        self._room = max(0, TICK_US - self._babble_time)
+
+        def answer(frame: Frame) -> list[Frame]:
+            return [self._babble] * frames if frame.can_id == self._sync_id else []
+
+        self._babbler = Port(self, answer, None, False)
+        self._add(self._babbler)
+
+    def has_room(self, frame: Frame) -> bool:
+        """Whether a frame still fits into this cycle; it is then taken into account."""
+        if self._babbler is None or frame.can_id in (self._sync_id, self._babble.can_id):
+            return True
+        if frame.can_id < self._babble.can_id:
+            return True
+        self._room -= self._durations[len(frame.data)]
+        return self._room >= 0
+
+    def _pass_time(self, microseconds: int) -> None:
+        super()._pass_time(microseconds)
+        self.cycle = self._tick_end // TICK_US
+        self._room = max(0, TICK_US - self._babble_time)
