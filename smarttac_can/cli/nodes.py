@@ -60,8 +60,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
         click.option(
             "--node-id",
             type=NODE_ID,
-            show_default=f"the one stored by LSS, else {node_id}",
-            help="Wins over a stored node-ID.",
+            help=f"Wins over a stored one; without, the stored one or else {node_id}.",
         ),
         click.option(
             "--lockstep",
