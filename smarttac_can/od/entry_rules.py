@@ -81,7 +81,7 @@ def _check_values(name: str, section: dict[str, str], data_type: DataType) -> It
     for node_id in (1, 127):
         try:
             values = {
-                key: parse_value(data_type, text, node_id, key)
+                key: parse_value(data_type, text, node_id, f"{key}={text}")
                 for key, text in texts.items()
                 if text
             }

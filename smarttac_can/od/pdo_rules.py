@@ -53,7 +53,7 @@ def _check_communication(
     transmission = od.number(index, cia.PDO_TRANSMISSION)
     if cia.CYCLIC_LAST < transmission <= last_reserved:
         section = f"{index:04x}sub{cia.PDO_TRANSMISSION}"
-        yield Finding(section, f"transmission type {transmission} of an {kind} is reserved")
+        yield Finding(section, f"transmission type {transmission} of this {kind} is reserved")
     section = f"{index:04x}sub{cia.PDO_COB_ID}"
     cob_id = od.number(index, cia.PDO_COB_ID)
     if cob_id & cia.COB_INVALID:
@@ -100,13 +100,13 @@ def _mapping_fault(od: ObjectDictionary, kind: str, value: int) -> str:
     if not entry.pdo:
         return f"maps {where}, which has PDOMapping=0"
     if not (entry.tpdo_mappable if kind == "TPDO" else entry.rpdo_mappable):
-        return f"maps {where}, which is {entry.access}, into an {kind}"
+        return f"maps {where} into this {kind}, but it is {entry.access}"
     return "" if _fits(entry, bits) else f"maps {bits} bit of {where}, a {entry.data_type.name}"
 
 
 def _dummy_fault(od: ObjectDictionary, kind: str, index: int, bits: int) -> str:
     if kind == "TPDO":
-        return f"maps the dummy {index:04X}h into a TPDO"
+        return f"maps the dummy {index:04X}h into this TPDO"
     if index not in od.dummies:
         return f"maps the dummy {index:04X}h, which DummyUsage does not allow"
     return "" if bits == 8 * SIZES[index] else f"maps {bits} bit of the dummy {index:04X}h"
