@@ -1,0 +1,187 @@
+"""Write docs/reference/conformance.md: every case, and what our device and two others make of it.
+
+    python tools/conformance.py
+
+Each device is built from tests/eds/rich.eds. Ours runs in device time, python-canopen's LocalNode and
+durand (`pip install durand`) in real time over python-can's virtual bus; some minutes in all.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from importlib.metadata import version
+from io import StringIO
+from itertools import groupby
+from pathlib import Path
+
+import can
+import canopen
+import durand
+
+from smarttac_can.bench.conformance.case import Result
+from smarttac_can.bench.conformance.device_time import DeviceTimeBus
+from smarttac_can.bench.conformance.probe import Probe
+from smarttac_can.bench.conformance.run import run_cases
+from smarttac_can.bench.conformance.sheet import Sheet
+from smarttac_can.bench.conformance.table import CASES, GROUPS
+from smarttac_can.device.device import Device
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.od import cia
+from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.eds import load_eds
+
+ROOT = Path(__file__).resolve().parent.parent
+EDS = ROOT / "tests" / "eds" / "rich.eds"
+PAGE = ROOT / "docs" / "reference" / "conformance.md"
+NODE_ID = 5
+TIME_OUT_S = 0.15
+HEAD = """# Conformance
+
+Made by `tools/conformance.py`. `smarttac conform` asks a CANopen device {count} questions and judges it by
+its frames and its EDS alone; the device may be anybody's, on any bus of python-can
+([how to call it](cli.md#smarttac-conform)). These are the cases, and what three devices make of them
+that are built from the same EDS, [`tests/eds/rich.eds`](../../tests/eds/rich.eds):
+
+| | device | pass | fail | not applicable |
+|---|---|---|---|---|
+{rows}
+
+A feature that the EDS promises and the device lacks is a fail: the EDS is what a master goes by. Neither
+of the two libraries claims all of them, so read a fail as "do not promise this in the EDS of a device
+made with it". durand cannot read an EDS: its objects were made from the EDS, as far as it has the data
+types, and its identity and default PDOs were set from it.
+
+A case is *not applicable* if the EDS has not the objects it needs, or the device refuses an optional
+feature in the way the standard gives. Rules are given by the clauses of CiA 301, version 4.2, in our own
+words; this suite is not CiA's conformance test and passing it is not a certificate.
+"""
+
+
+def ours(text: str) -> list[Result]:
+    """Judge the device of this package in device time."""
+    bus = DeviceTimeBus(PlainNode(Device(load_eds(text, NODE_ID))))
+    return run_cases(Probe(bus, Sheet(text, NODE_ID), clock=bus.time), CASES)
+
+
+def over_virtual_bus(text: str, channel: str) -> list[Result]:
+    """Judge the node on a channel of the virtual bus."""
+    with closing(PythonCanBus("virtual", channel)) as bus:
+        return run_cases(Probe(bus, Sheet(text, NODE_ID), timeout=TIME_OUT_S), CASES)
+
+
+def python_canopen(text: str) -> list[Result]:
+    """Judge a LocalNode of python-canopen."""
+    network = canopen.Network()
+    network.connect(interface="virtual", channel="canopen")
+    file = StringIO(text)
+    file.name = EDS.name
+    node = network.create_node(NODE_ID, file)
+    node.nmt.send_command(0)
+    node.nmt.state = "PRE-OPERATIONAL"
+    try:
+        return over_virtual_bus(text, "canopen")
+    finally:
+        network.disconnect()
+
+
+def with_durand(text: str) -> list[Result]:
+    """Judge a node of durand with the same objects."""
+    network = durand.CANBusNetwork(can.Bus(interface="virtual", channel="durand"))
+    node = durand.MinimalNode(network, NODE_ID)
+    od = load_eds(text, NODE_ID)
+    for index, item in od.objects.items():
+        if index > cia.COMMUNICATION_LAST:
+            variables = {n: v for n, e in item.entries.items() if (v := _variable(e)) is not None}
+            if set(item.entries) == {0}:
+                if variables:
+                    node.object_dictionary[index] = variables[0]
+                continue
+            record = durand.Record(name=item.name)
+            for subindex, variable in variables.items():
+                if subindex:
+                    record[subindex] = variable
+            node.object_dictionary[index] = record
+    for index, subindex in ((0x1000, 0), *((0x1018, n) for n in range(1, 5))):
+        node.object_dictionary.write(index, subindex, od.number(index, subindex))
+    node.object_dictionary.write(0x1008, 0, od.entry(0x1008).pack())
+    _map(node.tpdo, od, cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING)
+    _map(node.rpdo, od, cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING)
+    try:
+        return over_virtual_bus(text, "durand")
+    finally:
+        network.stop()
+
+
+def _variable(entry: Entry) -> durand.Variable | None:
+    if entry.data_type not in list(durand.DatatypeEnum):
+        return None
+    numeric = isinstance(entry.value, int | float) and entry.high > entry.low
+    access = {"rww": "rw", "rwr": "rw"}.get(entry.access, entry.access)
+    value = entry.value if isinstance(entry.value, int | float) else entry.pack()
+    limits = (entry.low, entry.high) if numeric else (None, None)
+    kind = durand.DatatypeEnum(entry.data_type)
+    return durand.Variable(
+        kind, access, value, minimum=limits[0], maximum=limits[1], name=entry.name
+    )
+
+
+def _map(pdos: list[object], od: object, communication: int, mapping: int) -> None:
+    for n, pdo in enumerate(pdos):
+        entries = [od.number(mapping + n, s + 1) for s in range(od.number(mapping + n))]
+        try:
+            pdo.mapping = [(value >> 16, value >> 8 & 0xFF) for value in entries]
+            pdo.transmission_type = od.number(communication + n, cia.PDO_TRANSMISSION)
+        except (KeyError, ValueError, TypeError) as error:
+            print(f"durand takes no PDO {communication + n:04X}h: {error!r}")
+
+
+DEVICES: dict[str, Callable[[str], list[Result]]] = {
+    "`smarttac device`": ours,
+    f"python-canopen {version('canopen')}, `LocalNode`": python_canopen,
+    f"durand {version('durand')}, `MinimalNode`": with_durand,
+}
+MARKS = {"pass": "pass", "fail": "**fail**", "not applicable": "n/a"}
+
+
+def page(columns: dict[str, list[Result]]) -> Iterator[str]:
+    """Lines of the page."""
+    rows = []
+    for letter, (name, results) in zip("ABC", columns.items(), strict=True):
+        counts = Counter(result.verdict for result in results)
+        rows.append(f"| {letter} | {name} | {' | '.join(str(counts[mark]) for mark in MARKS)} |")
+    yield HEAD.format(count=len(CASES), rows="\n".join(rows))
+    lines = zip(CASES, *columns.values(), strict=True)
+    for group, cases in groupby(lines, key=lambda line: line[0].group):
+        yield f"## {GROUPS[group]}\n"
+        yield "| Case | | Rule | A | B | C |"
+        yield "|---|---|---|---|---|---|"
+        for case, *results in cases:
+            marks = " | ".join(MARKS[result.verdict] for result in results)
+            yield f"| {case.number} | {case.title} | {case.rule} | {marks} |"
+        yield ""
+    yield "## What was seen where a device fails\n"
+    for letter, results in zip("ABC", columns.values(), strict=True):
+        for result in results:
+            if result.verdict == "fail":
+                yield f"* {letter} {result.case.number}: {result.reason.replace('|', '/')}"
+    yield ""
+
+
+def main() -> None:
+    """Run all and write the page."""
+    logging.disable()  # the other devices report each refusal
+    text = EDS.read_text(encoding="latin-1")
+    columns = {}
+    for name, judge in DEVICES.items():
+        columns[name] = judge(text)
+        counts = Counter(result.verdict for result in columns[name])
+        print(name, dict(counts))
+    PAGE.write_text("\n".join(page(columns)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
