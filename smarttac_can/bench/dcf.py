@@ -16,7 +16,7 @@ from smarttac_can.od.eds import load_eds
 from smarttac_can.od.eds_values import parse_integer, parse_value
 from smarttac_can.od.ini import EDSError
 
-BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+_BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Bit rates in bit/s that an EDS can speak of."""
 COMMISSIONING: Final = "DeviceComissioning"
 """Name of the section; the standard spells it so."""
@@ -64,8 +64,10 @@ def make_dcf(
         bit rate.
     """
     od = load_eds(text, node_id)
-    if bit_rate not in BIT_RATES or od.info.get(f"baudrate_{bit_rate // 1000}") != "1":
-        raise ValueError(f"bit rate {bit_rate} is none the EDS says the device has")
+    known = [rate for rate in _BIT_RATES if od.info.get(f"baudrate_{rate // 1000}") == "1"]
+    if bit_rate not in known:
+        listed = ", ".join(map(str, known))
+        raise ValueError(f"bit rate {bit_rate} is none of the device's: {listed}")
     file = _parsed(text)
     _resolve_node_id(file, od)
     for name, value in values.items():

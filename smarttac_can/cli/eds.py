@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import click
 
-from smarttac_can.bench.dcf import BIT_RATES, make_dcf
+from smarttac_can.bench.dcf import make_dcf
 from smarttac_can.bench.default_reads import compare_reads
 from smarttac_can.cli.options import (
     NODE_ID,
@@ -129,7 +129,7 @@ def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
 @click.option("--node-id", type=NODE_ID, required=True)
 @click.option(
     "--bitrate",
-    type=click.Choice([str(rate) for rate in BIT_RATES]),
+    type=click.IntRange(min=1),
     required=True,
     help="Bit rate in bit/s.",
 )
@@ -143,7 +143,7 @@ def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
 )
 @output_option
 def dcf(
-    file: Path, node_id: int, bitrate: str, values: dict[str, str], output: Path | None
+    file: Path, node_id: int, bitrate: int, values: dict[str, str], output: Path | None
 ) -> None:
     """Write the DCF of one device: the EDS with its node-ID, bit rate and values."""
     with plain_errors():
@@ -152,7 +152,7 @@ def dcf(
             lambda text: make_dcf(
                 text,
                 node_id=node_id,
-                bit_rate=int(bitrate),
+                bit_rate=bitrate,
                 values=values,
                 eds_name=file.name,
                 dcf_name=output.name if output is not None else f"{file.stem}.dcf",

@@ -52,7 +52,7 @@ def cycles(log: Path, database: Database) -> list[dict[str, Any]]:
 
 
 def test_a_recorded_run_decodes_to_its_traces(run: Path) -> None:
-    """All rows of the traces are in the log, in their order; cycles between runs are passed over."""
+    """All rows of the traces are in the log, in their order, with other cycles between runs."""
     decoded = iter(cycles(run / CANDUMP, load(make_dbc(stimulator_od()))))
     compared = 0
     for trace in read_csv(run / TRACES):
