@@ -2,8 +2,8 @@
 
     python tools/conformance.py
 
-Each device is built from tests/eds/rich.eds. Ours runs in device time, python-canopen's LocalNode and
-durand (`pip install durand`) in real time over python-can's virtual bus; some minutes in all.
+Each device is built from tests/eds/rich.eds. Ours runs in device time, python-canopen's LocalNode
+and durand (`pip install durand`) in real time over python-can's virtual bus; six minutes in all.
 """
 
 from __future__ import annotations
@@ -41,23 +41,24 @@ NODE_ID = 5
 TIME_OUT_S = 0.15
 HEAD = """# Conformance
 
-Made by `tools/conformance.py`. `smarttac conform` asks a CANopen device {count} questions and judges it by
-its frames and its EDS alone; the device may be anybody's, on any bus of python-can
-([how to call it](cli.md#smarttac-conform)). These are the cases, and what three devices make of them
-that are built from the same EDS, [`tests/eds/rich.eds`](../../tests/eds/rich.eds):
+Made by `tools/conformance.py`. `smarttac conform` asks a CANopen device {count} questions and
+judges it by its frames and its EDS alone; the device may be anybody's, on any bus of python-can
+([how to call it](cli.md#smarttac-conform)). These are the cases, and what three devices make of
+them that are built from the same EDS, [`tests/eds/rich.eds`](../../tests/eds/rich.eds):
 
 | | device | pass | fail | not applicable |
 |---|---|---|---|---|
 {rows}
 
-A feature that the EDS promises and the device lacks is a fail: the EDS is what a master goes by. Neither
-of the two libraries claims all of them, so read a fail as "do not promise this in the EDS of a device
-made with it". durand cannot read an EDS: its objects were made from the EDS, as far as it has the data
-types, and its identity and default PDOs were set from it.
+A feature that the EDS promises and the device lacks is a fail: the EDS is what a master goes by.
+Neither of the two libraries claims all of them, so read a fail as "do not promise this in the EDS
+of a device made with it". durand cannot read an EDS: its objects were made from the EDS, as far
+as it has the data types, and its identity and default PDOs were set from it.
 
-A case is *not applicable* if the EDS has not the objects it needs, or the device refuses an optional
-feature in the way the standard gives. Rules are given by the clauses of CiA 301, version 4.2, in our own
-words; this suite is not CiA's conformance test and passing it is not a certificate.
+A case is *not applicable* if the EDS has not the objects it needs, or the device refuses an
+optional feature in the way the standard gives. Rules are given by the clauses of CiA 301, version
+4.2, in our own words; this suite is not CiA's conformance test and passing it is not a
+certificate.
 """
 
 

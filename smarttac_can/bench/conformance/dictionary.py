@@ -78,14 +78,14 @@ def lengths(probe: Probe) -> None:
 
 @case(
     "OD-03",
-    "CiA 306, 4.6: constant and writable entries have the EDS's DefaultValue.",
+    "CiA 306, 4.6: constants and parameters, not process data, have the EDS's DefaultValue.",
 )
 def defaults(probe: Probe) -> None:
     """Values after a reset."""
     entries = [
         entry
         for entry in _readable(probe)
-        if entry.access in ("const", "rw", "rww") and probe.sheet.states_default(entry)
+        if entry.access in ("const", "rw") and not entry.pdo and probe.sheet.states_default(entry)
     ]
     faults = []
     for entry in entries:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from smarttac_can.bench.conformance.case import Failure, NotApplicable
-from smarttac_can.bench.conformance.probe import START, Probe
+from smarttac_can.bench.conformance.probe import ENTER_PRE_OPERATIONAL, START, Probe
 from smarttac_can.bench.conformance.sdo_client import download, number, upload, write_number
 from smarttac_can.bench.conformance.sheet import Pdo
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
     COB_NO_RTR,
+    EVENT_MANUFACTURER,
     PDO_COB_ID,
     PDO_EVENT,
     PDO_INHIBIT,
@@ -21,6 +22,7 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import Entry
 
+_OWN_EVENTS = 3
 _NAMES = {
     PDO_TRANSMISSION: "transmission type",
     PDO_INHIBIT: "inhibit time",
@@ -107,6 +109,22 @@ def configure(
         if rtr:
             raise NotApplicable(f"the device allows no RTR: {abort}") from None
         raise
+
+
+def configure_rpdo(probe: Probe, pdo: Pdo, transmission: int) -> None:
+    """Configure an RPDO without a deadline, whose end may undo what it brought."""
+    watched = probe.sheet.writable(pdo.communication, PDO_EVENT)
+    configure(probe, pdo, transmission, event=0 if watched else None)
+
+
+def refuse_own_events(probe: Probe, pdo: Pdo) -> None:
+    """Raise `NotApplicable` if the application makes a TPDO go all the time by its own events."""
+    timed = probe.sheet.writable(pdo.communication, PDO_EVENT)
+    configure(probe, pdo, EVENT_MANUFACTURER, event=0 if timed else None)
+    operational(probe)
+    if len(probe.collect(can_id(probe, pdo))) > _OWN_EVENTS:
+        raise NotApplicable("the application has events all the time")
+    probe.enter(ENTER_PRE_OPERATIONAL)
 
 
 def operational(probe: Probe) -> None:

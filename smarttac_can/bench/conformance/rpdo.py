@@ -8,6 +8,7 @@ from smarttac_can.bench.conformance.pdo_setup import (
     can_id,
     changed,
     configure,
+    configure_rpdo,
     disable,
     expect_values,
     operational,
@@ -31,7 +32,7 @@ _DEADLINE_MS = 60
 def event_driven(probe: Probe) -> None:
     """Event-driven RPDO."""
     pdo = rpdo(probe)
-    configure(probe, pdo, EVENT_MANUFACTURER)
+    configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
     operational(probe)
     data, wanted = changed(probe, pdo)
     probe.send(can_id(probe, pdo), data)
@@ -48,7 +49,7 @@ def event_driven(probe: Probe) -> None:
 def synchronous(probe: Probe) -> None:
     """Synchronous RPDO."""
     pdo = rpdo(probe)
-    configure(probe, pdo, 1)
+    configure_rpdo(probe, pdo, 1)
     operational(probe)
     data, wanted = changed(probe, pdo)
     probe.send(can_id(probe, pdo), data)
@@ -69,7 +70,7 @@ def rpdo_by_state(probe: Probe) -> None:
     """RPDO by NMT state."""
     pdo = rpdo(probe)
     probe.enter(ENTER_PRE_OPERATIONAL)
-    configure(probe, pdo, EVENT_MANUFACTURER)
+    configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
     data, wanted = changed(probe, pdo)
     for command, state in ((ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL"), (STOP, "STOPPED")):
         probe.enter(command)
@@ -83,7 +84,7 @@ def rpdo_by_state(probe: Probe) -> None:
 def disabled_rpdo(probe: Probe) -> None:
     """Disabled RPDO."""
     pdo = rpdo(probe)
-    configure(probe, pdo, EVENT_MANUFACTURER)
+    configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
     disable(probe, pdo)
     operational(probe)
     data, wanted = changed(probe, pdo)
@@ -101,7 +102,7 @@ def disabled_rpdo(probe: Probe) -> None:
 def too_short(probe: Probe) -> None:
     """RPDO that is too short."""
     pdo = rpdo(probe)
-    configure(probe, pdo, EVENT_MANUFACTURER)
+    configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
     operational(probe)
     data, wanted = changed(probe, pdo)
     probe.drain()

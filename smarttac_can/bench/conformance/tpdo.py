@@ -10,6 +10,7 @@ from smarttac_can.bench.conformance.pdo_setup import (
     configure,
     content,
     operational,
+    refuse_own_events,
     tpdo,
 )
 from smarttac_can.bench.conformance.probe import Probe
@@ -96,6 +97,7 @@ def every_third_sync(probe: Probe) -> None:
 def acyclic(probe: Probe) -> None:
     """Type 0."""
     pdo = tpdo(probe)
+    refuse_own_events(probe, pdo)
     configure(probe, pdo, 0)
     operational(probe)
     probe.sync()
@@ -178,6 +180,7 @@ def _gaps(probe: Probe, pdo: Pdo) -> list[float]:
 def event_timer(probe: Probe) -> None:
     """Event timer."""
     pdo = tpdo(probe)
+    refuse_own_events(probe, pdo)
     configure(probe, pdo, EVENT_MANUFACTURER, event=PERIOD_MS)
     operational(probe)
     gaps = _gaps(probe, pdo)

@@ -61,9 +61,12 @@ def inhibit_time_fixed(probe: Probe) -> None:
 def start_value(probe: Probe) -> None:
     """SYNC start value."""
     pdo = tpdo(probe)
-    if probe.sheet.writable(SYNC_PERIOD):
+    period = number(probe, SYNC_PERIOD) if probe.sheet.writable(SYNC_PERIOD) else 0
+    if period:
         write_number(probe, SYNC_PERIOD, 0, 0)
     write_number(probe, SYNC_COUNTER, 0, 10)
+    if period:
+        write_number(probe, SYNC_PERIOD, 0, period)
     configure(probe, pdo, 1, start=3)
     operational(probe)
     for counter in (1, 2):
