@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import canopen
 
@@ -82,6 +82,8 @@ def open_simulated_link(
     link: LinkName, *, plate_inside: bool, presets: Mapping[str, int], log: LogHook | None
 ) -> tuple[Link, ObjectDictionary]:
     """Open a link to a simulation; the arguments are those of `Stimulator.simulate`."""
+    if link not in get_args(LinkName):
+        raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
     if link == "local":
         block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
         for name, raw in presets.items():

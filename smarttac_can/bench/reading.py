@@ -8,6 +8,7 @@ from typing import Self
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.link import PUBLISHED, Snapshot
 from smarttac_can.control.cascade import Mode
+from smarttac_can.nodes.read_back import Status
 from smarttac_can.od.dictionary import ObjectDictionary
 
 
@@ -19,8 +20,8 @@ class Reading:
     """Age in s of the oldest value in it."""
     mode: Mode
     """Mode in force."""
-    status: int
-    """Statusword, bits as in `smarttac_can.nodes.read_back.Status`."""
+    status: Status
+    """Statusword."""
     tangential_force: float
     """Tangential force in N."""
     normal_force: float
@@ -52,13 +53,13 @@ class Reading:
             value = {name: raw[name] * od[name].si for name in PUBLISHED}
         except KeyError as error:
             raise NotRunningError(
-                f"{error} has not been published yet: wait for the event timer of its TPDO, "
-                "or let the loop run"
-            ) from error
+                f"{error} has not been published yet: run() first, or wait for its TPDO's event "
+                "timer, 0.1 s by default"
+            ) from None
         return cls(
             age=age,
             mode=Mode(raw["Mode display"]),
-            status=raw["Statusword"],
+            status=Status(raw["Statusword"]),
             tangential_force=value["Contact.Tangential force"],
             normal_force=value["Contact.Normal force"],
             cof=value["Contact.COF"] or None,

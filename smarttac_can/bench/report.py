@@ -79,6 +79,8 @@ def table_text(summary: Mapping[str, Any]) -> str:
         (item.published.name, _with_unit(item.value, item), *_paper_cells(item), item.verdict)
         for item in compare(summary)
     ]
+    if len(rows) == 1:
+        rows = [("The paper gives no number for this.", "", "", "", "")]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
         f"{name:<{widths[0]}}  {result:>{widths[1]}}  {paper:>{widths[2]}}  "

@@ -142,7 +142,7 @@ class Trace:
         return np.asarray(self.Fn * 1e-3, dtype=np.float64)
 
 
-def write_csv(path: Path, traces: Iterable[Trace]) -> None:
+def write_csv(path: Path | str, traces: Iterable[Trace]) -> None:
     r"""Write traces as exact decimals, one row a tick, lines ending in ``\n``.
 
     The units of the columns stand in `COLUMNS`. The same traces make the same bytes.
@@ -157,7 +157,7 @@ def write_csv(path: Path, traces: Iterable[Trace]) -> None:
     for label in labels:
         if labels.count(label) > 1:
             raise ValueError(f"experiment {label[0]} of subject {label[1]} appears twice")
-    with path.open("w", encoding="ascii", newline="") as file:
+    with Path(path).open("w", encoding="ascii", newline="") as file:
         file.write(",".join(HEADER) + "\n")
         for trace in traces:
             columns = [_decimals(getattr(trace, c.name), c.decimals) for c in COLUMNS]
@@ -165,7 +165,7 @@ def write_csv(path: Path, traces: Iterable[Trace]) -> None:
             file.writelines(start + ",".join(row) + "\n" for row in zip(*columns, strict=True))
 
 
-def read_csv(path: Path) -> list[Trace]:
+def read_csv(path: Path | str) -> list[Trace]:
     """Read the traces of a file written by `write_csv`, exactly as they were.
 
     Raises
@@ -173,16 +173,16 @@ def read_csv(path: Path) -> list[Trace]:
     ValueError
         If the header, a number or a label is not as `write_csv` writes it; names the line.
     """
-    with path.open(encoding="ascii", newline="") as file:
+    with Path(path).open(encoding="ascii", newline="") as file:
         return [
             Trace.from_rows(experiment, int(subject), [row for _, _, row in rows])
             for (experiment, subject), rows in groupby(_rows(file), key=lambda row: row[:2])
         ]
 
 
-def sha256(path: Path) -> str:
+def sha256(path: Path | str) -> str:
     """SHA-256 of a file as 64 hexadecimal digits."""
-    with path.open("rb") as file:
+    with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -82,6 +82,7 @@ def demo(seed: int, output: Path | None) -> None:
         late = Conditions(seed=seed, dead_time=loop_dead_time(BIT_RATE))
         _, delayed = run_reproduction(_VIBRATION, late)
         click.echo(table_text(results))
+        click.echo("The same with the time that the loop's frames take at worst on a real bus:\n")
         click.echo(dead_time_table(results, delayed))
         page = _write_report(folder, traces, results)
     click.echo(f"pictures: {page}")

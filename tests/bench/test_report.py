@@ -168,6 +168,10 @@ def test_table_text_is_plain_and_aligned():
     assert "missing" not in text
 
 
+def test_table_text_says_when_there_is_nothing_to_compare():
+    assert table_text(summary_of([])).startswith("The paper gives no number for this.\n\nseed")
+
+
 def test_table_text_names_what_is_missing():
     text = table_text(summary_of(without_voltage()))
     key = "fig5.amplitude_only.response_time_ms"

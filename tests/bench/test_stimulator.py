@@ -44,6 +44,18 @@ def test_cof_of_both_sides_or_each(bench: Stimulator) -> None:
     bench.cof = (0.2, 0.5)
     assert bench.cof == pytest.approx((0.2, 0.5))
     assert bench.get("Setpoint.COF right") == pytest.approx(0.5)
+    bench.cof = [0.3, 0.4]
+    assert bench.cof == pytest.approx((0.3, 0.4))
+
+
+def test_a_misspelt_property_is_an_error() -> None:
+    with Stimulator.simulate("local") as bench, pytest.raises(AttributeError, match="amplitud"):
+        bench.amplitud = 1.0  # type: ignore[attr-defined]
+
+
+def test_an_unknown_link_is_refused() -> None:
+    with pytest.raises(ValueError, match="link 'vcan' is none of local, bus"):
+        Stimulator.simulate("vcan")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

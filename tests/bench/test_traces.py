@@ -43,6 +43,14 @@ def test_the_file_holds_decimals_of_the_documented_units(tmp_path):
     )
 
 
+def test_a_path_may_be_a_string(tmp_path):
+    path = tmp_path / "t.csv"
+    one = Trace.from_rows("run", 0, [(0,) * 8])
+    write_csv(str(path), [one])
+    assert same(read_csv(str(path))[0], one)
+    assert sha256(str(path)) == sha256(path)
+
+
 def test_one_changed_bit_changes_the_hash(tmp_path):
     runs = all_experiments()
     write_csv(tmp_path / "a.csv", runs)
