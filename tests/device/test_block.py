@@ -243,6 +243,22 @@ def test_protocol_switch_threshold(threshold: str, answer: str) -> None:
     )
 
 
+def test_no_data_is_one_segment_that_can_be_lost() -> None:
+    play(
+        started(),
+        """
+        > 620 A4 00 23 00 7F 00 00 00
+        < 5A0 C6 00 23 00 00 00 00 00
+        > 620 A3 00 00 00 00 00 00 00
+        < 5A0 81 00 00 00 00 00 00 00
+        > 620 A2 00 7F 00 00 00 00 00
+        < 5A0 81 00 00 00 00 00 00 00
+        > 620 A2 01 7F 00 00 00 00 00
+        < 5A0 DD 00 00 00 00 00 00 00
+        """,
+    )
+
+
 def test_short_data_switches_to_expedited() -> None:
     play(started(), "> 620 A4 17 10 00 7F 04 00 00\n< 5A0 4B 17 10 00 00 00 00 00")
 
