@@ -174,9 +174,10 @@ class StimulatorBlock:
         if entry.name == START_RUN:
             self.start_run()
         elif record in SIMULATION:
-            if self._plate is None:
+            if self._plate is not None:
+                self._plate.write(entry.name, value)
+            elif value != entry.value:
                 raise Abort(AbortCode.STATE)
-            self._plate.write(entry.name, value)
         elif entry.name in AUTO_ZERO:
             if value != ZERO:
                 raise Abort(AbortCode.VALUE)

@@ -64,3 +64,14 @@ def test_storage_in_a_place_that_is_not_there(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["plate", "--storage", str(tmp_path / "no" / "file")])
     assert result.exit_code == 2
     assert "is no directory" in result.output
+
+
+def test_a_master_may_write_back_the_simulation_of_a_plate_that_is_elsewhere() -> None:
+    node = stimulator(Memory(), plate_node_id=0x21)
+    node.start()
+    speed = node.od["Finger.Speed"]
+    address = b"\x2b" + speed.index.to_bytes(2, "little") + bytes((speed.subindex,))
+    for value, command in ((speed.value, 0x60), (speed.value + 1, 0x80)):
+        data = address + value.to_bytes(4, "little")
+        (answer,) = node.receive(Frame(0x620, data))
+        assert answer.data[0] == command
