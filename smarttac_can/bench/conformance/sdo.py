@@ -28,11 +28,14 @@ SERVER_TIME_OUT_S = 2.0
 
 
 def number_entry(probe: Probe) -> Entry:
-    """The number of 4 bytes that may be written."""
-    entry = probe.sheet.number_entry()
-    if entry is None:
-        raise NotApplicable("the EDS has no rw number of 4 bytes to write")
-    return entry
+    """First number of 4 bytes to write that the device has: what is asked is the transfer."""
+    for entry in probe.sheet.number_entries():
+        try:
+            upload(probe, entry.index, entry.subindex)
+        except Abort:
+            continue
+        return entry
+    raise Failure("the device has none of the rw numbers of 4 bytes that the EDS has")
 
 
 def _long(probe: Probe) -> Entry:

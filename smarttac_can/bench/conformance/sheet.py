@@ -106,18 +106,15 @@ class Sheet:
             if self.writable(pdo.mapping) and self.writable(pdo.mapping, 1)
         ]
 
-    def number_entry(self) -> Entry | None:
-        """An entry of 4 bytes that is written without harm; None if there is none."""
-        for index, subindex in ((VERIFY_CONFIGURATION, 1), (HEARTBEAT_CONSUMER, 1)):
-            entry = self.od.get(index, subindex)
-            if entry is not None and entry.access == "rw":
-                return entry
-        words = (
+    def number_entries(self) -> list[Entry]:
+        """Entries of 4 bytes that may be written, those first that do no harm."""
+        harmless = [self.od.get(VERIFY_CONFIGURATION, 1), self.od.get(HEARTBEAT_CONSUMER, 1)]
+        words = (e for e in self.od if e.index > COMMUNICATION_LAST and e.high > e.low)
+        return [
             entry
-            for entry in self.od
-            if entry.access == "rw" and entry.data_type == DataType.UNSIGNED32
-        )
-        return next((e for e in words if e.index > COMMUNICATION_LAST and e.high > e.low), None)
+            for entry in (*harmless, *words)
+            if entry is not None and entry.access == "rw" and entry.data_type == DataType.UNSIGNED32
+        ]
 
     def long_entry(self) -> Entry | None:
         """A readable entry that takes more than one frame; None if there is none."""
@@ -182,4 +179,4 @@ def needs_mapping(sheet: Sheet) -> str | None:
 
 def needs_number(sheet: Sheet) -> str | None:
     """The EDS must have a number of 4 bytes to write."""
-    return None if sheet.number_entry() else "the EDS has no rw number of 4 bytes to write"
+    return None if sheet.number_entries() else "the EDS has no rw number of 4 bytes to write"
