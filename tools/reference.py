@@ -16,7 +16,9 @@ from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
 from smarttac_can.control.identification import State
 from smarttac_can.host.eds_files import read_eds
+from smarttac_can.nodes import state_machine as nodes
 from smarttac_can.nodes.read_back import Status
+from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od import cia
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import LEGEND, object_reference, table
@@ -50,6 +52,15 @@ def objects() -> str:
                     f"{int(bit).bit_length() - 1} {(bit.name or '').lower()}" for bit in Status
                 ),
             ),
+            ("Statusword, bits 8 to 10", _members(nodes.State)),
+            (
+                "Controlword, bits",
+                ", ".join(
+                    f"{int(bit).bit_length() - 1} {(bit.name or '').lower().replace('_', ' ')}"
+                    for bit in nodes.Control
+                ),
+            ),
+            ("Diagnosis.Present, Diagnosis.Latched, bits", _members(Watchdog)),
             ("Model.State", _members(State)),
             ("Finger.Motion", "0 lifted, 1 stroke, 2 recorded"),
             ("Saturation, bits", "0..5 S1..S6, 6 pick-up"),

@@ -2,8 +2,10 @@
 
 from smarttac_can.bench.errors import (
     BenchError,
+    FaultError,
     HeartbeatLostError,
     NodeNotFoundError,
+    NotReadyError,
     NotRunningError,
     RefusedError,
     WrongDeviceError,
@@ -13,16 +15,20 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
+from smarttac_can.nodes.state_machine import State
 
 __all__ = [
     "BenchError",
+    "FaultError",
     "HeartbeatLostError",
     "Law",
     "Mode",
     "NodeNotFoundError",
+    "NotReadyError",
     "NotRunningError",
     "Reading",
     "RefusedError",
+    "State",
     "Stimulator",
     "Trace",
     "WrongDeviceError",

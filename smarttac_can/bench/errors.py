@@ -25,3 +25,11 @@ class HeartbeatLostError(BenchError):
 
 class NotRunningError(BenchError):
     """The control loop gives no cycles to record."""
+
+
+class NotReadyError(BenchError):
+    """The stimulator lacks something it needs before it may be armed."""
+
+
+class FaultError(BenchError):
+    """A watchdog has tripped, and the fault is latched."""

@@ -7,7 +7,7 @@ from math import isfinite
 from types import TracebackType
 from typing import Any, Final, Self
 
-from smarttac_can.bench.errors import BenchError
+from smarttac_can.bench.errors import BenchError, FaultError, NotReadyError, RefusedError
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import Link, Row
 from smarttac_can.bench.open_link import (
@@ -18,16 +18,23 @@ from smarttac_can.bench.open_link import (
 )
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.traces import Trace
+from smarttac_can.control import identification
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
-from smarttac_can.control.identification import State
 from smarttac_can.control.model import PlateModel
 from smarttac_can.host.bus import LogHook
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
+from smarttac_can.nodes.read_back import STATE_SHIFT
+from smarttac_can.nodes.state_machine import Control, State
+from smarttac_can.nodes.watchdogs import WATCHDOGS, watchdogs_in
 from smarttac_can.od.dictionary import ObjectDictionary
 
 CYCLES_PER_SECOND: Final = 1000
 _TARE_CYCLES: Final = 64
+_READY_CYCLES: Final = 100
+"""What the tare at power-on takes, and some lost cycles."""
+_CONTROLWORD: Final = "Controlword"
+_STATE_MASK: Final = 0b111
 _IDENTIFY_CYCLES: Final = 100
 _IDENTIFY_LIMIT: Final = 50
 
@@ -139,7 +146,7 @@ class Stimulator:
         trace: TracebackType | None,
     ) -> None:
         try:
-            self.mode = Mode.OFF
+            self.disarm()
         except BenchError:
             # The first failure is the one to report.
             if kind is None:
@@ -167,12 +174,86 @@ class Stimulator:
 
     @property
     def mode(self) -> Mode:
-        """Mode asked for."""
+        """Mode asked for; setting one arms the stimulator and runs it, OFF disarms it.
+
+        Setting raises `FaultError` and `NotReadyError` as `arm` does.
+        """
         return Mode(self._link.read("Mode"))
 
     @mode.setter
     def mode(self, mode: Mode | str) -> None:
-        self._link.write("Mode", _by_name(Mode, mode))
+        number = _by_name(Mode, mode)
+        if number == Mode.OFF:
+            self.disarm()
+            return
+        running = self.state is State.RUNNING
+        if not running:
+            self.arm()
+        self._link.write("Mode", number)
+        if not running:
+            self._link.write(_CONTROLWORD, Control.ARM | Control.RUN)
+
+    @property
+    def state(self) -> State:
+        """State of the device."""
+        return State(self._link.read("Statusword") >> STATE_SHIFT & _STATE_MASK)
+
+    def arm(self) -> None:
+        """Make the watchdogs sharp, at 0 V; a loop that has just begun gets the time for its tare.
+
+        Raises
+        ------
+        FaultError
+            If a fault is latched.
+        NotReadyError
+            If something is missing, or a fault is present.
+        """
+        state = self.state
+        if state is State.ARMED:
+            return
+        if state is State.FAULT:
+            raise FaultError(
+                f"a fault is latched ({self.message}): remove the cause, then reset_fault()"
+            )
+        self._link.write(_CONTROLWORD, 0)
+        if self.state is State.NOT_READY:
+            self._link.run(_READY_CYCLES)
+        if self.state is not State.READY:
+            raise NotReadyError(f"the stimulator is not ready: {self._lack()}")
+        self._link.write(_CONTROLWORD, Control.ARM)
+
+    def disarm(self) -> None:
+        """Go to 0 V and mode OFF; allowed in every state."""
+        self._link.write(_CONTROLWORD, 0)
+        self._link.write("Mode", Mode.OFF)
+
+    def quick_stop(self) -> None:
+        """Go to 0 V at once, and stay there until `disarm` or `arm`."""
+        if self.state in (State.ARMED, State.RUNNING):
+            self._link.write(_CONTROLWORD, Control.QUICK_STOP)
+
+    def reset_fault(self) -> None:
+        """Reset a latched fault; nothing happens if there is none.
+
+        Raises
+        ------
+        FaultError
+            If its cause is still there.
+        """
+        self._link.write(_CONTROLWORD, 0)
+        if self.state is not State.FAULT:
+            return
+        try:
+            self._link.write(_CONTROLWORD, Control.FAULT_RESET)
+        except RefusedError as error:
+            raise FaultError(f"the fault cannot be reset: {self._lack()}") from error
+        self._link.write(_CONTROLWORD, 0)
+
+    def _lack(self) -> str:
+        present = watchdogs_in(self._link.read("Diagnosis.Present"))
+        if present:
+            return ", ".join(WATCHDOGS[watchdog].text for watchdog in present)
+        return "it has to be tared, and its nodes have to be operational and give cycles"
 
     @property
     def law(self) -> Law:
@@ -295,17 +376,19 @@ class Stimulator:
             if progress is not None:
                 progress(self._link.read("Model.Progress"))
             state = self._link.read("Model.State")
-            if state == State.DONE:
+            if state == identification.State.DONE:
+                self.disarm()
                 return PlateModel(
                     gain=self.get("Model.Gain per volt") * 1e-12,
                     tau=self.get("Model.Tau") * 1e-6,
                     f0=self.get("Model.Resonance"),
                 )
-            if state == State.FAILED:
+            if state == identification.State.FAILED:
                 break
-        self.mode = Mode.OFF
+        reason = self.message or "no end in sight"
+        self.disarm()
         raise BenchError(
-            f"the plate could not be identified ({self.message or 'no end in sight'}): lift the "
+            f"the plate could not be identified ({reason}): lift the "
             "finger, tare, and set the frequency within 300 Hz of the resonance"
         )
 

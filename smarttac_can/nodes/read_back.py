@@ -7,6 +7,7 @@ from typing import Final
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.analogue_input import AnalogueInput
+from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
 
@@ -29,7 +30,7 @@ _TICK_MASK: Final = 0xFFFF
 class Status(IntFlag):
     """Bits of the statusword."""
 
-    RUNNING = 1 << 0
+    LIVE = 1 << 0
     """The loop has had a cycle since the start of the run."""
     DRIVING = 1 << 1
     """The voltage is above 0."""
@@ -39,6 +40,13 @@ class Status(IntFlag):
     """A limit of voltage, amplitude or frequency cuts off what the controllers ask for."""
     SATURATED = 1 << 4
     """A sensor is at the end of its range."""
+    FAULT = 1 << 5
+    """A fault is latched."""
+
+
+STATE_SHIFT: Final = 8
+"""Bits 8 to 10 of the statusword are the number of the state."""
+_LOOP_BITS: Final = 0b11111
 
 
 class ReadBack:
@@ -67,10 +75,23 @@ class ReadBack:
 
     def reset(self) -> None:
         """Forget the run: tick 0 next, nothing measured."""
-        for entry in (*self._published, self._touching, self._mode, self._statusword):
+        for entry in (*self._published, self._touching, self._mode):
             entry.value = entry.default
+        self._statusword.value &= ~_LOOP_BITS
         self._cycles.value = 0
         self._tick.value = _TICK_MASK
+
+    def show_state(self, state: State) -> None:
+        """Show the state in the statusword."""
+        status = self._statusword.value & _LOOP_BITS | state << STATE_SHIFT
+        if state is State.FAULT:
+            status |= Status.FAULT.value
+        self._statusword.value = status
+
+    def show_off(self) -> None:
+        """Show that nothing drives, before the next cycle does."""
+        self._mode.value = 0
+        self._statusword.value &= ~Status.DRIVING.value
 
     def publish(
         self, cascade: Cascade, W: complex, temperature: float, saturation: int, tick: int
@@ -113,7 +134,7 @@ class ReadBack:
         self._mode.value = int(cascade.mode)
         self._tick.value = self._tick.value + (tick - self._tick.value & 0xFF) & _TICK_MASK
         self._cycles.value += 1
-        status = Status.RUNNING.value
+        status = self._statusword.value & ~_LOOP_BITS | Status.LIVE.value
         if drive.voltage > 0.0:
             status |= Status.DRIVING.value
         if contact.touching:

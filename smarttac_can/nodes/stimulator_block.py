@@ -8,9 +8,11 @@ from typing import Final
 from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
+from smarttac_can.nodes.interlock import Interlock
 from smarttac_can.nodes.plate_block import FAULT_KIND, START_RUN, PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import cascade_parameters, keep_model, plate_model
+from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
@@ -31,6 +33,7 @@ _MEASURED: Final = (
     ("Vibration.Temperature", "Plate input.Temperature"),
     *((f"Gauge.S{number}", f"Plate input.S{number}") for number in range(1, 7)),
     ("Vibration.Tick", "Plate input.Gauge tick"),
+    ("Plate serial number", "Plate input.Plate serial number"),
 )
 _DRIVE: Final = tuple((f"Drive.{name}",) * 2 for name in ("Voltage", "Frequency", "Tick"))
 
@@ -49,6 +52,8 @@ class StimulatorBlock:
     ----------
     cascade
         The controllers, for tests and reports.
+    interlock
+        State machine and faults.
     """
 
     def __init__(self, od: ObjectDictionary, plate: PlateBlock | None = None) -> None:
@@ -64,6 +69,7 @@ class StimulatorBlock:
         ]
         self._raw_setpoint: list[int] = []
         self._mode = od["Mode"]
+        self._controlword = od["Controlword"]
         self._voltage = od["Drive.Voltage"]
         self._put_out = Quantiser([self._voltage, od["Drive.Frequency"]])
         self._answered_tick = od["Drive.Tick"]
@@ -72,10 +78,16 @@ class StimulatorBlock:
         self._cycles = od["Cycle.Cycles"]
         self._message = od["Message"]
         self._quality = od[f"{_MODEL}.Quality"]
-        self._state = od[f"{_MODEL}.State"]
+        self._model_state = od[f"{_MODEL}.State"]
         self._progress = od[f"{_MODEL}.Progress"]
         self._read_back = ReadBack(od)
+        self.interlock = Interlock(od, self.cut, self._read_back.show_state)
         self.start_run()
+
+    @property
+    def state(self) -> State:
+        """State of the device."""
+        return self.interlock.machine.state
 
     def reset(self) -> None:
         """Begin as after power-on: every object at its default, the plate's inside as well."""
@@ -86,6 +98,7 @@ class StimulatorBlock:
         """Begin with the values that the objects have now; the plate's inside at their defaults."""
         if self._plate is not None:
             self._plate.od.reset()
+        self.interlock.restart()
         self.start_run()
 
     def start_run(self) -> None:
@@ -96,11 +109,11 @@ class StimulatorBlock:
         self.cascade = Cascade(cascade_parameters(self.od), plate_model(self.od))
         self._restore_zeros()
         self._redesign = False
+        self.interlock.tared = self.cascade.tribometer.tared
         self._awaits_tare = bool(self._tare_at_power_on.value) and not self.cascade.tribometer.tared
-        self._mode.value = Mode.OFF
-        self._message.value = self.cascade.reason
-        self._voltage.value = 0
         self._read_back.reset()
+        self.cut()
+        self.interlock.start_run()
 
     def tick(self) -> None:
         """Have one cycle with the plate inside: it steps and samples, the controllers answer."""
@@ -119,12 +132,14 @@ class StimulatorBlock:
         cascade = self.cascade
         if self._redesign:
             self._reconfigure()
-        mode = self._mode.value
+        interlock = self.interlock
+        running = interlock.machine.state is State.RUNNING
+        mode = self._mode.value if running else Mode.OFF
         if mode != cascade.mode:
             cascade.set_mode(mode)
             self._message.value = cascade.reason
         values = [entry.value * entry.si for entry in self._input]
-        W_d, W_q, _, _, temperature, s1, s2, s3, s4, s5, s6, _ = values
+        W_d, W_q, _, _, temperature, s1, s2, s3, s4, s5, s6, _, _ = values
         tick, saturation = self._input[2].value, self._input[3].value
         measurement = Measurement(
             complex(W_d, W_q), (s1, s2, s3, s4, s5, s6), temperature, saturation
@@ -136,23 +151,32 @@ class StimulatorBlock:
         drive = cascade.update(measurement, self._setpoint)
         if self._awaits_tare and self._cycles.value >= TARE_SAMPLES:
             self._tare()
+        interlock.observe(0)
+        if running and interlock.machine.state is not State.RUNNING:
+            drive = cascade.drive
         self._put_out.write(drive)
         self._answered_tick.value = tick
         self._read_back.publish(cascade, measurement.W, temperature, saturation, tick)
         if mode == Mode.IDENTIFY:
             self._follow_identification()
         # The cascade turns itself off when it is done, or in doubt.
-        if mode != cascade.mode:
+        if running and mode != cascade.mode:
             self._mode.value = int(cascade.mode)
-            self._message.value = cascade.reason
+            if cascade.reason:
+                self._message.value = cascade.reason
 
-    def switch_off(self) -> None:
+    def cut(self) -> None:
         """Turn the cascade off and put the drive at 0 V, now."""
         self._mode.value = Mode.OFF
         self.cascade.set_mode(Mode.OFF)
         self._voltage.value = 0
+        self._read_back.show_off()
         if self._plate is not None:
             self._plate.switch_off()
+
+    def take_controlword(self) -> None:
+        """Obey the controlword that an RPDO has brought."""
+        self.interlock.take_controlword()
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object by name; raises `Abort` as an SDO write would."""
@@ -167,11 +191,14 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            STATE for an auto-zero without 64 samples, or simulation objects without the plate
-            inside; VALUE for a wrong signature or limits that contradict each other.
+            STATE for an auto-zero without 64 samples, simulation objects without the plate inside,
+            or an illegal controlword; VALUE for a wrong signature, unknown bits of the controlword,
+            or limits that contradict each other.
         """
         record = entry.name.partition(".")[0]
-        if entry.name == START_RUN:
+        if entry is self._controlword:
+            self.interlock.command(value)
+        elif entry.name == START_RUN:
             self.start_run()
         elif record in SIMULATION:
             if self._plate is not None:
@@ -198,12 +225,15 @@ class StimulatorBlock:
             entry.value = entry.quantise(zero)
         # The zeros in force are those that can be read, and stored.
         self._restore_zeros()
+        self.interlock.tared = True
+        self.interlock.prepare()
 
     def _restore_zeros(self) -> None:
         s1, s2, s3, s4, s5, s6 = [entry.si_value for entry in self._zeros]
         # All zero is the default: a plate that was never tared.
         if any((s1, s2, s3, s4, s5, s6)):
             self.cascade.tribometer.offsets = (s1, s2, s3, s4, s5, s6)
+            self.interlock.tared = True
 
     def _reconfigure(self) -> None:
         self._redesign = False
@@ -220,7 +250,7 @@ class StimulatorBlock:
         if identification is None:
             return
         self._progress.value = int(100.0 * identification.progress)
-        self._state.value = int(identification.state)
+        self._model_state.value = int(identification.state)
         if identification.model is not None:
             # The model in force is the one that can be read, and stored.
             self.cascade.adopt(keep_model(self.od, identification.model))

@@ -12,7 +12,9 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.storage import Storage
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.state_machine import Event, State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 from smarttac_can.od.cia import (
     COB_SYNC_PRODUCER,
     EVENT_MANUFACTURER,
@@ -34,6 +36,7 @@ _PUBLIC_TPDOS: Final = (2, 3, 4)
 _DRIVE_TPDO: Final = 5
 _MEASUREMENT_RPDOS: Final = (5, 6, 7)
 """The plate's TPDOs 1 to 3."""
+_RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
 class StimulatorNode(Application):
@@ -80,6 +83,10 @@ class StimulatorNode(Application):
         self._produce_sync = produce_sync
         self._presets = dict(presets or {})
         self.block = StimulatorBlock(od, plate)
+        self.block.interlock.report = self._report
+        self.block.interlock.clear = lambda watchdog: self.device.clear_emergency(
+            WATCHDOGS[watchdog].code
+        )
         self.device = Device(od, self, storage=storage, node_id=node_id)
         self._period = LoopPeriod(self.device)
         self._elapsed = 0
@@ -117,7 +124,8 @@ class StimulatorNode(Application):
 
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V."""
-        self.block.switch_off()
+        self.block.interlock.handle(Event.DISARM)
+        self.block.cut()
         self.device.trigger(_DRIVE_TPDO)
         return self.device.take()
 
@@ -132,14 +140,26 @@ class StimulatorNode(Application):
             self.block.start_run()
         elif state is NMTState.RESET_COMMUNICATION and self._plate_node_id:
             self._link()
-        if state is not NMTState.OPERATIONAL:
-            self.block.switch_off()
+        interlock = self.block.interlock
+        if state is NMTState.OPERATIONAL:
+            interlock.enter()
+        else:
+            interlock.leave()
             self._come.clear()
             self._answered = -1
+        if state not in _RESETS:
+            # What was latched in a reset, or before it, is reported when there is a device again.
+            for watchdog in watchdogs_in(interlock.latched):
+                self._report(watchdog)
 
     def on_rpdo(self, number: int) -> None:
-        """Pair the measurements of a tick and answer the last of them."""
-        if number not in _MEASUREMENT_RPDOS or not self._plate_node_id:
+        """Obey a controlword; pair the measurements of a tick and answer the last of them."""
+        if number not in _MEASUREMENT_RPDOS:
+            before = self.block.interlock.state
+            self.block.take_controlword()
+            self._show_change(before)
+            return
+        if not self._plate_node_id:
             return
         if number == _MEASUREMENT_RPDOS[0]:
             if self._come:
@@ -163,9 +183,33 @@ class StimulatorNode(Application):
         """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
         if entry is self._mode and value and self.device.nmt_state is not NMTState.OPERATIONAL:
             raise Abort(AbortCode.STATE)
+        before = self.block.interlock.state
         self.block.on_write(entry, value)
+        self._show_change(before)
         if entry.name == "Simulation.Start run":
             self._answered = -1
+
+    def _show_change(self, before: State) -> None:
+        """Publish another state at once, and 0 V if it was left with a voltage."""
+        if self.block.interlock.state is before:
+            return
+        self.device.trigger(_STATUS_TPDO)
+        if before is State.RUNNING and self._plate_node_id:
+            self.device.trigger(_DRIVE_TPDO)
+
+    def _report(self, watchdog: Watchdog) -> None:
+        device = self.device
+        if device.nmt_state in _RESETS:
+            return
+        row = WATCHDOGS[watchdog]
+        device.emergency(row.code, row.register, bytes((watchdog,)))
+        device.trigger(_STATUS_TPDO)
+
+    def _trip(self, watchdog: Watchdog) -> None:
+        """Trip a watchdog between two cycles: the plate node is told at once."""
+        self.block.interlock.trip(watchdog)
+        if self._plate_node_id:
+            self.device.trigger(_DRIVE_TPDO)
 
     def _publish(self) -> None:
         trigger = self.device.trigger

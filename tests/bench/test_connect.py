@@ -144,7 +144,7 @@ def test_tpdos_without_what_a_recording_holds(virtual: dict[str, Any]) -> None:
 def test_it_leaves_0_v_whatever_happens(
     failure: BaseException | None, virtual: dict[str, Any]
 ) -> None:
-    node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()), presets={"Tare at power-on": 0})
+    node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
     with in_threads(virtual, node, lockstep=False):
         raised: AbstractContextManager[Any] = (
             nullcontext() if failure is None else pytest.raises(type(failure))

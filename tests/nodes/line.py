@@ -68,6 +68,12 @@ class Line:
         answer = self._sdo(node, bytes((0x23 | (4 - len(data)) << 2,)), entry, data.ljust(4, b"\0"))
         return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
 
+    def run(self, node: PlateNode | StimulatorNode, mode: int) -> None:
+        """Arm a stimulator that is ready, and run it in a mode."""
+        for name, raw in (("Controlword", 0), ("Controlword", 1), ("Mode", mode)):
+            assert self.write(node, name, raw) == 0, f"{name} {raw}"
+        assert self.write(node, "Controlword", 3) == 0
+
     def read(self, node: PlateNode | StimulatorNode, name: str) -> int:
         entry = node.od[name]
         answer = self._sdo(node, b"\x40", entry, bytes(4))
@@ -80,8 +86,9 @@ class Line:
     ) -> bytes:
         address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
         server = node.device.node_id
-        (answer,) = self.answers(Frame(0x600 + server, command + address + data))
-        assert answer.can_id == 0x580 + server
+        answers = self.answers(Frame(0x600 + server, command + address + data))
+        # A status that changes with the write is published beside the answer.
+        (answer,) = [frame for frame in answers if frame.can_id == 0x580 + server]
         assert answer.data[1:4] == address
         return answer.data
 
@@ -120,7 +127,7 @@ def measurement(tick: int, gauge_tick: int | None = None, W: int = 0) -> list[Fr
     return [
         Frame(MEASUREMENT[0], struct.pack("<hhBBh", W, 0, tick, 0, 2000)),
         Frame(MEASUREMENT[1], bytes(8)),
-        Frame(MEASUREMENT[2], struct.pack("<hhB", 0, 0, gauge_tick)),
+        Frame(MEASUREMENT[2], struct.pack("<hhBH", 0, 0, gauge_tick, 1)),
     ]
 
 

@@ -26,8 +26,9 @@ STATE = 0x08000022
 def driving(mode: int = AMPLITUDE) -> tuple[Line, StimulatorNode]:
     line, node = plate_inside()
     line.nmt(START)
+    line.advance(70)
     assert line.write(node, "Setpoint.Amplitude", 1000) == 0
-    assert line.write(node, "Mode", mode) == 0
+    line.run(node, mode)
     line.advance(20)
     assert node.od["Drive.Voltage"].value > 1000
     assert abs(node.od["Vibration.Amplitude"].value - 10_000) < 200
@@ -181,9 +182,10 @@ def test_lockstep_or_by_the_clock_the_plate_does_the_same() -> None:
         line, node = plate_inside(lockstep=lockstep, Finger__Motion=1)
         line.nmt(START)
         line.write(node, "Setpoint.Amplitude", 1000)
-        line.write(node, "Mode", FRICTION)
         values = []
-        for _ in range(200):
+        for tick in range(270):
+            if tick == 70:
+                line.run(node, FRICTION)
             if lockstep:
                 line.sync()
             else:

@@ -49,10 +49,10 @@ def driving(mode: int = AMPLITUDE) -> tuple[Line, PlateNode, StimulatorNode]:
     """Both nodes, with 1 um of vibration."""
     line, plate, stimulator = both_nodes()
     line.nmt(START)
-    line.sync()
+    line.sync(70)
     assert line.write(stimulator, "Setpoint.Amplitude", 1000) == 0
     assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
-    assert line.write(stimulator, "Mode", mode) == 0
+    line.run(stimulator, mode)
     line.sync(10)
     assert plate.od["Stage.Voltage"].value > 1000
     return line, plate, stimulator
@@ -198,10 +198,11 @@ def test_mode_is_refused_outside_operational(mode: int) -> None:
 
 def test_mode_by_pdo() -> None:
     line, plate, _ = driving(OPEN_LOOP)
-    line.send(Frame(0x220, struct.pack("<BHHH", AMPLITUDE, 500, 3000, 3000)))
+    line.send(Frame(0x420, struct.pack("<HHH", 500, 3000, 3000)))
+    line.send(Frame(0x220, struct.pack("<HB", 3, AMPLITUDE)))
     line.sync(30)
     assert abs(plate.od["Vibration.W_d"].value - 5000) < 100, "0.5 um in 0.1 nm"
-    line.send(Frame(0x220, struct.pack("<BHHH", OFF, 500, 3000, 3000)))
+    line.send(Frame(0x220, struct.pack("<HB", 3, OFF)))
     line.sync()
     assert plate.od["Stage.Voltage"].value == 0
 
@@ -349,7 +350,7 @@ def test_identification_by_sdo() -> None:
     line.nmt(START)
     line.sync(70)
     assert line.write(stimulator, "Model.Gain per volt", 20_000) == 0
-    assert line.write(stimulator, "Mode", IDENTIFY) == 0
+    line.run(stimulator, IDENTIFY)
     for _ in range(3000):
         line.sync()
         if stimulator.od["Model.State"].value > 1:
@@ -371,7 +372,7 @@ def test_why_it_turned_itself_off_is_told_until_the_next_mode() -> None:
     assert line.write(stimulator, "Simulation.Start run", 1) == 0
     line.sync(400)
     assert stimulator.od["Contact.Touching"].value == 1
-    assert line.write(stimulator, "Mode", IDENTIFY) == 0
+    line.run(stimulator, IDENTIFY)
     line.sync(2)
     assert "loaded" in stimulator.od["Message"].value
     assert line.read(stimulator, "Mode") == OFF

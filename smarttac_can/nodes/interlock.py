@@ -1,0 +1,235 @@
+"""The interlock: state machine, faults present and latched, and the objects that show them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from smarttac_can.nodes.state_machine import CONTROL_MASK, Event, Guard, State, StateMachine
+from smarttac_can.nodes.watchdogs import CYCLIC, WATCHDOGS, Watchdog, watchdogs_in
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.dictionary import ObjectDictionary
+
+_SHARP: Final = (State.ARMED, State.RUNNING)
+
+
+class Interlock:
+    """Only RUNNING drives; a fault while armed or running is latched until it is reset.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    cut
+        Puts the drive at 0 V; called whenever RUNNING is left.
+    show
+        Called with every new state.
+
+    Attributes
+    ----------
+    machine
+        The state machine.
+    operational
+        Whether NMT lets the device drive; True without CANopen.
+    live
+        Whether the loop has given a measurement since the device became operational.
+    tared
+        Whether the gauges have a zero.
+    present, latched
+        Faults as bits, 1 << `Watchdog`.
+    report, clear
+        Called with a watchdog that is latched, and with one that was reset.
+    """
+
+    def __init__(
+        self, od: ObjectDictionary, cut: Callable[[], None], show: Callable[[State], None]
+    ) -> None:
+        self.machine = StateMachine()
+        self._cut = cut
+        self._show = show
+        self._controlword = od["Controlword"]
+        self._ignored = od["Cycle.Ignored controlwords"]
+        self._code = od["Diagnosis.Code"]
+        self._present_entry = od["Diagnosis.Present"]
+        self._latched_entry = od["Diagnosis.Latched"]
+        self._message = od["Message"]
+        self._mode = od["Mode"]
+        self.operational = True
+        self.live = False
+        self.tared = False
+        self.present = self.latched = 0
+        self._seen = 0
+        self._stands = False
+        self.report: Callable[[Watchdog], None] = _nothing
+        self.clear: Callable[[Watchdog], None] = _nothing
+
+    @property
+    def state(self) -> State:
+        """Present state."""
+        return self.machine.state
+
+    def restart(self) -> None:
+        """Begin as after power-on; a reset out of RUNNING is a fault."""
+        driven = self.machine.state is State.RUNNING
+        self.machine.restart()
+        self.live = False
+        self.present = self.latched = 0
+        self._seen = 0
+        if driven:
+            self.machine.state = State.FAULT
+            self._latch(Watchdog.NMT)
+        self._publish()
+
+    def command(self, word: int) -> None:
+        """Obey a controlword.
+
+        Raises
+        ------
+        Abort
+            VALUE for unknown bits; STATE where the table of transitions has no row for it, the
+            state is then unchanged.
+        """
+        if word & ~CONTROL_MASK:
+            raise Abort(AbortCode.VALUE)
+        if not self._obey(word):
+            raise Abort(AbortCode.STATE)
+        self._seen = word
+
+    def take_controlword(self) -> None:
+        """Obey the controlword that an RPDO brought; count what is illegal, and ignore it.
+
+        What the first one in OPERATIONAL asks for stood there before, and is not obeyed.
+        """
+        word = self._controlword.value
+        if self._stands:
+            self._stands = False
+            self.machine.hold(word)
+        if word == self._seen:
+            return
+        self._seen = word
+        if not self._obey(word):
+            self._ignored.value += 1
+
+    def observe(self, faults: int) -> None:
+        """Take the faults that the cyclic watchdogs see in this cycle, as bits."""
+        self.live = True
+        before = self.present
+        self.present = present = before & ~CYCLIC | faults
+        state = self.machine.state
+        if faults and state in _SHARP:
+            self._fault(faults)
+        elif state < State.ARMED:
+            self.prepare()
+        if present != before:
+            self._present_entry.value = present
+
+    def trip(self, watchdog: Watchdog) -> None:
+        """Take note of a fault; it is latched if the device is armed, running or in FAULT."""
+        bit = 1 << watchdog
+        if WATCHDOGS[watchdog].lasting:
+            self.present |= bit
+        state = self.machine.state
+        if state in _SHARP:
+            self._fault(bit)
+        elif state is State.FAULT:
+            self._latch(watchdog)
+        self.prepare()
+
+    def settle(self, watchdog: Watchdog) -> None:
+        """Take note that a fault is gone; it stays latched."""
+        if self.present & 1 << watchdog:
+            self.present &= ~(1 << watchdog)
+            self._present_entry.value = self.present
+
+    def handle(self, event: Event) -> bool:
+        """Follow an event; False if there is no such transition."""
+        before = self.machine.state
+        done = self.machine.handle(event, self._holds())
+        self._after(before)
+        return done
+
+    def leave(self) -> None:
+        """Follow NMT out of OPERATIONAL; out of RUNNING that is a fault."""
+        self.operational = False
+        self.live = False
+        if self.machine.state is State.RUNNING:
+            self.trip(Watchdog.NMT)
+        self.handle(Event.LEAVE)
+
+    def enter(self) -> None:
+        """Follow NMT into OPERATIONAL; what stands in the controlword is not obeyed."""
+        self.operational = True
+        self._stands = True
+
+    def start_run(self) -> None:
+        """Disarm for a new run."""
+        if not self.latched:
+            self._message.value = ""
+        self.present &= ~CYCLIC
+        self.handle(Event.START_RUN)
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Change between NOT_READY and READY as the conditions say."""
+        state = self.machine.state
+        if state is State.NOT_READY or state is State.READY:
+            prepared = self._holds() & Guard.PREPARED
+            if (state is State.READY) != bool(prepared):
+                self.handle(Event.PREPARED if prepared else Event.UNPREPARED)
+        self._present_entry.value = self.present
+
+    def _holds(self) -> Guard:
+        if self.present:
+            return Guard.NONE
+        if self.live and self.operational and self.tared:
+            return Guard.CLEAR | Guard.PREPARED
+        return Guard.CLEAR
+
+    def _obey(self, word: int) -> bool:
+        self.prepare()
+        before = self.machine.state
+        done = self.machine.command(word, self._holds())
+        self._after(before)
+        return done
+
+    def _fault(self, bits: int) -> None:
+        self.handle(Event.FAULT)
+        for watchdog in watchdogs_in(bits):
+            self._latch(watchdog)
+
+    def _latch(self, watchdog: Watchdog) -> None:
+        bit = 1 << watchdog
+        if self.latched & bit:
+            return
+        if not self.latched:
+            self._code.value = WATCHDOGS[watchdog].code
+            self._message.value = WATCHDOGS[watchdog].text
+        self.latched |= bit
+        self._latched_entry.value = self.latched
+        self.report(watchdog)
+
+    def _after(self, before: State) -> None:
+        state = self.machine.state
+        if state is before:
+            return
+        if before is State.RUNNING:
+            self._cut()
+        elif before is State.FAULT:
+            cleared = watchdogs_in(self.latched)
+            self.latched = 0
+            self._message.value = ""
+            self._publish()
+            for watchdog in cleared:
+                self.clear(watchdog)
+        self._show(state)
+
+    def _publish(self) -> None:
+        self._present_entry.value = self.present
+        self._latched_entry.value = self.latched
+        if not self.latched:
+            self._code.value = 0
+        self._show(self.machine.state)
+
+
+def _nothing(watchdog: Watchdog) -> None:
+    """Without CANopen nobody is told."""

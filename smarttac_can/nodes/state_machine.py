@@ -1,0 +1,197 @@
+"""The states of the stimulator: who may drive, and what it takes to get there."""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum, IntFlag
+from typing import Final, NamedTuple
+
+
+class State(IntEnum):
+    """States of the device; the statusword carries the number in bits 8 to 10."""
+
+    NOT_READY = 0
+    """Something is missing: measurements, a zero, a calibration, or NMT OPERATIONAL."""
+    READY = 1
+    """All is there; at 0 V."""
+    ARMED = 2
+    """The watchdogs are sharp; still at 0 V."""
+    RUNNING = 3
+    """The mode drives: the only state with a voltage."""
+    QUICK_STOP = 4
+    """At 0 V until the controlword lets go."""
+    FAULT = 5
+    """At 0 V until the fault is gone and reset."""
+
+
+class Event(Enum):
+    """What moves the device from state to state."""
+
+    PREPARED = "all conditions are met"
+    UNPREPARED = "a condition is no longer met"
+    ARM = "controlword: arm rises"
+    RUN = "controlword: run rises"
+    STOP = "controlword: run falls"
+    DISARM = "controlword: arm, run and quick stop are 0"
+    QUICK_STOP = "controlword: quick stop"
+    RESET = "controlword: fault reset rises"
+    START_RUN = "start run"
+    LEAVE = "NMT leaves OPERATIONAL"
+    FAULT = "a watchdog trips"
+    ILLEGAL = "any other controlword"
+
+
+class Guard(IntFlag):
+    """What has to hold for a transition."""
+
+    NONE = 0
+    CLEAR = 1
+    """No fault is present."""
+    PREPARED = 2
+    """No fault is present, the loop lives in OPERATIONAL, and the plate is tared and calibrated."""
+
+
+class Transition(NamedTuple):
+    """One row of the table."""
+
+    state: State
+    event: Event
+    guard: Guard
+    next: State
+
+
+_S, _E, _G = State, Event, Guard
+TRANSITIONS: Final = (
+    Transition(_S.NOT_READY, _E.PREPARED, _G.PREPARED, _S.READY),
+    Transition(_S.NOT_READY, _E.DISARM, _G.NONE, _S.NOT_READY),
+    Transition(_S.READY, _E.UNPREPARED, _G.NONE, _S.NOT_READY),
+    Transition(_S.READY, _E.DISARM, _G.NONE, _S.READY),
+    Transition(_S.READY, _E.ARM, _G.PREPARED, _S.ARMED),
+    Transition(_S.ARMED, _E.RUN, _G.PREPARED, _S.RUNNING),
+    Transition(_S.RUNNING, _E.STOP, _G.NONE, _S.ARMED),
+    *(Transition(state, _E.DISARM, _G.NONE, _S.READY) for state in (_S.ARMED, _S.RUNNING)),
+    *(Transition(state, _E.QUICK_STOP, _G.NONE, _S.QUICK_STOP) for state in (_S.ARMED, _S.RUNNING)),
+    Transition(_S.QUICK_STOP, _E.QUICK_STOP, _G.NONE, _S.QUICK_STOP),
+    Transition(_S.QUICK_STOP, _E.DISARM, _G.NONE, _S.READY),
+    Transition(_S.FAULT, _E.DISARM, _G.NONE, _S.FAULT),
+    Transition(_S.FAULT, _E.RESET, _G.PREPARED, _S.READY),
+    Transition(_S.FAULT, _E.RESET, _G.CLEAR, _S.NOT_READY),
+    *(
+        Transition(state, _E.START_RUN, _G.NONE, _S.READY)
+        for state in (_S.ARMED, _S.RUNNING, _S.QUICK_STOP)
+    ),
+    *(
+        Transition(state, _E.LEAVE, _G.NONE, _S.NOT_READY)
+        for state in (_S.READY, _S.ARMED, _S.RUNNING, _S.QUICK_STOP)
+    ),
+    *(Transition(state, _E.FAULT, _G.NONE, _S.FAULT) for state in (_S.ARMED, _S.RUNNING)),
+)
+"""Every transition there is; of two rows with the same state and event the first allowed one."""
+
+_TABLE: Final[dict[tuple[State, Event], list[Transition]]] = {}
+for _row in TRANSITIONS:
+    _TABLE.setdefault((_row.state, _row.event), []).append(_row)
+
+
+class Control(IntFlag):
+    """Bits of the controlword."""
+
+    ARM = 1 << 0
+    RUN = 1 << 1
+    QUICK_STOP = 1 << 2
+    FAULT_RESET = 1 << 7
+
+
+_ARM, _RUN, _QUICK_STOP, _RESET = (int(bit) for bit in Control)
+_COMMANDS: Final = _ARM | _RUN | _QUICK_STOP
+_RISING: Final = {(_ARM, _ARM): Event.ARM, (_ARM | _RUN, _RUN): Event.RUN}
+"""Event by the commands that stand in the controlword, and those of them that have risen."""
+_ASKS_FOR_WHAT_IS: Final = {State.ARMED: _ARM, State.RUNNING: _ARM | _RUN}
+CONTROL_MASK: Final = _COMMANDS | _RESET
+"""Bits that a controlword may have."""
+
+
+class StateMachine:
+    """The state of one device.
+
+    Arm, run and fault reset act when they rise; stop, disarm and quick stop act by level. A command
+    that stands in the controlword while the device disarms by itself is therefore not obeyed again
+    before it was taken back.
+
+    Attributes
+    ----------
+    state
+        Present state.
+    """
+
+    __slots__ = ("_held", "state")
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin as after power-on, with all commands taken back."""
+        self.state = State.NOT_READY
+        self._held = 0
+
+    def hold(self, word: int) -> None:
+        """Have the commands of a controlword taken back before they are obeyed."""
+        self._held |= word
+
+    def handle(self, event: Event, holds: Guard) -> bool:
+        """Follow an event.
+
+        Parameters
+        ----------
+        event
+            What happened.
+        holds
+            The guards that hold.
+
+        Returns
+        -------
+        bool
+            False if no transition is allowed; the state is then unchanged.
+        """
+        for row in _TABLE.get((self.state, event), ()):
+            if row.guard & holds == row.guard:
+                self.state = row.next
+                return True
+        return False
+
+    def command(self, word: int, holds: Guard) -> bool:
+        """Obey a controlword.
+
+        Parameters
+        ----------
+        word
+            Bits of `Control`.
+        holds
+            The guards that hold.
+
+        Returns
+        -------
+        bool
+            False if it asks for something illegal; the state is then unchanged.
+        """
+        if word & ~CONTROL_MASK:
+            return False
+        event = self._event(word, word & ~self._held)
+        if event is not None and not self.handle(event, holds):
+            return False
+        self._held = word
+        return True
+
+    def _event(self, word: int, rising: int) -> Event | None:
+        """Name the event of a controlword; None if it asks for what is."""
+        state = self.state
+        asked = word & _COMMANDS
+        if asked & _QUICK_STOP:
+            return Event.QUICK_STOP
+        if not asked:
+            return Event.RESET if rising & _RESET and state is State.FAULT else Event.DISARM
+        if _ASKS_FOR_WHAT_IS.get(state) == asked:
+            return None
+        if asked == _ARM and state is State.RUNNING:
+            return Event.STOP
+        # Not one word from rest to RUNNING: arm comes first.
+        return _RISING.get((asked, rising & _COMMANDS), Event.ILLEGAL)

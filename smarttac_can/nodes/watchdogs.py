@@ -1,0 +1,181 @@
+"""The watchdogs of the stimulator: what each watches, how soon it trips, and what it reports."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+from smarttac_can.od.cia import EmergencyCode, ErrorRegister
+
+STUCK_GAUGE_CYCLES: Final = 12
+STUCK_THERMOMETER_CYCLES: Final = 100
+SATURATED_CYCLES: Final = 2
+AMPLITUDE_CYCLES: Final = 5
+GAUGE_CYCLES: Final = 5
+EXCESS_CYCLES: Final = 3
+SILENT_CYCLES: Final = 10
+RESONANCE_CYCLES: Final = 100
+SYNC_WINDOW_CYCLES: Final = 8
+
+
+class Watchdog(IntEnum):
+    """Numbers of the watchdogs: bits of Diagnosis.Present and Diagnosis.Latched."""
+
+    NMT = 0
+    HEARTBEAT = 1
+    MEASUREMENT = 2
+    SETPOINT = 3
+    SYNC_LOST = 4
+    SYNC_IRREGULAR = 5
+    SYNC_COUNTER = 6
+    BUS_OFF = 7
+    TRANSMIT_QUEUE = 8
+    VOLTAGE = 9
+    AMPLITUDE = 10
+    TEMPERATURE = 11
+    NORMAL_FORCE = 12
+    LATERAL_FORCE = 13
+    SATURATED = 14
+    STUCK = 15
+    GAUGES = 16
+    PICKUP = 17
+    RESONANCE = 18
+    CONTROLLER = 19
+    CALIBRATION = 20
+
+
+class Row(NamedTuple):
+    """What there is to know of a watchdog."""
+
+    text: str
+    """What has happened; the Message of the fault."""
+    code: EmergencyCode
+    register: ErrorRegister
+    """Bit of the error register beside the generic one."""
+    bound: int | str
+    """Cycles from the first faulty one to 0 V; a name where an object sets it."""
+    why: str
+    """Why that many."""
+    limit: str = ""
+    """Object that holds the limit."""
+    lasting: bool = True
+    """Whether the fault stays present until something better comes, and bars the reset."""
+
+
+_COMMUNICATION: Final = ErrorRegister.COMMUNICATION
+_MANUFACTURER: Final = ErrorRegister.MANUFACTURER
+_AT_ONCE: Final = "acted on where it is noticed"
+_ONE_SAMPLE: Final = "one sample is enough: its noise is far below the limit"
+
+WATCHDOGS: Final[dict[Watchdog, Row]] = {
+    Watchdog.NMT: Row(
+        "NMT left OPERATIONAL while running",
+        EmergencyCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+    ),
+    Watchdog.HEARTBEAT: Row(
+        "the heartbeat of a watched node is lost",
+        EmergencyCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
+        "the consumer time; the plate is watched with 2 s, two heartbeats, beside its PDOs",
+        "Consumer heartbeat time",
+    ),
+    Watchdog.MEASUREMENT: Row(
+        "the measurements of the plate are late",
+        EmergencyCode.MEASUREMENT_LOST, _COMMUNICATION, "event timer of RPDO 5 to 7",
+        "3 ms by default: two lost cycles pass, a third does not", "event timer of RPDO 5 to 7",
+    ),
+    Watchdog.SETPOINT: Row(
+        "a set-point PDO is late",
+        EmergencyCode.SETPOINT_LOST, _COMMUNICATION, "event timer of RPDO 1 to 4",
+        "what the master asks for; off by default", "event timer of RPDO 1 to 4",
+    ),
+    Watchdog.SYNC_LOST: Row(
+        "SYNC is lost",
+        EmergencyCode.SYNC_LOST, _COMMUNICATION, 3, "two lost SYNCs pass, a third does not",
+    ),
+    Watchdog.SYNC_IRREGULAR: Row(
+        "SYNC is irregular",
+        EmergencyCode.SYNC_IRREGULAR, _COMMUNICATION, 2 * SYNC_WINDOW_CYCLES,
+        "SYNCs are counted over 8 periods, 6 to 10 are right: the clocks of two nodes drift, and "
+        "device time moves by whole ticks",
+    ),
+    Watchdog.SYNC_COUNTER: Row(
+        "the SYNC counter has jumped",
+        EmergencyCode.SYNC_COUNTER, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+    ),
+    Watchdog.BUS_OFF: Row(
+        "the CAN controller is bus-off",
+        EmergencyCode.BUS_OFF, _COMMUNICATION, 1, _AT_ONCE,
+    ),
+    Watchdog.TRANSMIT_QUEUE: Row(
+        "the transmit queue is full",
+        EmergencyCode.TRANSMIT_QUEUE, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+    ),
+    Watchdog.VOLTAGE: Row(
+        "the controllers ask for more than the voltage limit",
+        EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE, 1,
+        "checked before the drive goes out", "Limit.Voltage",
+    ),
+    Watchdog.AMPLITUDE: Row(
+        "the vibration is above its limit",
+        EmergencyCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
+        "a finger that lifts lets the amplitude overshoot for less than the 5 ms the loop takes",
+        "Limit.Amplitude trip",
+    ),
+    Watchdog.TEMPERATURE: Row(
+        "the plate is too hot",
+        EmergencyCode.TEMPERATURE, ErrorRegister.TEMPERATURE, 1, _ONE_SAMPLE, "Limit.Temperature",
+    ),
+    Watchdog.NORMAL_FORCE: Row(
+        "the normal force is above its limit",
+        EmergencyCode.NORMAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Normal force",
+    ),
+    Watchdog.LATERAL_FORCE: Row(
+        "the lateral force is above its limit",
+        EmergencyCode.LATERAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Lateral force",
+    ),
+    Watchdog.SATURATED: Row(
+        "a sensor is at the end of its range",
+        EmergencyCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
+        "a single sample may be a disturbance",
+    ),
+    Watchdog.STUCK: Row(
+        "a sensor is stuck",
+        EmergencyCode.SENSOR_STUCK, _MANUFACTURER, STUCK_THERMOMETER_CYCLES,
+        "12 identical samples of gauge or pick-up, 100 of the thermometer: see the false alarms",
+    ),
+    Watchdog.GAUGES: Row(
+        "the gauges contradict each other",
+        EmergencyCode.GAUGES_IMPLAUSIBLE, _MANUFACTURER, GAUGE_CYCLES,
+        "a finger that arrives or leaves may do so between two samples", "Limit.Gauge mismatch",
+    ),
+    Watchdog.PICKUP: Row(
+        "the vibration does not follow from the voltage",
+        EmergencyCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, SILENT_CYCLES,
+        "too much: 3 cycles; none: 10 cycles, ten time constants of the plate", "Model",
+    ),
+    Watchdog.RESONANCE: Row(
+        "the resonance is lost",
+        EmergencyCode.RESONANCE, _MANUFACTURER, RESONANCE_CYCLES,
+        "from the end of its range the loop takes 50 ms to the resonance",
+    ),
+    Watchdog.CONTROLLER: Row(
+        "the controllers gave no finite drive",
+        EmergencyCode.CONTROLLER, _MANUFACTURER, 1, "checked before the drive goes out",
+        lasting=False,
+    ),
+    Watchdog.CALIBRATION: Row(
+        "the calibration is missing or that of another plate",
+        EmergencyCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
+        "Calibration.Plate serial number",
+    ),
+}  # fmt: skip
+"""Every watchdog."""
+
+_EVENT_DRIVEN: Final = frozenset(range(Watchdog.NMT, Watchdog.VOLTAGE))
+CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _EVENT_DRIVEN)
+"""Bits of those that look at every cycle."""
+
+
+def watchdogs_in(bits: int) -> list[Watchdog]:
+    """Name the watchdogs of a mask."""
+    return [watchdog for watchdog in Watchdog if bits >> watchdog & 1]
