@@ -266,6 +266,10 @@ class FaultyBus(LocalBus):
             raise ValueError(f"microseconds {microseconds} is below 0")
         self._send(port, self._stations[port].advance(microseconds))
 
+    def answer(self, port: Port, frames: Iterable[Frame]) -> None:
+        """Send what a node says because of something that only its own host noticed."""
+        self._send(port, self._stations[port].transmitter.passed(frames))
+
     def babble(self, frames: int, can_id: int = 0x001) -> None:
         """Have a broken node send 8 bytes that many times in every cycle; 0 ends it.
 

@@ -1,0 +1,265 @@
+"""The fault matrix: every fault in every mode that drives, and how soon the plate is at 0 V."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from smarttac_can.bench.errors import HeartbeatLostError
+from smarttac_can.bench.fault_cases import CASES, TOLERATED, FaultCase
+from smarttac_can.bench.rig import NMT_START, MasterTraffic, Rig
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import LogHook
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.od.cia import Abort
+from smarttac_can.od.object_reference import table
+
+HOLD_CYCLES: Final = 10_000
+"""Cycles for which a plate has to stay at 0 V while the master does what it likes."""
+_LOGGED_CYCLES: Final = 50
+_RUN_UP: Final = {Mode.IDENTIFY: 440}
+"""Cycles of driving before the fault; an identification is then in its sweep."""
+_OTHER_RUN_UP: Final = 500
+_LATE: Final = 10
+_GO_ON: Final = 300
+_SETTLE: Final = 200
+_RECOVERY: Final = 300
+_SETPOINTS: Final = {
+    "Setpoint.Voltage": 4000,
+    "Setpoint.Amplitude": 1000,
+    "Setpoint.COF left": 3500,
+    "Setpoint.COF right": 3500,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What became of one fault in one mode."""
+
+    fault: str
+    mode: str
+    voltage_before_v: float
+    """Voltage of the power stage in the cycle before the fault."""
+    detection_bound_cycles: int
+    cycles_to_zero: int | None
+    """Cycles from the fault to 0 V at the power stage; None if it was never reached."""
+    emcy_code: str | None
+    """Code of the first emergency message after the fault; None if there was none."""
+    state_after: str
+    """State of the stimulator once the plate is at 0 V."""
+    cycles_at_zero: int
+    """Cycles at 0 V afterwards under traffic of the master."""
+    recovered: bool
+    """Whether the run went on after cause and fault were cleared."""
+    injected_at_s: float
+    """Time stamp of the fault in the log."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the fault ended in 0 V in time, and for good until it was reset."""
+        return (
+            self.voltage_before_v > 0.0
+            and self.cycles_to_zero is not None
+            and self.cycles_to_zero <= self.detection_bound_cycles + 1
+            and self.recovered
+        )
+
+
+class _Log:
+    """Joins the logs of all rows, without the long parts in which nothing new happens."""
+
+    def __init__(self, write: LogHook | None) -> None:
+        self._write = write
+        self._offset = 0
+        self.time = 0
+        self.on = False
+
+    def __call__(self, microseconds: int, frame: Frame) -> None:
+        self.time = self._offset + microseconds
+        if self.on and self._write is not None:
+            self._write(self.time, frame)
+
+    def next_row(self) -> None:
+        self._offset = self.time
+        self.on = False
+
+
+def cases(faults: Sequence[str] = (), modes: Sequence[Mode] = ()) -> list[tuple[FaultCase, Mode]]:
+    """Return every fault with every mode it is injected in.
+
+    Parameters
+    ----------
+    faults, modes
+        Names and modes to keep; all if empty.
+
+    Raises
+    ------
+    ValueError
+        If there is no such fault, or none of them in these modes.
+    """
+    known = {case.name for case in CASES}
+    for name in faults:
+        if name not in known:
+            raise ValueError(f"fault {name!r} is none of {', '.join(sorted(known))}")
+    chosen = [
+        (case, mode)
+        for case in CASES
+        for mode in case.modes
+        if (not faults or case.name in faults) and (not modes or mode in modes)
+    ]
+    if not chosen:
+        raise ValueError("no fault is injected in these modes")
+    return chosen
+
+
+def fault_matrix(
+    chosen: Iterable[tuple[FaultCase, Mode]],
+    *,
+    hold: int = HOLD_CYCLES,
+    log: LogHook | None = None,
+) -> Iterator[Row]:
+    """Inject faults on the in-process bus, each in a run of its own, and yield a row for each.
+
+    Parameters
+    ----------
+    chosen
+        From `cases`.
+    hold
+        Cycles for which the plate has to stay at 0 V under traffic of the master.
+    log
+        Called with a time stamp in us and the frame; left out are the way to the fault, and the
+        inner part of the hold.
+    """
+    joined = _Log(log)
+    for number, (case, mode) in enumerate(chosen):
+        joined.next_row()
+        yield _row(case, mode, number, hold, joined)
+
+
+def _row(case: FaultCase, mode: Mode, seed: int, hold: int, log: _Log) -> Row:
+    rig = driving_rig(case, mode, log)
+    log.on = True
+    rig.cycle(_LOGGED_CYCLES)
+    before = rig.stage.value * 1e-2
+    seen = len(rig.emergencies)
+    case.inject(rig)
+    injected = log.time
+    cycles_to_zero = _cycles_to_zero(rig, case.bound)
+    state = rig.state
+    log.on = False
+    at_zero = _cycles_at_zero(rig, hold, MasterTraffic(rig, seed, commands=not case.forgets))
+    log.on = True
+    recovered = _recovers(rig, case, mode)
+    codes = [emcy.code for emcy in rig.emergencies[seen:] if emcy.code]
+    return Row(
+        fault=case.name,
+        mode=mode_name(mode),
+        voltage_before_v=round(before, 2),
+        detection_bound_cycles=case.bound,
+        cycles_to_zero=cycles_to_zero,
+        emcy_code=f"{codes[0]:04X}h" if codes else None,
+        state_after=state.name.lower(),
+        cycles_at_zero=at_zero,
+        recovered=recovered and at_zero == hold,
+        injected_at_s=injected * 1e-6,
+    )
+
+
+def mode_name(mode: Mode) -> str:
+    """Name of a mode as the bench takes it."""
+    return mode.name.lower()
+
+
+def driving_rig(case: FaultCase, mode: Mode, log: LogHook | None = None) -> Rig:
+    """Return a rig that drives in a mode, just before the fault."""
+    rig = Rig(plate_inside=case.plate_inside, log=log)
+    rig.start()
+    _drive(rig, case, mode)
+    rig.cycle(_RUN_UP.get(mode, _OTHER_RUN_UP))
+    return rig
+
+
+def _drive(rig: Rig, case: FaultCase, mode: Mode) -> None:
+    for name, raw in _SETPOINTS.items():
+        rig.write(name, raw)
+    rig.start_run(touch=mode is not Mode.IDENTIFY)
+    if case.prepare is not None and not rig.each_cycle and not rig.sync_counter:
+        case.prepare(rig)
+        rig.cycle(2)
+    rig.drive(mode)
+
+
+def _cycles_to_zero(rig: Rig, bound: int) -> int | None:
+    """Cycles until the stage is at 0 V and stays there; a loop may ask for 0 V in passing."""
+    window = bound + _LOGGED_CYCLES
+    last = 0
+    for count in range(1, window + 1):
+        if rig.stage.value:
+            last = count
+        rig.cycle()
+    return None if last > window - _LATE else last
+
+
+def _cycles_at_zero(rig: Rig, hold: int, traffic: MasterTraffic) -> int:
+    for count in range(hold):
+        traffic.send()
+        rig.cycle()
+        if rig.stage.value:
+            return count
+    return hold
+
+
+def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
+    """Whether the stimulator drives again when the cause is gone and the fault is reset."""
+    case.remove(rig)
+    rig.nmt(NMT_START)
+    rig.cycle(_SETTLE)
+    try:
+        if rig.state is State.FAULT:
+            rig.reset_fault()
+        else:
+            rig.write("Controlword", 0)
+        _drive(rig, case, mode)
+    except (Abort, HeartbeatLostError):
+        return False
+    rig.cycle(_RECOVERY)
+    return rig.state is State.RUNNING and rig.stage.value > 0
+
+
+def tolerated(case: FaultCase, mode: Mode) -> bool:
+    """Whether a run goes on under a fault of `TOLERATED`."""
+    rig = driving_rig(case, mode)
+    case.inject(rig)
+    rig.cycle(_GO_ON if mode is not Mode.IDENTIFY else _LOGGED_CYCLES)
+    return rig.state is State.RUNNING and rig.stage.value > 0
+
+
+def rows_as_json(rows: Iterable[Row]) -> list[dict[str, Any]]:
+    """Return rows as JSON has them."""
+    return [asdict(row) for row in rows]
+
+
+def matrix_table(rows: Iterable[Row]) -> Iterator[str]:
+    """Return the matrix as lines of Markdown."""
+    return table(
+        ("Fault", "Mode", "Before [V]", "Bound", "To 0 V", "EMCY", "State after", "Recovered"),
+        *(
+            (
+                row.fault,
+                row.mode.replace("_", " "),
+                f"{row.voltage_before_v:.2f}",
+                str(row.detection_bound_cycles),
+                "never" if row.cycles_to_zero is None else str(row.cycles_to_zero),
+                row.emcy_code or "none",
+                row.state_after.replace("_", " "),
+                "yes" if row.recovered else "no",
+            )
+            for row in rows
+        ),
+    )
+
+
+ALL_TOLERATED: Final = tuple((case, mode) for case in TOLERATED for mode in case.modes)
+"""Every fault that must not end a run, with every mode."""

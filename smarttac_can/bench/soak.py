@@ -1,0 +1,271 @@
+"""A soak: hours of simulated time in which everything happens, and nothing may go wrong."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Final
+from zlib import crc32
+
+from smarttac_can.bench.errors import HeartbeatLostError
+from smarttac_can.bench.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
+from smarttac_can.bench.invariants import Invariants
+from smarttac_can.bench.rig import NMT_RESET_NODE, NMT_START, MasterTraffic, Rig
+from smarttac_can.control.cascade import Mode
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.od.cia import Abort
+
+CYCLES_PER_HOUR: Final = 3_600_000
+_RSS_CYCLES: Final = 60_000
+_WARM_UP_SAMPLES: Final = 2
+_PAGE: Final = 4096
+RSS_GROWTH_MIB: Final = 8.0
+"""How much the process may grow after its first two simulated minutes."""
+_SILENT: Final = ("paused", "restarts", "babbles", "NMT", "bus-off", "queue", "late", "lost")
+"""Words in names of faults under which a node may not get an emergency message through."""
+_USED: Final = tuple(
+    case for case in CASES
+    if not case.plate_inside and case.prepare is None and "controller" not in case.name
+)  # fmt: skip
+
+
+@dataclass
+class SoakReport:
+    """What a soak did, and what did not hold."""
+
+    seed: int
+    simulated_s: float = 0.0
+    violated: int = 0
+    violations: list[str] = field(default_factory=list)
+    runs: int = 0
+    driving_s: dict[str, float] = field(default_factory=dict)
+    faults: dict[str, int] = field(default_factory=dict)
+    """How often each fault was injected, all while driving."""
+    latched: int = 0
+    """How many of them ended in FAULT, the others in a restart."""
+    tolerated: dict[str, int] = field(default_factory=dict)
+    emergencies: int = 0
+    master_restarts: int = 0
+    transfers: int = 0
+    """Acts of the master beside the scenes."""
+    rss_mib: list[float] = field(default_factory=list)
+    """Size of the process at simulated minutes; empty where the system does not say."""
+    fingerprint: str = ""
+    """Check sum of the voltage in every cycle: the same for the same seed and time."""
+    wall_s: float = 0.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything held."""
+        return self.violated == 0
+
+    @property
+    def speed(self) -> float:
+        """Simulated time over real time."""
+        return self.simulated_s / self.wall_s if self.wall_s else 0.0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as JSON has it."""
+        return asdict(self) | {"passed": self.passed, "speed": round(self.speed, 1)}
+
+
+class Soak:
+    """One soak on the in-process bus, with a plate node.
+
+    Parameters
+    ----------
+    cycles
+        How long, in cycles of 1 ms, 1 or more; the last scene may take longer.
+    seed
+        Of everything.
+    progress
+        Called with the share that is done, 0..1.
+    """
+
+    def __init__(
+        self, cycles: int, seed: int, progress: Callable[[float], None] | None = None
+    ) -> None:
+        if cycles < 1:
+            raise ValueError(f"cycles {cycles} is below 1")
+        self._length = cycles
+        self._progress = progress
+        self._random = random.Random(seed)
+        self._rig = rig = Rig(seed=seed)
+        self._traffic = MasterTraffic(rig, seed, commands=False)
+        self._invariants = Invariants(rig)
+        self._report = SoakReport(seed)
+        self._mode = Mode.OPEN_LOOP
+        self._driving: Counter[str] = Counter()
+        self._faults: Counter[str] = Counter()
+        self._tolerated: Counter[str] = Counter()
+        self._check_sum = 0
+
+    def run(self) -> SoakReport:
+        """Let it all happen."""
+        start = perf_counter()
+        rig, report = self._rig, self._report
+        rig.start()
+        self._invariants.clear_history()
+        scenes: tuple[tuple[Callable[[], None], int], ...] = (
+            (self._touch, 4),
+            (self._fault, 6),
+            (self._mishap, 2),
+            (self._restart_master, 1),
+        )
+        acts, weights = zip(*scenes, strict=True)
+        while rig.cycles < self._length:
+            self._run_scene(self._random.choices(acts, weights)[0])
+            if self._progress is not None:
+                self._progress(min(1.0, rig.cycles / self._length))
+        report.simulated_s = rig.cycles * 1e-3
+        report.driving_s = {mode: count * 1e-3 for mode, count in sorted(self._driving.items())}
+        report.faults = dict(sorted(self._faults.items()))
+        report.tolerated = dict(sorted(self._tolerated.items()))
+        self._check_memory()
+        report.violations = self._invariants.violations
+        report.violated = self._invariants.violated
+        report.fingerprint = f"{self._check_sum:08x}"
+        report.wall_s = round(perf_counter() - start, 2)
+        return report
+
+    def _run_scene(self, scene: Callable[[], None]) -> None:
+        try:
+            self._begin()
+            scene()
+            self._invariants.check_history()
+        except (Abort, HeartbeatLostError) as error:
+            self._invariants.violate(f"{scene.__name__.strip('_')}: {error}")
+            self._recover()
+        self._report.emergencies += len(self._rig.emergencies)
+        self._invariants.clear_history()
+
+    def _cycle(self, count: int, *, traffic: float = 0.0) -> None:
+        """Let cycles pass and check each; a share of them with something from the master."""
+        rig, check, draw = self._rig, self._invariants.check, self._random.random
+        stage = rig.stage
+        driven = 0
+        for _ in range(count):
+            if traffic and draw() < traffic:
+                self._traffic.send()
+                self._report.transfers += 1
+            rig.cycle()
+            check()
+            value = stage.value
+            driven += value > 0
+            self._check_sum = crc32(value.to_bytes(4, "little"), self._check_sum)
+            if rig.cycles % _RSS_CYCLES == 0:
+                self._sample_memory()
+        self._driving[self._mode.name.lower()] += driven
+
+    def _begin(self) -> None:
+        """Start a run with another finger, and drive in a random mode."""
+        rig, draw = self._rig, self._random
+        self._mode = mode = draw.choice(DRIVING)
+        rig.write("Simulation.Seed", draw.randrange(2**32))
+        rig.write("Finger.Speed", draw.randint(100, 1500))
+        rig.write("Finger.Force variation", draw.randint(0, 300))
+        self._draw_setpoints()
+        rig.write("Controlword", 0)
+        rig.start_run(
+            subject=draw.randint(1, 5),
+            force_mN=draw.randint(200, 1200),
+            touch=mode is not Mode.IDENTIFY,
+        )
+        rig.drive(mode)
+        self._report.runs += 1
+
+    def _draw_setpoints(self) -> None:
+        rig, draw = self._rig, self._random
+        rig.write("Setpoint.Voltage", draw.randint(1000, 5000))
+        rig.write("Setpoint.Frequency", 4_339_000 + draw.randint(-5000, 5000))
+        rig.write("Setpoint.Amplitude", draw.randint(300, 1800))
+        for side in ("left", "right"):
+            rig.write(f"Setpoint.COF {side}", draw.randint(2500, 6000))
+
+    def _touch(self) -> None:
+        """Strokes, other set-points, other modes, and a master that asks a lot."""
+        for _ in range(self._random.randint(1, 6)):
+            self._cycle(self._random.randint(100, 1500), traffic=0.05)
+            self._draw_setpoints()
+
+    def _fault(self) -> None:
+        """Break something in the middle of a run, see 0 V, and recover."""
+        case = self._random.choice([case for case in _USED if self._mode in case.modes])
+        self._cycle(450 if self._mode is Mode.IDENTIFY else self._random.randint(300, 700))
+        if not self._rig.stage.value:
+            return
+        invariants = self._invariants
+        self._faults[case.name] += 1
+        invariants.stage_is_broken = case.name == "power stage stuck"
+        invariants.deaf = "paused" in case.name
+        case.inject(self._rig)
+        self._cycle(case.bound + 1)
+        if self._rig.stage.value:
+            invariants.violate(f"{case.name}: {self._rig.stage.value * 1e-2:g} V too late")
+        self._cycle(self._random.randint(20, 400), traffic=0.2)
+        if self._rig.state is State.FAULT:
+            self._report.latched += 1
+        self._mend(case)
+
+    def _mend(self, case: FaultCase) -> None:
+        case.remove(self._rig)
+        self._recover()
+        invariants = self._invariants
+        invariants.stage_is_broken = invariants.deaf = False
+        if not any(word in case.name for word in _SILENT):
+            invariants.check_history()
+        self._report.emergencies += len(self._rig.emergencies)
+        invariants.clear_history()
+
+    def _mishap(self) -> None:
+        """A bus that is bad, but not too bad."""
+        case = self._random.choice(TOLERATED)
+        self._tolerated[case.name] += 1
+        self._cycle(300)
+        case.inject(self._rig)
+        self._cycle(self._random.randint(100, 1000))
+        case.remove(self._rig)
+        self._recover()
+
+    def _restart_master(self) -> None:
+        """The master falls silent, comes back, and resets everybody."""
+        rig = self._rig
+        self._cycle(self._random.randint(100, 600))
+        rig.heartbeat, rig.syncs = False, 0
+        self._cycle(self._random.randint(100, 2000))
+        if rig.stage.value:
+            self._invariants.violate("a voltage without a master")
+        rig.heartbeat, rig.syncs = True, 1
+        rig.nmt(NMT_RESET_NODE)
+        rig.start()
+        self._report.master_restarts += 1
+        self._invariants.clear_history()
+
+    def _recover(self) -> None:
+        """Start what does not run, and reset the fault if there is one."""
+        rig = self._rig
+        rig.nmt(NMT_START)
+        self._cycle(200)
+        if rig.state is State.FAULT:
+            rig.reset_fault()
+        if rig.state is State.FAULT:
+            self._invariants.violate("the fault cannot be reset")
+            rig.nmt(NMT_RESET_NODE)
+            rig.start()
+        rig.write("Controlword", 0)
+
+    def _sample_memory(self) -> None:
+        try:
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        except OSError:
+            return
+        self._report.rss_mib.append(round(pages * _PAGE / 2**20, 1))
+
+    def _check_memory(self) -> None:
+        sizes = self._report.rss_mib[_WARM_UP_SAMPLES:]
+        if sizes and max(sizes) - sizes[0] > RSS_GROWTH_MIB:
+            self._invariants.violate(f"the process grew from {sizes[0]} to {max(sizes)} MiB")

@@ -1,0 +1,173 @@
+"""The commands that break things on purpose: ``faults`` and ``soak``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from smarttac_can.bench.fault_cases import CASES, DRIVING
+from smarttac_can.bench.fault_matrix import HOLD_CYCLES, Row, cases, fault_matrix, rows_as_json
+from smarttac_can.bench.soak import CYCLES_PER_HOUR, Soak, SoakReport
+from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.control.cascade import Mode
+from smarttac_can.host.candump import CandumpWriter
+
+_NAMES = sorted({case.name for case in CASES})
+_MODES = [mode.name.lower() for mode in DRIVING]
+json_file_option = click.option(
+    "--json",
+    "json_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File for the results; - is stdout.",
+)
+
+
+def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
+    for name in names:
+        if name not in _NAMES:
+            raise click.BadParameter(f"{name!r} is none of {', '.join(_NAMES)}")
+    return names
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac faults --json faults.json --log faults.log\n"
+    '  smarttac faults --fault "S3 stuck" --mode friction'
+)
+@json_file_option
+@click.option(
+    "--log",
+    "log_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File for the frames around each fault, as candump -L has them.",
+)
+@click.option(
+    "--fault",
+    "faults_",
+    multiple=True,
+    callback=_fault,
+    metavar="NAME",
+    help="Only this fault; may be given again.",
+)
+@click.option(
+    "--mode",
+    "modes",
+    multiple=True,
+    type=click.Choice(_MODES),
+    help="Only in this mode; may be given again.",
+)
+@click.option(
+    "--hold",
+    type=click.IntRange(min=0),
+    default=HOLD_CYCLES,
+    show_default=True,
+    help="Cycles to stay at 0 V while the master sends at random.",
+)
+def faults(
+    json_file: Path | None,
+    log_file: Path | None,
+    faults_: tuple[str, ...],
+    modes: tuple[str, ...],
+    hold: int,
+) -> None:
+    """Inject every fault in every mode that drives, and show how soon the plate is at 0 V.
+
+    Everything is simulated: stimulator, plate and master on a bus inside the process.
+    """
+    with plain_errors(), ExitStack() as stack:
+        try:
+            chosen = cases(faults_, [Mode[mode.upper()] for mode in modes])
+        except ValueError as error:
+            raise click.UsageError(str(error)) from error
+        log = None
+        if log_file is not None:
+            file = stack.enter_context(log_file.open("w", encoding="ascii"))
+            log = CandumpWriter(file).write
+        bar = stack.enter_context(
+            click.progressbar(
+                fault_matrix(chosen, hold=hold, log=log),
+                length=len(chosen),
+                label="faults",
+                file=sys.stderr,
+            )
+        )
+        rows = list(bar)
+        text = json.dumps(rows_as_json(rows), indent=2)
+        if json_file == Path("-"):
+            click.echo(text)
+        else:
+            if json_file is not None:
+                json_file.write_text(text + "\n", encoding="utf-8")
+            for row in rows:
+                click.echo(_line(row))
+    failed = [row for row in rows if not row.passed]
+    if failed:
+        raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
+
+
+@click.command(epilog="Example: smarttac soak --hours 0.1 --seed 7 --json soak.json")
+@click.option(
+    "--hours",
+    type=click.FloatRange(min=0.0, min_open=True),
+    required=True,
+    help="Simulated time.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**32 - 1),
+    default=1,
+    show_default=True,
+    help="Seed of all that happens.",
+)
+@json_file_option
+def soak(hours: float, seed: int, json_file: Path | None) -> None:
+    """Let everything happen for hours of simulated time, and check every cycle.
+
+    Modes, set-points, fingers, SDO traffic, faults and restarts come at random. The same seed and
+    time give the same run.
+    """
+    with plain_errors():
+        steps = 1000
+        with click.progressbar(range(steps), label="soaking", file=sys.stderr) as bar:
+            report = Soak(
+                max(1, round(hours * CYCLES_PER_HOUR)),
+                seed,
+                lambda share: bar.update(round(share * steps) - bar.pos),
+            ).run()
+        text = json.dumps(report.as_json(), indent=2)
+        if json_file == Path("-"):
+            click.echo(text)
+        else:
+            if json_file is not None:
+                json_file.write_text(text + "\n", encoding="utf-8")
+            click.echo(_summary(report))
+    if not report.passed:
+        raise click.ClickException(f"{report.violated} violated invariants")
+
+
+def _line(row: Row) -> str:
+    zero = "never at 0 V" if row.cycles_to_zero is None else f"0 V after {row.cycles_to_zero:4d}"
+    verdict = "ok    " if row.passed else "FAILED"
+    return (
+        f"{verdict} {row.fault:<44} {row.mode:<20} {row.voltage_before_v:6.2f} V  {zero} "
+        f"(bound {row.detection_bound_cycles})  EMCY {row.emcy_code or 'none'}  "
+        f"{row.state_after}{'' if row.recovered else ', did not recover'}"
+    )
+
+
+def _summary(report: SoakReport) -> str:
+    lines = [
+        f"seed {report.seed}: {report.simulated_s:.0f} s simulated in {report.wall_s:.0f} s, "
+        f"{report.speed:.1f} times real time",
+        f"{report.runs} runs, {sum(report.driving_s.values()):.0f} s of them with a voltage",
+        f"{sum(report.faults.values())} faults, {report.latched} of them latched; "
+        f"{sum(report.tolerated.values())} tolerated ones",
+        f"{report.emergencies} emergency messages, {report.master_restarts} restarts of the "
+        f"master, {report.transfers} of its transfers at random",
+        f"fingerprint {report.fingerprint}, {report.violated} violated invariants",
+        *report.violations,
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,94 @@
+"""Write docs/reference/faults.md from the fault matrix; --check fails when a row is another one.
+
+    python tools/faults.py [--check] [--hold CYCLES]
+
+A check holds each fault for 200 cycles unless told otherwise, a table is made with 10 000.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from difflib import unified_diff
+from pathlib import Path
+
+from smarttac_can.bench.fault_cases import TOLERATED
+from smarttac_can.bench.fault_matrix import (
+    ALL_TOLERATED,
+    HOLD_CYCLES,
+    Row,
+    cases,
+    fault_matrix,
+    matrix_table,
+    tolerated,
+)
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "faults.md"
+CHECK_HOLD_CYCLES = 200
+HEAD = f"""# Fault matrix
+
+Made by `tools/faults.py`; `smarttac faults` injects the same faults and shows the same rows, with
+`--json` for programs and `--log` for the frames.
+
+Each fault is injected in a run of its own, on two simulated nodes and a master on the in-process
+bus, or on the stimulator with the plate inside where the name says so. Cycles are those of the
+loop, 1 ms.
+
+- **Before**: voltage of the power stage in the cycle before the fault.
+- **Bound**: cycles from the fault to its detection at the latest.
+- **To 0 V**: cycles from the fault until the power stage is at 0 V; never more than the bound and
+  one. It is the stage that is looked at, not what the controller asks for.
+- **EMCY**: code of the first emergency message on the bus after the fault.
+- **State after**: state of the stimulator at 0 V.
+- **Recovered**: cause gone, fault reset, armed and run again: it drives.
+
+Between 0 V and recovery the plate stays at 0 V for {HOLD_CYCLES:,} cycles in which the master
+reads, writes set-points and modes, arms, runs and starts nodes at random; all but resetting the
+fault. A stimulator that was restarted has no fault to reset: there the master does not arm.
+
+A plate process that is paused is paused with its plate: no time passes for either, and the cycles
+count from where it goes on.
+""".replace(",000 cycles", " 000 cycles")
+
+
+def page(rows: list[Row]) -> str:
+    """Return the page."""
+    names = ", ".join(case.name for case in TOLERATED)
+    lines = [
+        HEAD,
+        *matrix_table(rows),
+        "## What does not end a run",
+        "",
+        f"In every mode, and tested likewise: {names}.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Write the page, or return 1 if it is stale or a fault does not end as it must."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="write nothing")
+    parser.add_argument("--hold", type=int, help="cycles at 0 V under traffic")
+    arguments = parser.parse_args()
+    hold = arguments.hold
+    if hold is None:
+        hold = CHECK_HOLD_CYCLES if arguments.check else HOLD_CYCLES
+    rows = list(fault_matrix(cases(), hold=hold))
+    bad = [f"{row.fault}, {row.mode}: does not end as it must" for row in rows if not row.passed]
+    bad += [
+        f"{case.name}, {mode.name.lower()}: ends the run"
+        for case, mode in ALL_TOLERATED
+        if not tolerated(case, mode)
+    ]
+    text = page(rows)
+    if arguments.check:
+        old = PAGE.read_text(encoding="utf-8").splitlines()
+        bad += unified_diff(old, text.splitlines(), str(PAGE.name), "now", lineterm="", n=0)
+    else:
+        PAGE.write_text(text, encoding="utf-8")
+    print("\n".join(bad) or f"{len(rows)} faults end as they must")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
