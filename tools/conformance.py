@@ -59,6 +59,8 @@ Neither of the two libraries claims all of them, so read a fail as "do not promi
 of a device made with it". durand cannot read an EDS: its objects were made from the EDS, as far
 as it has the data types, and its identity and default PDOs were set from it.
 
+What a reset does not bring back, as in B and C, may spoil a later case: each starts with a reset.
+
 A case is *not applicable* if the EDS has not the objects it needs, or the device refuses an
 optional feature in the way the standard gives. Rules are given by the clauses of CiA 301, version
 4.2, in our own words; this suite is not CiA's conformance test and passing it is not a

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from smarttac_can.bench.conformance.case import Case, Failure, NotApplicable, Result
 from smarttac_can.bench.conformance.probe import Probe
-from smarttac_can.od.cia import Abort
+from smarttac_can.od.cia import Abort, AbortCode
 
 
 def run_cases(
@@ -52,7 +52,11 @@ def _run(probe: Probe, case: Case) -> Result:
 
 
 def _reset(probe: Probe) -> None:
-    """Reset; a device that sends no boot-up is judged by the cases that ask for it."""
+    """Reset; a device that sends no boot-up is judged by the cases that ask for it.
+
+    A transfer that a failed case left open is aborted: not every device drops it in a reset.
+    """
+    probe.sdo_send(b"\x80\0\0\0" + AbortCode.GENERAL.to_bytes(4, "little"))
     try:
         probe.reset()
     except Failure:
