@@ -35,5 +35,11 @@ class Application:
     def on_rpdo_timeout(self, number: int) -> None:
         """Act on an RPDO, from 1, that did not come before its deadline."""
 
+    def on_error_control(self, node_id: int, lost: bool) -> None:
+        """Act on the heartbeat of a watched node that is lost, or heard again.
+
+        It comes before what the error behaviour object asks for. Node-ID 0 is life guarding.
+        """
+
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse an SDO write by raising `Abort`; the entry still has its old value."""

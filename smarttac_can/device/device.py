@@ -63,6 +63,11 @@ class Device:
     node_id
         1..127 wins over a stored node-ID; 255 leaves it to the stored one, and the device waits for
         LSS where there is none; None takes the stored one or else that of `od`.
+
+    Attributes
+    ----------
+    sync_counter
+        Counter of the last SYNC, 0 where SYNC carries none.
     """
 
     def __init__(
@@ -114,8 +119,10 @@ class Device:
             self._time_stamp,
             self._heartbeat,
             self._error_behaviour,
-            HeartbeatConsumer(port, od, self._emergency, self._error_behaviour.react),
-            Guarding(port, od, self._emergency, self._error_behaviour.react),
+            HeartbeatConsumer(
+                port, od, self._emergency, self._application, self._error_behaviour.react
+            ),
+            Guarding(port, od, self._emergency, self._application, self._error_behaviour.react),
             self._sync,
             *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),
             *self._rpdos.values(),
@@ -124,6 +131,7 @@ class Device:
         for service in self._services:
             for index in service.objects:
                 self._owners.setdefault(index, []).append(service)
+        self.sync_counter = 0
         self._latching: list[RPDO] = []
         self._sampling: list[TPDO] = []
         self._on_nmt = commands_to(lambda: self._lss.node_id, self._request)
@@ -276,6 +284,7 @@ class Device:
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
 
     def _synchronise(self, counter: int) -> None:
+        self.sync_counter = counter
         for rpdo in self._latching:
             rpdo.on_sync()
         self._application.on_sync()

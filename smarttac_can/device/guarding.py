@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
+from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import ALL_STATES, NMTState
@@ -33,10 +34,17 @@ class Guarding(Service):
     states: ClassVar = ALL_STATES
 
     def __init__(
-        self, port: Port, od: ObjectDictionary, emergency: Emergency, on_loss: Callable[[], None]
+        self,
+        port: Port,
+        od: ObjectDictionary,
+        emergency: Emergency,
+        application: Application,
+        on_loss: Callable[[], None],
     ) -> None:
         super().__init__(port, od, (GUARD_TIME, LIFE_TIME_FACTOR, HEARTBEAT_PRODUCER))
         self._emergency = emergency
+        self._application = application
+        self._lost = False
         self._on_loss = on_loss
         self._timer = port.clock.timer(self._on_life_time)
         self._state = NMTState.INITIALISING
@@ -80,7 +88,12 @@ class Guarding(Service):
 
     def _found(self) -> None:
         self._emergency.clear(EmergencyCode.ERROR_CONTROL)
+        if self._lost:
+            self._lost = False
+            self._application.on_error_control(0, False)
 
     def _on_life_time(self) -> None:
         self._emergency.report(EmergencyCode.ERROR_CONTROL, ErrorRegister.COMMUNICATION)
+        self._lost = True
+        self._application.on_error_control(0, True)
         self._on_loss()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import ALL_STATES, NMTState
@@ -99,10 +100,17 @@ class HeartbeatConsumer(Service):
     states: ClassVar = ALL_STATES
 
     def __init__(
-        self, port: Port, od: ObjectDictionary, emergency: Emergency, on_loss: Callable[[], None]
+        self,
+        port: Port,
+        od: ObjectDictionary,
+        emergency: Emergency,
+        application: Application,
+        on_loss: Callable[[], None],
     ) -> None:
         super().__init__(port, od, (HEARTBEAT_CONSUMER,))
         self._emergency = emergency
+        self._application = application
+        self._absent: set[int] = set()
         self._on_loss = on_loss
         watched = od.objects.get(HEARTBEAT_CONSUMER)
         entries = [] if watched is None else [e for s, e in watched.entries.items() if s]
@@ -123,7 +131,8 @@ class HeartbeatConsumer(Service):
         monitor.parameter = entry.value
 
     def configure(self) -> None:
-        """Read all watches."""
+        """Read all watches; nobody is missed yet."""
+        self._absent.clear()
         for subindex, monitor in self._monitors.items():
             monitor.parameter = self.od.entry(HEARTBEAT_CONSUMER, subindex).value
 
@@ -142,7 +151,12 @@ class HeartbeatConsumer(Service):
         self._emergency.report(
             EmergencyCode.ERROR_CONTROL, ErrorRegister.COMMUNICATION, bytes((node_id,)), node_id
         )
+        self._absent.add(node_id)
+        self._application.on_error_control(node_id, True)
         self._on_loss()
 
     def _found(self, node_id: int) -> None:
         self._emergency.clear(EmergencyCode.ERROR_CONTROL, node_id)
+        if node_id in self._absent:
+            self._absent.remove(node_id)
+            self._application.on_error_control(node_id, False)

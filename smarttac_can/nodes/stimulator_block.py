@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
+from smarttac_can.nodes.cyclic_watchdogs import CyclicWatchdogs
 from smarttac_can.nodes.interlock import Interlock
 from smarttac_can.nodes.plate_block import FAULT_KIND, START_RUN, PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import cascade_parameters, keep_model, plate_model
 from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
 from smarttac_can.plant.faults import FaultKind
-from smarttac_can.signals import Measurement, Setpoint
+from smarttac_can.signals import Drive, Measurement, Setpoint
 
 SIMULATION: Final = ("Simulation", "Finger", "Fault")
 """Records that belong to the simulated plate."""
@@ -63,6 +66,8 @@ class StimulatorBlock:
             self._measured = _pairs(plate.od, od, _MEASURED)
             self._driven = _pairs(od, plate.od, _DRIVE)
         self._input = [od[name] for _, name in _MEASURED]
+        self._si = [entry.si for entry in self._input]
+        self._watchdogs = CyclicWatchdogs(od)
         self._setpoint_entries = [
             od[f"Setpoint.{name}"]
             for name in ("Voltage", "Frequency", "Amplitude", "COF left", "COF right", "Boundary")
@@ -71,7 +76,8 @@ class StimulatorBlock:
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
         self._voltage = od["Drive.Voltage"]
-        self._put_out = Quantiser([self._voltage, od["Drive.Frequency"]])
+        self._frequency = od["Drive.Frequency"]
+        self._put_out = Quantiser([self._voltage, self._frequency])
         self._answered_tick = od["Drive.Tick"]
         self._zeros = [od[f"{_ZERO}.Zero of S{number}"] for number in range(1, 7)]
         self._tare_at_power_on = od["Tare at power-on"]
@@ -108,6 +114,8 @@ class StimulatorBlock:
             self.od[FAULT_KIND].value = FaultKind.NONE
         self.cascade = Cascade(cascade_parameters(self.od), plate_model(self.od))
         self._restore_zeros()
+        self._watchdogs.configure()
+        self._watchdogs.reset()
         self._redesign = False
         self.interlock.tared = self.cascade.tribometer.tared
         self._awaits_tare = bool(self._tare_at_power_on.value) and not self.cascade.tribometer.tared
@@ -138,12 +146,14 @@ class StimulatorBlock:
         if mode != cascade.mode:
             cascade.set_mode(mode)
             self._message.value = cascade.reason
-        values = [entry.value * entry.si for entry in self._input]
-        W_d, W_q, _, _, temperature, s1, s2, s3, s4, s5, s6, _, _ = values
-        tick, saturation = self._input[2].value, self._input[3].value
-        measurement = Measurement(
-            complex(W_d, W_q), (s1, s2, s3, s4, s5, s6), temperature, saturation
-        )
+        counts = [entry.value for entry in self._input]
+        W_d, W_q, _, _, temperature, s1, s2, s3, s4, s5, s6, _, _ = [
+            count * si for count, si in zip(counts, self._si, strict=True)
+        ]
+        tick, saturation, serial = counts[2], counts[3], counts[12]
+        W = complex(W_d, W_q)
+        gauges = (s1, s2, s3, s4, s5, s6)
+        measurement = Measurement(W, gauges, temperature, saturation)
         raw = [entry.value for entry in self._setpoint_entries]
         if raw != self._raw_setpoint:
             self._raw_setpoint = raw
@@ -151,19 +161,31 @@ class StimulatorBlock:
         drive = cascade.update(measurement, self._setpoint)
         if self._awaits_tare and self._cycles.value >= TARE_SAMPLES:
             self._tare()
-        interlock.observe(0)
-        if running and interlock.machine.state is not State.RUNNING:
-            drive = cascade.drive
+        watchdogs = self._watchdogs
+        sensors = (*counts[5:11], counts[0], counts[1], counts[4])
+        faults = watchdogs.look(
+            sensors, saturation, serial, mode, cascade, W, gauges, temperature
+        ) | watchdogs.sound(drive, cascade)
+        if running and mode not in (cascade.mode, Mode.IDENTIFY):
+            # The cascade leaves a mode by itself at the end of an identification, or in doubt.
+            faults |= 1 << Watchdog.CONTROLLER
+        interlock.observe(faults)
+        if interlock.machine.state is not State.RUNNING:
+            cascade.drive = drive = Drive(0.0, self._safe_frequency(drive.frequency))
+        watchdogs.drove(drive.voltage)
         self._put_out.write(drive)
         self._answered_tick.value = tick
         self._read_back.publish(cascade, measurement.W, temperature, saturation, tick)
         if mode == Mode.IDENTIFY:
             self._follow_identification()
-        # The cascade turns itself off when it is done, or in doubt.
         if running and mode != cascade.mode:
             self._mode.value = int(cascade.mode)
             if cascade.reason:
                 self._message.value = cascade.reason
+
+    def _safe_frequency(self, frequency: float) -> float:
+        """Keep a frequency, or take the one put out last where there is none."""
+        return frequency if isfinite(frequency) else self._frequency.si_value
 
     def cut(self) -> None:
         """Turn the cascade off and put the drive at 0 V, now."""
@@ -237,6 +259,7 @@ class StimulatorBlock:
 
     def _reconfigure(self) -> None:
         self._redesign = False
+        self._watchdogs.configure()
         self.cascade.adopt(plate_model(self.od))
         self._show_quality()
         self.cascade.configure(cascade_parameters(self.od))
@@ -254,6 +277,7 @@ class StimulatorBlock:
         if identification.model is not None:
             # The model in force is the one that can be read, and stored.
             self.cascade.adopt(keep_model(self.od, identification.model))
+            self._watchdogs.configure()
             self._show_quality()
 
 

@@ -14,10 +14,12 @@ from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.state_machine import Event, State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.sync_watch import SyncWatch
 from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 from smarttac_can.od.cia import (
     COB_SYNC_PRODUCER,
     EVENT_MANUFACTURER,
+    HEARTBEAT_CONSUMER,
     PDO_COB_ID,
     PDO_TRANSMISSION,
     RPDO_COMMUNICATION,
@@ -36,6 +38,8 @@ _PUBLIC_TPDOS: Final = (2, 3, 4)
 _DRIVE_TPDO: Final = 5
 _MEASUREMENT_RPDOS: Final = (5, 6, 7)
 """The plate's TPDOs 1 to 3."""
+_PLATE_HEARTBEAT_MS: Final = 2000
+"""Two heartbeats of a plate that has not been configured."""
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
@@ -91,6 +95,8 @@ class StimulatorNode(Application):
         self._period = LoopPeriod(self.device)
         self._elapsed = 0
         self._come: set[int] = set()
+        self._absent: set[int] = set()
+        self._sync_watch = SyncWatch(od, self._trip, self.block.interlock.settle, produce_sync)
         self._answered = -1
         self._missed = od["Cycle.Missed deadlines"]
         self._foreign = od["Cycle.Foreign ticks"]
@@ -110,13 +116,30 @@ class StimulatorNode(Application):
 
     def advance(self, microseconds: int) -> list[Frame]:
         """Let time pass; with the plate inside the loop has at most one cycle, however long."""
-        if not self._plate_node_id:
+        if self._plate_node_id:
+            self._sync_watch.advance(microseconds)
+        else:
             self._elapsed += microseconds
             if self._elapsed >= TICK_US:
                 self._elapsed %= TICK_US
                 self.block.tick()
                 self._publish()
         return self.device.advance(microseconds)
+
+    def bus_off(self) -> list[Frame]:
+        """Take note that the CAN controller went bus-off."""
+        self._trip(Watchdog.BUS_OFF)
+        return self.device.bus_off()
+
+    def bus_recovered(self) -> list[Frame]:
+        """Take note that the bus is there again."""
+        self.block.interlock.settle(Watchdog.BUS_OFF)
+        return self.device.bus_recovered()
+
+    def transmit_failed(self) -> list[Frame]:
+        """Take note that a frame could not be sent, the transmit queue being full."""
+        self._trip(Watchdog.TRANSMIT_QUEUE)
+        return self.device.take()
 
     def missed(self, ticks: int) -> None:
         """Count ticks that the clock has passed over."""
@@ -147,14 +170,36 @@ class StimulatorNode(Application):
             interlock.leave()
             self._come.clear()
             self._answered = -1
-        if state not in _RESETS:
+            self._sync_watch.restart()
+        if state in _RESETS:
+            self._absent.clear()
+        else:
             # What was latched in a reset, or before it, is reported when there is a device again.
             for watchdog in watchdogs_in(interlock.latched):
                 self._report(watchdog)
 
+    def on_sync(self) -> None:
+        """Look at when the SYNC comes, and at its counter."""
+        if self._plate_node_id:
+            self._sync_watch.heard(self.device.sync_counter)
+
+    def on_error_control(self, node_id: int, lost: bool) -> None:
+        """Stop when a watched node falls silent."""
+        self._absent ^= {node_id}
+        if lost:
+            self._trip(Watchdog.HEARTBEAT)
+        elif not self._absent:
+            self.block.interlock.settle(Watchdog.HEARTBEAT)
+
+    def on_rpdo_timeout(self, number: int) -> None:
+        """Stop when the plate's measurements or the master's set-points stay away."""
+        measured = number in _MEASUREMENT_RPDOS
+        self._trip(Watchdog.MEASUREMENT if measured else Watchdog.SETPOINT)
+
     def on_rpdo(self, number: int) -> None:
         """Obey a controlword; pair the measurements of a tick and answer the last of them."""
         if number not in _MEASUREMENT_RPDOS:
+            self.block.interlock.settle(Watchdog.SETPOINT)
             before = self.block.interlock.state
             self.block.take_controlword()
             self._show_change(before)
@@ -175,6 +220,7 @@ class StimulatorNode(Application):
             return
         if self._period.agrees():
             self._answered = tick
+            self.block.interlock.settle(Watchdog.MEASUREMENT)
             self.block.cycle()
             self.device.trigger(_DRIVE_TPDO)
             self._publish()
@@ -207,9 +253,9 @@ class StimulatorNode(Application):
 
     def _trip(self, watchdog: Watchdog) -> None:
         """Trip a watchdog between two cycles: the plate node is told at once."""
+        before = self.block.interlock.state
         self.block.interlock.trip(watchdog)
-        if self._plate_node_id:
-            self.device.trigger(_DRIVE_TPDO)
+        self._show_change(before)
 
     def _publish(self) -> None:
         trigger = self.device.trigger
@@ -217,6 +263,13 @@ class StimulatorNode(Application):
         for number, transmission in self._types:
             if transmission.value == EVENT_MANUFACTURER:
                 trigger(number)
+
+    def _watch_plate(self) -> None:
+        """Watch the plate's heartbeat by the last entry, unless that or another is taken."""
+        members = self.od.objects[HEARTBEAT_CONSUMER].entries
+        watched = [entry for subindex, entry in members.items() if subindex]
+        if watched[-1].value == 0 and self._plate_node_id not in [e.value >> 16 for e in watched]:
+            watched[-1].value = self._plate_node_id << 16 | _PLATE_HEARTBEAT_MS
 
     def _link(self) -> None:
         """Give the PDOs of the loop the plate's COB-IDs, and SYNC the period of the loop."""
@@ -227,5 +280,6 @@ class StimulatorNode(Application):
         drive = od.entry(TPDO_COMMUNICATION + _DRIVE_TPDO - 1, PDO_COB_ID)
         drive.value = RPDO_IDS[0] + plate
         od.entry(SYNC_PERIOD).value = TICK_US
+        self._watch_plate()
         if self._produce_sync:
             od.entry(SYNC_COB_ID).value |= COB_SYNC_PRODUCER

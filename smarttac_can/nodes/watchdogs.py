@@ -15,6 +15,7 @@ GAUGE_CYCLES: Final = 5
 EXCESS_CYCLES: Final = 3
 SILENT_CYCLES: Final = 10
 RESONANCE_CYCLES: Final = 100
+SYNC_LOST_CYCLES: Final = 3
 SYNC_WINDOW_CYCLES: Final = 8
 
 
@@ -90,7 +91,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     ),
     Watchdog.SYNC_LOST: Row(
         "SYNC is lost",
-        EmergencyCode.SYNC_LOST, _COMMUNICATION, 3, "two lost SYNCs pass, a third does not",
+        EmergencyCode.SYNC_LOST, _COMMUNICATION, SYNC_LOST_CYCLES,
+        "two lost SYNCs pass, a third does not",
     ),
     Watchdog.SYNC_IRREGULAR: Row(
         "SYNC is irregular",

@@ -1,0 +1,229 @@
+"""The watchdogs that look at every measurement and drive of the loop."""
+
+from __future__ import annotations
+
+from math import exp, hypot, isfinite
+from typing import Final
+
+from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.control.model import TICK
+from smarttac_can.control.vibration import AMPLITUDE_MIN
+from smarttac_can.nodes.watchdogs import (
+    AMPLITUDE_CYCLES,
+    EXCESS_CYCLES,
+    GAUGE_CYCLES,
+    RESONANCE_CYCLES,
+    SATURATED_CYCLES,
+    SILENT_CYCLES,
+    STUCK_GAUGE_CYCLES,
+    STUCK_THERMOMETER_CYCLES,
+    Watchdog,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.signals import Drive
+
+_PLATE_END: Final = 0.038
+"""End of the plate in m from its middle: a finger presses no farther out."""
+_FRICTION_MAX: Final = 2.0
+"""Largest Ft/Fn a finger can have; that of a wet one is near 1.5."""
+_EXCESS: Final = 1.5
+"""Vibration over that of the model, at most: fingers and detuning only take away from it."""
+_EXCESS_UNIDENTIFIED: Final = 5.0
+"""The same while the model is still to be identified."""
+_EXCESS_OFFSET: Final = 100e-9
+"""Vibration in m that needs no voltage: noise, and the tail of one that dies down."""
+_SILENCE: Final = 0.05
+"""Vibration over that of the model, at least; at the ends of the frequency range it is 0.2."""
+_SILENCE_FROM: Final = 200e-9
+"""Vibration of the model in m from which silence is looked for."""
+_SLACK: Final = 1.0 + 1e-9
+_TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+_BITS: Final = {watchdog: 1 << watchdog for watchdog in Watchdog}
+_VOLTAGE = _BITS[Watchdog.VOLTAGE]
+_CONTROLLER = _BITS[Watchdog.CONTROLLER]
+_AMPLITUDE = _BITS[Watchdog.AMPLITUDE]
+_TEMPERATURE = _BITS[Watchdog.TEMPERATURE]
+_NORMAL = _BITS[Watchdog.NORMAL_FORCE]
+_LATERAL = _BITS[Watchdog.LATERAL_FORCE]
+_SATURATED = _BITS[Watchdog.SATURATED]
+_STUCK = _BITS[Watchdog.STUCK]
+_GAUGES = _BITS[Watchdog.GAUGES]
+_PICKUP = _BITS[Watchdog.PICKUP]
+_RESONANCE = _BITS[Watchdog.RESONANCE]
+_CALIBRATION = _BITS[Watchdog.CALIBRATION]
+
+
+class CyclicWatchdogs:
+    """Counters and limits of one loop; `configure` takes over objects that have changed.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    """
+
+    __slots__ = (
+        "_E",
+        "_Fn_max",
+        "_Ft_max",
+        "_V",
+        "_W_trip",
+        "_above",
+        "_decay",
+        "_detuned",
+        "_excess",
+        "_gain",
+        "_last",
+        "_mismatch",
+        "_od",
+        "_odd",
+        "_repeats",
+        "_saturated",
+        "_serial",
+        "_silent",
+        "_temperature_max",
+    )
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self._od = od
+        self.configure()
+        self.reset()
+
+    def configure(self) -> None:
+        """Read limits, model and calibration."""
+        od = self._od
+        self._W_trip = od["Limit.Amplitude trip"].si_value
+        self._temperature_max = od["Limit.Temperature"].si_value
+        self._Fn_max = od["Limit.Normal force"].si_value
+        self._Ft_max = od["Limit.Lateral force"].si_value
+        self._mismatch = od["Limit.Gauge mismatch"].si_value
+        self._gain = od["Model.Gain per volt"].si_value
+        self._decay = exp(-TICK / od["Model.Tau"].si_value)
+        self._serial = od["Calibration.Plate serial number"].value
+
+    def reset(self) -> None:
+        """Forget what was seen: the plate is at rest."""
+        self._E = self._V = 0.0
+        self._last: tuple[int, ...] = ()
+        self._repeats = [0] * 9
+        self._above = self._saturated = self._odd = self._excess = self._silent = self._detuned = 0
+
+    def sound(self, drive: Drive, cascade: Cascade) -> int:
+        """Look at a drive before it goes out; return bits, 0 for a sound one."""
+        V, f = drive
+        p = cascade.parameters
+        if not isfinite(V + f) or V < 0.0 or not p.f_min <= f <= p.f_max:
+            return _CONTROLLER
+        return _VOLTAGE if V / _SLACK > p.V_max else 0
+
+    def look(
+        self, sensors: tuple[int, ...], saturation: int, serial: int, mode: int, cascade: Cascade,
+        W: complex, gauges: tuple[float, float, float, float, float, float], temperature: float,
+    ) -> int:  # fmt: skip
+        """Look at a cycle.
+
+        Parameters
+        ----------
+        sensors
+            Raw values of S1 to S6, W_d, W_q and the thermometer.
+        saturation
+            Sensors at the end of their range.
+        serial
+            Serial number of the plate.
+        mode
+            Mode that the drive in force came from.
+        cascade
+            The controllers after the cycle.
+        W, gauges, temperature
+            What the plate measured, in SI units.
+
+        Returns
+        -------
+        int
+            Faults that are present, as bits.
+        """
+        faults = 0
+        if serial != self._serial or not serial:
+            faults |= _CALIBRATION
+        if temperature > self._temperature_max:
+            faults |= _TEMPERATURE
+        self._saturated = self._saturated + 1 if saturation else 0
+        if self._saturated >= SATURATED_CYCLES:
+            faults |= _SATURATED
+        if self._stuck(sensors):
+            faults |= _STUCK
+        if cascade.tribometer.tared:
+            faults |= self._forces(gauges, cascade)
+        return faults | self._vibration(W, abs(W), mode)
+
+    def drove(self, voltage: float) -> None:
+        """Remember the voltage in V that is in force until the next measurement."""
+        self._V = voltage
+
+    def _stuck(self, sensors: tuple[int, ...]) -> bool:
+        """Count samples that are the same as before, although noise makes them differ."""
+        repeats = self._repeats
+        stuck = False
+        for at, (now, before) in enumerate(zip(sensors, self._last, strict=False)):
+            if now != before:
+                repeats[at] = 0
+            else:
+                repeats[at] += 1
+                if repeats[at] >= STUCK_GAUGE_CYCLES - 1:
+                    stuck |= at < 8 or repeats[at] >= STUCK_THERMOMETER_CYCLES - 1
+        self._last = sensors
+        return stuck
+
+    def _forces(
+        self, gauges: tuple[float, float, float, float, float, float], cascade: Cascade
+    ) -> int:
+        faults = 0
+        contact = cascade.contact
+        Fn = contact.Fn
+        Ft = hypot(contact.Fx, contact.Fy)
+        if Fn > self._Fn_max:
+            faults = _NORMAL
+        if Ft > self._Ft_max:
+            faults |= _LATERAL
+        _, _, o3, o4, o5, o6 = cascade.tribometer.offsets
+        _, _, s3, s4, s5, s6 = gauges
+        s3 -= o3
+        s4 -= o4
+        s5 -= o5
+        s6 -= o6
+        x3, x4, x5, x6 = cascade.parameters.gauge_positions
+        mismatch = self._mismatch
+        load = Fn if Fn > 0.0 else 0.0
+        # A rigid plate rests on its diagonals alike, wherever the finger is.
+        if (
+            abs(s3 - s4 - s5 + s6) > mismatch
+            or abs(x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) > _PLATE_END * (load + mismatch)
+            or Fn < -mismatch
+            or Ft > _FRICTION_MAX * load + mismatch
+        ):
+            self._odd += 1
+            if self._odd >= GAUGE_CYCLES:
+                faults |= _GAUGES
+        else:
+            self._odd = 0
+        return faults
+
+    def _vibration(self, W: complex, amplitude: float, mode: int) -> int:
+        faults = 0
+        driven = self._gain * self._V
+        # No detuning and no finger makes the plate vibrate more than at its bare resonance.
+        self._E = E = driven + (self._E - driven) * self._decay
+        self._above = self._above + 1 if amplitude > self._W_trip else 0
+        if self._above >= AMPLITUDE_CYCLES:
+            faults = _AMPLITUDE
+        most = _EXCESS_UNIDENTIFIED if mode == Mode.IDENTIFY else _EXCESS
+        self._excess = self._excess + 1 if amplitude > most * E + _EXCESS_OFFSET else 0
+        silent = E > _SILENCE_FROM and amplitude < _SILENCE * E
+        self._silent = self._silent + 1 if silent else 0
+        if self._excess >= EXCESS_CYCLES or self._silent >= SILENT_CYCLES:
+            faults |= _PICKUP
+        detuned = mode in _TRACKED and amplitude > AMPLITUDE_MIN and abs(W.imag) > W.real
+        self._detuned = self._detuned + 1 if detuned else 0
+        if self._detuned >= RESONANCE_CYCLES:
+            faults |= _RESONANCE
+        return faults
