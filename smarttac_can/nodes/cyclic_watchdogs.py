@@ -114,7 +114,7 @@ class CyclicWatchdogs:
         p = cascade.parameters
         if not isfinite(V + f) or V < 0.0 or not p.f_min <= f <= p.f_max:
             return _CONTROLLER
-        return _VOLTAGE if V / _SLACK > p.V_max else 0
+        return 0 if -p.V_max * _SLACK <= -V else _VOLTAGE
 
     def look(
         self, sensors: tuple[int, ...], saturation: int, serial: int, mode: int, cascade: Cascade,

@@ -19,6 +19,8 @@ TICK_MASK: Final = 0xFF
 START_RUN: Final = "Simulation.Start run"
 FAULT_KIND: Final = "Fault.Kind"
 _NEVER: Final = -1
+UNANSWERED_MAX: Final = 3
+"""Measurements in a row without an answer in time, after which a driven plate bars itself."""
 LIFTED, STROKE, RECORDED = range(3)
 """Values of ``Finger.Motion``."""
 
@@ -41,6 +43,8 @@ class PlateBlock:
     ----------
     plate
         The plate of the present run, for tests and reports.
+    barred
+        Whether it waits for a drive of 0 V before it takes a voltage.
     """
 
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
@@ -78,6 +82,8 @@ class PlateBlock:
         self._fault_in = _NEVER
         self._stuck_voltage = 0.0
         self._voltage.value = 0
+        self.barred = False
+        self._unanswered = 0
         self._moving = False
         self._answered = False
         self._driven = False
@@ -96,6 +102,9 @@ class PlateBlock:
         if self._moving:
             if self._driven and not self._answered:
                 self._lost.value += 1
+                self._unanswered += 1
+                if self._unanswered >= UNANSWERED_MAX:
+                    self.bar()
             plate.step(self._old, self._new)
             self._old = self._new
         self._moving = True
@@ -109,15 +118,21 @@ class PlateBlock:
     def take_drive(self) -> None:
         """Take the drive in the object dictionary if it answers the present tick.
 
-        Anything else, a second answer included, is ignored and counted. 0 V is always taken.
+        Anything else, a second answer included, is ignored and counted. 0 V is always taken, and
+        lifts the bar of `bar`.
         """
         if self._voltage.value != 0:
+            if self.barred:
+                return
             if self._drive_tick.value != self.tick.value or self._answered or not self._moving:
                 self._foreign.value += 1
                 return
             self._driven = True
+        elif self.barred:
+            self.barred = False
         if self._drive_tick.value == self.tick.value:
             self._answered = True
+            self._unanswered = 0
         voltage = self._voltage.si_value
         if self._stuck_voltage and voltage:
             voltage = self._stuck_voltage
@@ -130,6 +145,11 @@ class PlateBlock:
         self._driven = False
         self._old = self._new = Drive(0.0, self._new.frequency)
         self._show_stage()
+
+    def bar(self) -> None:
+        """Put the power stage at 0 V; if it drove, it takes no voltage before it was told 0 V."""
+        self.barred = self.barred or self._driven
+        self.switch_off()
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object by name; raises `Abort` as an SDO write would."""

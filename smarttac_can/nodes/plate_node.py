@@ -12,7 +12,13 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.storage import Storage
 from smarttac_can.nodes.loop_period import LoopPeriod
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.od.cia import CAN_ID_MASK, PDO_COB_ID, TPDO_COMMUNICATION
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    PDO_COB_ID,
+    TPDO_COMMUNICATION,
+    EmergencyCode,
+    ErrorRegister,
+)
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
 
@@ -50,6 +56,11 @@ class PlateNode(Application):
         self.device = Device(od, self, storage=storage, node_id=node_id)
         self._period = LoopPeriod(self.device)
         self._measures = True
+        self._voltage = od["Drive.Voltage"]
+        self._temperature = od["Vibration.Temperature"]
+        self._voltage_max = od["Limit.Voltage"]
+        self._temperature_max = od["Limit.Temperature"]
+        self._protecting: set[EmergencyCode] = set()
         self.advance = self.device.advance
 
     def start(self) -> list[Frame]:
@@ -79,7 +90,9 @@ class PlateNode(Application):
                 self.block.write(name, raw)
             self.block.start_run()
         elif state is not NMTState.OPERATIONAL:
-            self.block.switch_off()
+            self.block.bar()
+        if state is NMTState.RESET_COMMUNICATION:
+            self._protecting.clear()
 
     def on_sync(self) -> None:
         """Step to this tick and sample; the measurement TPDOs follow."""
@@ -88,16 +101,38 @@ class PlateNode(Application):
         self._measures = self._period.agrees()
         if self._measures:
             self.block.cycle()
+            if self._temperature.value > self._temperature_max.value:
+                self._protect(EmergencyCode.TEMPERATURE, ErrorRegister.TEMPERATURE)
+            elif self.block.barred and not self._protecting:
+                self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
 
     def on_rpdo(self, number: int) -> None:
-        """Take a drive."""
-        if number == _DRIVE_RPDO:
-            self.block.take_drive()
+        """Take a drive, unless its voltage is above the plate's own limit, or the plate is too hot."""
+        if number != _DRIVE_RPDO:
+            return
+        if self._voltage.value > self._voltage_max.value:
+            self._protect(EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE)
+            return
+        hot = self._temperature.value > self._temperature_max.value
+        if hot and self._voltage.value:
+            return
+        self.block.take_drive()
+        if self._protecting and not self.block.barred and not hot:
+            for code in sorted(self._protecting):
+                self.device.clear_emergency(code)
+            self._protecting.clear()
 
     def on_rpdo_timeout(self, number: int) -> None:
         """Go to 0 V when the drives stay away."""
         if number == _DRIVE_RPDO:
-            self.block.switch_off()
+            self.block.bar()
+
+    def _protect(self, code: EmergencyCode, register: ErrorRegister) -> None:
+        """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
+        self.block.bar()
+        if code not in self._protecting:
+            self._protecting.add(code)
+            self.device.emergency(code, register)
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Start a run, or refuse the recorded finger where there is none."""

@@ -80,14 +80,14 @@ def test_a_process_that_dies(who: str, multicast: dict[str, Any], short_cycle: N
 
 
 class LossyBus(PythonCanBus):
-    """Loses one frame in fifty of those that carry the loop."""
+    """Loses one frame in 250 of those that carry the loop."""
 
     def __init__(self, seed: int, options: dict[str, Any]) -> None:
         super().__init__(**options)
         self._random = random.Random(seed)
 
     def send(self, frame: Frame) -> None:
-        if 0x180 <= frame.can_id < 0x500 and self._random.random() < 0.02:
+        if 0x180 <= frame.can_id < 0x500 and self._random.random() < 0.004:
             return
         super().send(frame)
 
