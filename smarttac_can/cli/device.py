@@ -6,14 +6,24 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.options import (
+    NODE_ID,
+    BusChoice,
+    bus_options,
+    own_node_id,
+    unconfigured_option,
+)
 from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.device.device import Device
+from smarttac_can.host.eds_files import read_eds_file
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.runner import run_node
 from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.od.eds import load_eds
+
+_DEFAULT_ID = 1
 
 
 @click.command(
@@ -26,7 +36,10 @@ from smarttac_can.od.eds import load_eds
     required=True,
     help="Data sheet or DCF that says what the device has.",
 )
-@click.option("--node-id", type=NODE_ID, default=1, show_default=True)
+@click.option(
+    "--node-id", type=NODE_ID, help="Wins over a stored one; without, the stored one or else 1."
+)
+@unconfigured_option
 @bus_options
 @click.option("--autostart", is_flag=True, help="OPERATIONAL without waiting for a master.")
 @click.option(
@@ -41,7 +54,8 @@ from smarttac_can.od.eds import load_eds
 )
 def device(
     eds: Path,
-    node_id: int,
+    node_id: int | None,
+    unconfigured: bool,
     bus: BusChoice,
     autostart: bool,
     lockstep: bool,
@@ -53,13 +67,13 @@ def device(
     written is read back, and TPDOs carry it.
     """
     with plain_errors():
-        od = load_eds(eds.read_text(encoding="latin-1"), node_id)
+        fixed = own_node_id(node_id, unconfigured)
+        od = load_eds(read_eds_file(eds), _DEFAULT_ID if node_id is None else node_id)
         for warning in od.warnings:
             click.echo(f"{eds}: {warning}", err=True)
         file = None if storage is None else StorageFile(storage)
-        node = PlainNode(Device(od, autostart=autostart, storage=file, node_id=node_id))
+        node = PlainNode(Device(od, autostart=autostart, storage=file, node_id=fixed))
         with stop_on_signals() as stop:
             connection = bus.open()
-            click.echo(f"device {node_id} ready on {bus.where}")
-            run_node(node, connection, stop, lockstep=lockstep)
-        click.echo(f"device {node_id} stopped")
+            lines = StateLines("device", bus.where, node, click.echo)
+            run_node(lines, connection, stop, lockstep=lockstep)

@@ -9,7 +9,15 @@ from pathlib import Path
 import click
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.cli.options import NODE_ID, BusChoice, Command, bus_options, with_options
+from smarttac_can.cli.options import (
+    NODE_ID,
+    BusChoice,
+    Command,
+    bus_options,
+    own_node_id,
+    unconfigured_option,
+    with_options,
+)
 from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.host.eds_files import read_eds, read_eds_file
@@ -62,6 +70,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
             type=NODE_ID,
             help=f"Wins over a stored one; without, the stored one or else {node_id}.",
         ),
+        unconfigured_option,
         click.option(
             "--lockstep",
             is_flag=True,
@@ -114,6 +123,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
 @click.option("--produce-sync", is_flag=True, help="Produce the SYNC that is the plate's tick.")
 def node(
     node_id: int | None,
+    unconfigured: bool,
     lockstep: bool,
     finger: tuple[int, Trajectory | None],
     subject: int,
@@ -129,6 +139,7 @@ def node(
         raise click.UsageError("--produce-sync is the tick of a --plate-node: none is given")
     if produce_sync and lockstep:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
+    fixed = own_node_id(node_id, unconfigured)
     own = STIMULATOR_ID if node_id is None else node_id
     if plate_node == own:
         raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
@@ -138,14 +149,14 @@ def node(
         if plate_node is None:
             inside = PlateBlock(_load("plate.eds", None, PLATE_ID), recording)
             presets = _finger_presets(motion, subject, seed)
-            device = StimulatorNode(od, inside, presets=presets, storage=storage, node_id=node_id)
+            device = StimulatorNode(od, inside, presets=presets, storage=storage, node_id=fixed)
         else:
             device = StimulatorNode(
                 od,
                 plate_node_id=plate_node,
                 produce_sync=produce_sync,
                 storage=storage,
-                node_id=node_id,
+                node_id=fixed,
             )
         _run("stimulator", device, lockstep, bus)
 
@@ -154,6 +165,7 @@ def node(
 @node_options(PLATE_ID)
 def plate(
     node_id: int | None,
+    unconfigured: bool,
     lockstep: bool,
     finger: tuple[int, Trajectory | None],
     subject: int,
@@ -167,7 +179,8 @@ def plate(
         motion, recording = finger
         presets = _finger_presets(motion, subject, seed)
         od = _load("plate.eds", eds, PLATE_ID if node_id is None else node_id)
-        device = PlateNode(od, presets, recording, storage=storage, node_id=node_id)
+        fixed = own_node_id(node_id, unconfigured)
+        device = PlateNode(od, presets, recording, storage=storage, node_id=fixed)
         _run("plate", device, lockstep, bus)
 
 

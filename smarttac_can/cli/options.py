@@ -13,6 +13,7 @@ import click
 
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.od.cia import UNCONFIGURED
 
 Command = Callable[..., Any]
 NODE_ID = click.IntRange(1, 127)
@@ -28,6 +29,26 @@ timeout_option = click.option(
     show_default=True,
     help="Longest wait for an answer in s.",
 )
+
+
+unconfigured_option = click.option(
+    "--unconfigured",
+    is_flag=True,
+    help="Wait for LSS to give a node-ID, unless one is stored.",
+)
+
+
+def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
+    """Node-ID that wins over a stored one, `UNCONFIGURED` for none at all, or None for a default.
+
+    Raises
+    ------
+    click.UsageError
+        If a node-ID is given to an unconfigured device.
+    """
+    if unconfigured and node_id is not None:
+        raise click.UsageError(f"--unconfigured has no --node-id, but {node_id} is given")
+    return UNCONFIGURED if unconfigured else node_id
 
 
 class BusChoice(NamedTuple):

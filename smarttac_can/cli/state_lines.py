@@ -7,8 +7,10 @@ from collections.abc import Callable
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import UNCONFIGURED
 
 
 class StateLines:
@@ -27,7 +29,11 @@ class StateLines:
     """
 
     def __init__(
-        self, name: str, where: str, node: StimulatorNode | PlateNode, say: Callable[[str], None]
+        self,
+        name: str,
+        where: str,
+        node: StimulatorNode | PlateNode | PlainNode,
+        say: Callable[[str], None],
     ) -> None:
         self._name = name
         self._where = where
@@ -35,6 +41,7 @@ class StateLines:
         self._line = say
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
+        self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
         self.missed = getattr(node, "missed", lambda ticks: None)
@@ -59,14 +66,15 @@ class StateLines:
         return frames
 
     def shutdown(self) -> list[Frame]:
-        """Leave the plate at 0 V, and say so."""
+        """Stop, a plate at 0 V, and say so."""
         frames = self._node.shutdown()
-        self._say(f"{self._title} stopped at 0 V")
+        self._say(f"{self._title} {self._farewell}")
         return frames
 
     @property
     def _title(self) -> str:
-        return f"{self._name} {self._device.node_id}"
+        node_id = self._device.node_id
+        return f"{self._name} {'without node-ID' if node_id == UNCONFIGURED else node_id}"
 
     def _say(self, line: str) -> None:
         try:
