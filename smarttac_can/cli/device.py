@@ -17,6 +17,7 @@ from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.device.device import Device
 from smarttac_can.host.eds_files import read_eds_file
+from smarttac_can.host.lasting_bus import LastingBus
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.runner import run_node
 from smarttac_can.host.storage_file import StorageFile
@@ -74,6 +75,6 @@ def device(
         file = None if storage is None else StorageFile(storage)
         node = PlainNode(Device(od, autostart=autostart, storage=file, node_id=fixed))
         with stop_on_signals() as stop:
-            connection = bus.open()
             lines = StateLines("device", bus.where, node, click.echo)
-            run_node(lines, connection, stop, lockstep=lockstep)
+            lasting = LastingBus(bus.open, lost=lines.lost, back=lines.back, full=lines.full)
+            run_node(lines, lasting, stop, lockstep=lockstep)

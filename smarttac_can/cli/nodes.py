@@ -22,6 +22,7 @@ from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.finger_file import read_finger
+from smarttac_can.host.lasting_bus import LastingBus
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.runner import run_node
 from smarttac_can.host.storage_file import StorageFile
@@ -214,4 +215,5 @@ def _blaming(eds: Path | None) -> Iterator[None]:
 def _run(name: str, device: StimulatorNode | PlateNode, lockstep: bool, bus: BusChoice) -> None:
     with stop_on_signals() as stop:
         lines = StateLines(name, bus.where, device, click.echo)
-        run_node(lines, bus.open(), stop, lockstep=lockstep)
+        lasting = LastingBus(bus.open, lost=lines.lost, back=lines.back, full=lines.full)
+        run_node(lines, lasting, stop, lockstep=lockstep)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.host.bus import BusError
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -44,6 +45,10 @@ class StateLines:
         self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
+        stimulator = node if isinstance(node, StimulatorNode) else None
+        self._off = stimulator.bus_off if stimulator else node.device.bus_off
+        self._recovered = stimulator.bus_recovered if stimulator else node.device.bus_recovered
+        self._unsent = stimulator.transmit_failed if stimulator else node.shutdown
         self.missed = getattr(node, "missed", lambda ticks: None)
 
     def start(self) -> list[Frame]:
@@ -70,6 +75,21 @@ class StateLines:
         frames = self._node.shutdown()
         self._say(f"{self._title} {self._farewell}")
         return frames
+
+    def lost(self, reason: BusError) -> None:
+        """Take note that there is no bus; what the node has to say of it reaches nobody."""
+        self._off()
+        self._say(f"{self._title} lost {self._where}, at 0 V: {reason}")
+
+    def back(self) -> list[Frame]:
+        """Take note that the bus is there again."""
+        self._say(f"{self._title} back on {self._where}")
+        return self._recovered()
+
+    def full(self, reason: BusError) -> None:
+        """Take note that a frame could not be sent."""
+        self._unsent()
+        self._say(f"{self._title} {reason}")
 
     @property
     def _title(self) -> str:

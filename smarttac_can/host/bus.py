@@ -15,6 +15,10 @@ class BusError(Exception):
     """The bus cannot be opened, or carries no more frames."""
 
 
+class QueueFullError(BusError):
+    """The transmit queue takes no more frames for now; the bus itself may be well."""
+
+
 class Bus(Protocol):
     """One party's connection to a CAN bus."""
 

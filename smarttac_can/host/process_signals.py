@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as a question a loop can ask, so that it ends in its own time."""
+"""Signals that end a process as a question a loop can ask, so that it ends in its own time."""
 
 from __future__ import annotations
 
@@ -7,24 +7,25 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+# Windows has no SIGHUP.
+_ENDING = [signal.SIGINT, signal.SIGTERM, *filter(None, [getattr(signal, "SIGHUP", None)])]
+
 
 @contextmanager
 def stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Catch SIGINT and SIGTERM while the block runs, then put the previous handlers back.
+    """Catch SIGINT, SIGTERM and a closed terminal while the block runs, then let go of them.
 
     Yields
     ------
     Callable
-        Whether one of the two has come. To be used in the main thread, as Python asks for.
+        Whether one of them has come. To be used in the main thread, as Python asks for.
     """
     caught: list[int] = []
 
     def remember(number: int, _frame: FrameType | None) -> None:
         caught.append(number)
 
-    previous = {
-        number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    previous = {number: signal.signal(number, remember) for number in _ENDING}
     try:
         yield lambda: bool(caught)
     finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from time import monotonic, sleep, time_ns
 from typing import Any
 
@@ -9,9 +10,10 @@ import can
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import BusError, LogHook
+from smarttac_can.host.bus import BusError, LogHook, QueueFullError
 
 _SEND_TRIES = 100
+_QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
 _SEND_PAUSE_S = 0.001
 
 
@@ -80,8 +82,10 @@ class PythonCanBus:
 
         Raises
         ------
+        QueueFullError
+            If the queue is still full.
         BusError
-            If the bus still takes no frame.
+            If the bus takes no frame for another reason.
         """
         message = to_message(frame)
         message.channel = self._mark
@@ -95,7 +99,8 @@ class PythonCanBus:
                 if self._log is not None:
                     self._log(time_ns() // 1000, frame)
                 return
-        raise BusError(f"cannot send frame {frame.can_id:03X}: {reason}") from reason
+        kind = QueueFullError if _is_queue_full(reason) else BusError
+        raise kind(f"cannot send frame {frame.can_id:03X}: {reason}") from reason
 
     def receive(self, timeout: float) -> Frame | None:
         """Return the next classical 11-bit frame of another party.
@@ -136,3 +141,8 @@ class PythonCanBus:
 
     def _hears_itself(self) -> bool:
         return isinstance(self._bus, UdpMulticastBus)
+
+
+def _is_queue_full(reason: can.CanError | OSError) -> bool:
+    number = reason.error_code if isinstance(reason, can.CanError) else reason.errno
+    return number in _QUEUE_FULL

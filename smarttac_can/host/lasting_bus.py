@@ -1,0 +1,104 @@
+"""A connection that outlives its interface: unplugged and plugged in again, down and up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from time import monotonic, sleep
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import Bus, BusError, QueueFullError
+
+FIRST_WAIT_S = 0.1
+LONGEST_WAIT_S = 5.0
+_NAP_S = 0.02
+
+
+class LastingBus:
+    """Opens its bus again, at growing intervals, whenever it has failed.
+
+    While there is no bus, frames are dropped: they are about a moment that is over when it is back.
+
+    Parameters
+    ----------
+    open_bus
+        Opens the bus; raises BusError. Called at once, and then must not fail.
+    lost
+        Told why there is no bus any more.
+    back
+        Told that it is there again; what it returns is sent.
+    full
+        Told that a frame was dropped because the transmit queue is full.
+    clock, pause
+        Monotonic time in s, and a wait of so many s.
+    """
+
+    def __init__(
+        self,
+        open_bus: Callable[[], Bus],
+        *,
+        lost: Callable[[BusError], None],
+        back: Callable[[], list[Frame]],
+        full: Callable[[BusError], None],
+        clock: Callable[[], float] = monotonic,
+        pause: Callable[[float], None] = sleep,
+    ) -> None:
+        self._open = open_bus
+        self._lost = lost
+        self._back = back
+        self._full = full
+        self._clock = clock
+        self._pause = pause
+        self._wait = FIRST_WAIT_S
+        self._next_try = 0.0
+        self._bus: Bus | None = open_bus()
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame if there is a bus."""
+        if self._bus is None:
+            return
+        try:
+            self._bus.send(frame)
+        except QueueFullError as error:
+            self._full(error)
+        except BusError as error:
+            self._lose(error)
+
+    def receive(self, timeout: float) -> Frame | None:
+        """Return the next frame of another party, or None after timeout s; tries to get back."""
+        if self._bus is None:
+            self._try_again()
+        if self._bus is None:
+            self._pause(min(timeout, _NAP_S))
+            return None
+        try:
+            return self._bus.receive(timeout)
+        except BusError as error:
+            self._lose(error)
+            return None
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+
+    def _lose(self, reason: BusError) -> None:
+        with suppress(BusError):
+            self.close()
+        self._bus = None
+        self._wait = FIRST_WAIT_S
+        self._next_try = self._clock() + self._wait
+        self._lost(reason)
+
+    def _try_again(self) -> None:
+        if self._clock() < self._next_try:
+            return
+        try:
+            self._bus = self._open()
+        except BusError:
+            self._wait = min(2.0 * self._wait, LONGEST_WAIT_S)
+            self._next_try = self._clock() + self._wait
+            return
+        for frame in self._back():
+            self.send(frame)
