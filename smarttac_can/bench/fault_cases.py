@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from struct import pack
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.bench.rig import (
-    MASTER_LOST_MS,
     NMT_PRE_OPERATIONAL,
     NMT_RESET_COMMUNICATION,
     NMT_RESET_NODE,
     NMT_STOP,
+    NODE_LOST_MS,
     Rig,
 )
 from smarttac_can.control.cascade import Cascade, Mode
@@ -19,7 +20,6 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.faulty_bus import Disturbance, Mishap
 from smarttac_can.nodes.watchdogs import (
     AMPLITUDE_CYCLES,
-    EXCESS_CYCLES,
     GAUGE_CYCLES,
     RESONANCE_CYCLES,
     SATURATED_CYCLES,
@@ -48,8 +48,14 @@ DRIVE: Final = RPDO_IDS[0] + PLATE_ID
 PDO_DEADLINE_MS: Final = 3
 """Event timers of the drive at the plate, and of the measurements at the stimulator."""
 SETPOINT_DEADLINE_MS: Final = 5
+FORCE_PATH_CYCLES: Final = 6
+"""What flexure and filter of 100 Hz take to show half of a sudden force, and a cycle."""
 PAUSE_CYCLES: Final = 2000
 _SETPOINT_RPDO: Final = 2
+_SETPOINT_PDO: Final = Frame(
+    RPDO_IDS[_SETPOINT_RPDO - 1] + STIMULATOR_ID, pack("<HI", 4000, 4_339_000)
+)
+"""Set-points of voltage and frequency, 40 V at the resonance."""
 
 Act = Callable[[Rig], None]
 
@@ -201,12 +207,16 @@ def _another_plate(serial: int) -> Act:
     return act
 
 
+def _lower_force_limit(rig: Rig) -> None:
+    """Have a lateral limit that lies well within the range of the gauges."""
+    rig.write("Limit.Lateral force", 1000)
+
+
 def _send_setpoints(rig: Rig) -> None:
     """Have the master send set-points in each cycle, and the stimulator expect them."""
     timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
     rig.write_entry(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
-    data = b"".join(rig.od[f"Setpoint.{name}"].pack() for name in ("Voltage", "Frequency"))
-    rig.each_cycle.append(Frame(RPDO_IDS[_SETPOINT_RPDO - 1] + STIMULATOR_ID, data))
+    rig.each_cycle.append(_SETPOINT_PDO)
 
 
 def _skip_syncs(rig: Rig) -> None:
@@ -258,17 +268,15 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _nmt("NMT reset of the plate", NMT_RESET_NODE, PLATE_ID, 1),
     _nmt("NMT stop, plate inside", NMT_STOP, STIMULATOR_ID, 1, inside=True),
     FaultCase(
-        "heartbeat of the master lost", MASTER_LOST_MS, _set("heartbeat", False),
+        "heartbeat of the master lost", NODE_LOST_MS, _set("heartbeat", False),
         _set("heartbeat", True),
     ),
     FaultCase(
-        "heartbeat of the master lost, plate inside", MASTER_LOST_MS, _set("heartbeat", False),
+        "heartbeat of the master lost, plate inside", NODE_LOST_MS, _set("heartbeat", False),
         _set("heartbeat", True), plate_inside=True,
     ),
-    FaultCase(
-        "heartbeat of the plate lost", 2000, _befall(Mishap.LOSS, HEARTBEAT_ID + PLATE_ID), _calm,
-        tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY),
-    ),
+    FaultCase("heartbeat of the plate lost", NODE_LOST_MS,
+              _befall(Mishap.LOSS, HEARTBEAT_ID + PLATE_ID), _calm),
     FaultCase(
         "measurements lost", PDO_DEADLINE_MS, _befall(Mishap.LOSS, *MEASUREMENTS), _calm
     ),
@@ -290,22 +298,23 @@ CASES: Final[tuple[FaultCase, ...]] = (
     *_pickup(),
     _broken("S3 saturated, plate inside", SATURATED_CYCLES, FaultKind.SATURATED, 3,
             plate_inside=True),
-    _broken("pick-up reads too much", EXCESS_CYCLES, FaultKind.GAIN, PICKUP_Q, 4000),
+    _broken("pick-up reads too much", SILENT_CYCLES, FaultKind.GAIN, PICKUP_D, 6000),
     _broken("thermometer stuck", STUCK_THERMOMETER_CYCLES, FaultKind.STUCK, THERMOMETER),
     _broken("thermometer jumps", 1, FaultKind.OFFSET, THERMOMETER, 6000),
     _broken("plate too hot", 1, FaultKind.TEMPERATURE, 1, 7500),
-    _broken("finger slams", 20, FaultKind.SLAM, 1, 9000),
-    _broken("lateral force", 1, FaultKind.OFFSET, 1, 3270),
+    _broken("finger slams", FORCE_PATH_CYCLES, FaultKind.SLAM, 1, 9000),
+    _broken("lateral force", 1, FaultKind.OFFSET, 1, 2000)._replace(prepare=_lower_force_limit),
     _broken("resonance lost", RESONANCE_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -9000, _TRACKED),
     _broken("power stage stuck", AMPLITUDE_CYCLES, FaultKind.STAGE_STUCK, 1, 14_000),
-    FaultCase("measurements a cycle late", 2 * PDO_DEADLINE_MS,
-              _befall(Mishap.DELAY, *MEASUREMENTS), _calm),
-    FaultCase("drives a cycle late", PDO_DEADLINE_MS, _befall(Mishap.DELAY, DRIVE), _calm),
+    FaultCase("measurements two cycles late", 2 * PDO_DEADLINE_MS,
+              _befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), _calm),
+    FaultCase("drives two cycles late", PDO_DEADLINE_MS,
+              _befall(Mishap.DELAY, DRIVE, cycles=2), _calm),
     FaultCase("measurements corrupt", SILENT_CYCLES,
               _befall(Mishap.CORRUPTION, *MEASUREMENTS), _calm),
     FaultCase("a node babbles", 2 * PDO_DEADLINE_MS,
               lambda rig: rig.bus.babble(8), lambda rig: rig.bus.babble(0)),
-    FaultCase("stimulator restarts", 1, _restart_stimulator, _nothing, forgets=True),
+    FaultCase("stimulator restarts", PDO_DEADLINE_MS, _restart_stimulator, _nothing, forgets=True),
     FaultCase("stimulator restarts, plate inside", 1, _restart_stimulator, _nothing,
               plate_inside=True, forgets=True),
     FaultCase("plate restarts", 1, _restart_plate, _nothing),
@@ -321,6 +330,8 @@ CASES: Final[tuple[FaultCase, ...]] = (
 TOLERATED: Final[tuple[FaultCase, ...]] = (
     FaultCase("measurements twice", 0, _befall(Mishap.DUPLICATION, *MEASUREMENTS), _calm),
     FaultCase("drives twice", 0, _befall(Mishap.DUPLICATION, DRIVE), _calm),
+    FaultCase("measurements late in their cycle", 0,
+              _befall(Mishap.DELAY, *MEASUREMENTS), _calm),
     FaultCase("one in 100 measurements lost", 0,
               _befall(Mishap.LOSS, MEASUREMENTS[0], share=0.01), _calm),
     FaultCase("a node babbles a little", 0,

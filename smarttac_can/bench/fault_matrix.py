@@ -176,19 +176,19 @@ def driving_rig(case: FaultCase, mode: Mode, log: LogHook | None = None) -> Rig:
     """Return a rig that drives in a mode, just before the fault."""
     rig = Rig(plate_inside=case.plate_inside, log=log)
     rig.start()
-    _drive(rig, case, mode)
+    _begin_run(rig, mode)
+    if case.prepare is not None:
+        case.prepare(rig)
+        rig.cycle(2)
+    rig.drive(mode)
     rig.cycle(_RUN_UP.get(mode, _OTHER_RUN_UP))
     return rig
 
 
-def _drive(rig: Rig, case: FaultCase, mode: Mode) -> None:
+def _begin_run(rig: Rig, mode: Mode) -> None:
     for name, raw in _SETPOINTS.items():
         rig.write(name, raw)
     rig.start_run(touch=mode is not Mode.IDENTIFY)
-    if case.prepare is not None and not rig.each_cycle and not rig.sync_counter:
-        case.prepare(rig)
-        rig.cycle(2)
-    rig.drive(mode)
 
 
 def _cycles_to_zero(rig: Rig, bound: int) -> int | None:
@@ -215,13 +215,15 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
     """Whether the stimulator drives again when the cause is gone and the fault is reset."""
     case.remove(rig)
     rig.nmt(NMT_START)
-    rig.cycle(_SETTLE)
     try:
+        rig.configure()
+        rig.cycle(_SETTLE)
+        _begin_run(rig, mode)
         if rig.state is State.FAULT:
             rig.reset_fault()
         else:
             rig.write("Controlword", 0)
-        _drive(rig, case, mode)
+        rig.drive(mode)
     except (Abort, HeartbeatLostError):
         return False
     rig.cycle(_RECOVERY)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from smarttac_can.bench.errors import HeartbeatLostError
@@ -23,6 +24,7 @@ from smarttac_can.od.cia import (
     EMCY_ID,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_ID,
+    HEARTBEAT_PRODUCER,
     NMT_ID,
     SDO_RX_ID,
     SDO_TX_ID,
@@ -37,9 +39,11 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 MASTER_ID: Final = 1
 """Node-ID of the master."""
 HEARTBEAT_CYCLES: Final = 20
-"""Cycles between two heartbeats of the master."""
-MASTER_LOST_MS: Final = 50
-"""After how long without a heartbeat the stimulator counts the master as lost."""
+"""Cycles between two heartbeats of the master, and of the plate."""
+NODE_LOST_MS: Final = 50
+"""After how long without a heartbeat the stimulator counts master or plate as lost."""
+_PLATE_WATCH: Final = 4
+"""Entry of the heartbeat consumer that watches the plate."""
 NMT_START: Final = 0x01
 NMT_STOP: Final = 0x02
 NMT_PRE_OPERATIONAL: Final = 0x80
@@ -53,6 +57,8 @@ _ABORT: Final = 0x80
 _EXPEDITED: Final = 4
 TARE_CYCLES: Final = 70
 """Cycles without a finger that are enough for the tare."""
+_READY_CYCLES: Final = 5
+"""Cycles in which the stimulator sees that all is well."""
 
 
 class Emcy(NamedTuple):
@@ -94,6 +100,8 @@ class Rig:
         How many SYNCs the master sends in a cycle, 1 unless the clock of the master is wrong.
     sync_counter
         Counter of the last SYNC, 0 for SYNC without a counter.
+    observe
+        Called after every cycle.
     each_cycle
         Further frames that the master sends in every cycle.
     """
@@ -107,6 +115,7 @@ class Rig:
         self.heartbeat = True
         self.syncs = 1
         self.sync_counter = 0
+        self.observe: Callable[[], None] | None = None
         self.each_cycle: list[Frame] = []
         self._answers: dict[int, bytes] = {}
         self._emcy_ids = (EMCY_ID + STIMULATOR_ID, EMCY_ID + PLATE_ID)
@@ -137,6 +146,8 @@ class Rig:
                 self.master.send(frame)
             for _ in range(self.syncs):
                 self.master.send(self._next_sync())
+            if self.observe is not None:
+                self.observe()
 
     def nmt(self, command: int, node_id: int = 0) -> None:
         """Send an NMT command; node 0 stands for all."""
@@ -184,10 +195,20 @@ class Rig:
         """State of the stimulator, read directly and not over the bus."""
         return self.stimulator.block.interlock.state
 
+    def configure(self) -> None:
+        """Have heartbeats of master and plate under watch, as after every reset of a node."""
+        watched = [(1, MASTER_ID)]
+        if self.plate_port is not None:
+            watched.append((_PLATE_WATCH, PLATE_ID))
+            producer = self.plate.od.entry(HEARTBEAT_PRODUCER)
+            self.write_entry(PLATE_ID, producer, HEARTBEAT_CYCLES)
+        for subindex, node_id in watched:
+            watch = self.od.entry(HEARTBEAT_CONSUMER, subindex)
+            self.write_entry(STIMULATOR_ID, watch, node_id << 16 | NODE_LOST_MS)
+
     def start(self) -> None:
-        """Start both nodes, with the heartbeats of master and plate under watch."""
-        watch = self.od.entry(HEARTBEAT_CONSUMER, 1)
-        self.write_entry(STIMULATOR_ID, watch, MASTER_ID << 16 | MASTER_LOST_MS)
+        """Configure and start both nodes."""
+        self.configure()
         self.nmt(NMT_START)
         self.cycle(HEARTBEAT_CYCLES + 1)
 
@@ -199,6 +220,7 @@ class Rig:
         self._write_both(START_RUN, 1)
         self.cycle(TARE_CYCLES)
         self.write(AUTO_ZERO[0], ZERO)
+        self.cycle(_READY_CYCLES)
 
     def drive(self, mode: Mode) -> None:
         """Choose a mode, arm and run."""

@@ -32,11 +32,14 @@ _EXCESS_UNIDENTIFIED: Final = 5.0
 """The same while the model is still to be identified."""
 _EXCESS_OFFSET: Final = 100e-9
 """Vibration in m that needs no voltage: noise, and the tail of one that dies down."""
+_WEIGHT: Final = 2
+"""Sound cycles that make up for a faulty one."""
+_MOST: Final = 2 * _WEIGHT * AMPLITUDE_CYCLES
+"""End of the counts, so that a fault that is gone is soon forgotten."""
 _SILENCE: Final = 0.05
 """Vibration over that of the model, at least; at the ends of the frequency range it is 0.2."""
 _SILENCE_FROM: Final = 200e-9
 """Vibration of the model in m from which silence is looked for."""
-_SLACK: Final = 1.0 + 1e-9
 _TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
 _BITS: Final = {watchdog: 1 << watchdog for watchdog in Watchdog}
 _VOLTAGE = _BITS[Watchdog.VOLTAGE]
@@ -110,11 +113,11 @@ class CyclicWatchdogs:
 
     def sound(self, drive: Drive, cascade: Cascade) -> int:
         """Look at a drive before it goes out; return bits, 0 for a sound one."""
-        V, f = drive
+        voltage, frequency = drive
         p = cascade.parameters
-        if not isfinite(V + f) or V < 0.0 or not p.f_min <= f <= p.f_max:
+        if not (isfinite(voltage) and voltage >= 0.0 and p.f_min <= frequency <= p.f_max):
             return _CONTROLLER
-        return 0 if -p.V_max * _SLACK <= -V else _VOLTAGE
+        return _VOLTAGE if voltage > p.V_max else 0
 
     def look(
         self, sensors: tuple[int, ...], saturation: int, serial: int, mode: int, cascade: Cascade,
@@ -147,8 +150,8 @@ class CyclicWatchdogs:
             faults |= _CALIBRATION
         if temperature > self._temperature_max:
             faults |= _TEMPERATURE
-        self._saturated = self._saturated + 1 if saturation else 0
-        if self._saturated >= SATURATED_CYCLES:
+        self._saturated = _counted(self._saturated, bool(saturation))
+        if self._saturated >= _WEIGHT * SATURATED_CYCLES:
             faults |= _SATURATED
         if self._stuck(sensors):
             faults |= _STUCK
@@ -213,17 +216,27 @@ class CyclicWatchdogs:
         driven = self._gain * self._V
         # No detuning and no finger makes the plate vibrate more than at its bare resonance.
         self._E = E = driven + (self._E - driven) * self._decay
-        self._above = self._above + 1 if amplitude > self._W_trip else 0
-        if self._above >= AMPLITUDE_CYCLES:
+        self._above = _counted(self._above, amplitude > self._W_trip)
+        if self._above >= _WEIGHT * AMPLITUDE_CYCLES:
             faults = _AMPLITUDE
         most = _EXCESS_UNIDENTIFIED if mode == Mode.IDENTIFY else _EXCESS
-        self._excess = self._excess + 1 if amplitude > most * E + _EXCESS_OFFSET else 0
+        self._excess = _counted(self._excess, amplitude > most * E + _EXCESS_OFFSET)
         silent = E > _SILENCE_FROM and amplitude < _SILENCE * E
         self._silent = self._silent + 1 if silent else 0
-        if self._excess >= EXCESS_CYCLES or self._silent >= SILENT_CYCLES:
+        if self._excess >= _WEIGHT * EXCESS_CYCLES or self._silent >= SILENT_CYCLES:
             faults |= _PICKUP
         detuned = mode in _TRACKED and amplitude > AMPLITUDE_MIN and abs(W.imag) > W.real
         self._detuned = self._detuned + 1 if detuned else 0
         if self._detuned >= RESONANCE_CYCLES:
             faults |= _RESONANCE
         return faults
+
+
+def _counted(count: int, faulty: bool) -> int:
+    """Count faulty cycles; one that is sound in between does not hide them.
+
+    A loop that answers a wrong reading makes every other one right.
+    """
+    if faulty:
+        return min(count + _WEIGHT, _MOST)
+    return count - 1 if count else 0

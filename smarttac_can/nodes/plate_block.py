@@ -21,6 +21,8 @@ FAULT_KIND: Final = "Fault.Kind"
 _NEVER: Final = -1
 UNANSWERED_MAX: Final = 3
 """Measurements in a row without an answer in time, after which a driven plate bars itself."""
+STAGE_TOLERANCE: Final = 1.0
+"""Voltage in V between what is asked of the power stage and what it reads back, at most."""
 LIFTED, STROKE, RECORDED = range(3)
 """Values of ``Finger.Motion``."""
 
@@ -45,6 +47,8 @@ class PlateBlock:
         The plate of the present run, for tests and reports.
     barred
         Whether it waits for a drive of 0 V before it takes a voltage.
+    disobeyed
+        Whether the power stage was barred because its output is not what was asked for.
     """
 
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
@@ -83,6 +87,7 @@ class PlateBlock:
         self._stuck_voltage = 0.0
         self._voltage.value = 0
         self.barred = False
+        self.disobeyed = False
         self._unanswered = 0
         self._moving = False
         self._answered = False
@@ -134,8 +139,12 @@ class PlateBlock:
             self._answered = True
             self._unanswered = 0
         voltage = self._voltage.si_value
-        if self._stuck_voltage and voltage:
-            voltage = self._stuck_voltage
+        self.disobeyed = bool(
+            self._stuck_voltage and voltage and abs(self._stuck_voltage - voltage) > STAGE_TOLERANCE
+        )
+        if self.disobeyed:
+            self.bar()
+            return
         self._new = Drive(voltage, self._frequency.si_value)
         self._show_stage()
 

@@ -107,7 +107,7 @@ class PlateNode(Application):
                 self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
 
     def on_rpdo(self, number: int) -> None:
-        """Take a drive, unless its voltage is above the plate's own limit, or the plate is too hot."""
+        """Take a drive, unless its voltage is above the plate's limit or the plate is too hot."""
         if number != _DRIVE_RPDO:
             return
         if self._voltage.value > self._voltage_max.value:
@@ -117,6 +117,8 @@ class PlateNode(Application):
         if hot and self._voltage.value:
             return
         self.block.take_drive()
+        if self.block.disobeyed:
+            self._protect(EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE)
         if self._protecting and not self.block.barred and not hot:
             for code in sorted(self._protecting):
                 self.device.clear_emergency(code)

@@ -87,26 +87,31 @@ def test_stimulator_without_the_plate_inside_refuses() -> None:
     assert line.write(stimulator, "Fault.Kind", FaultKind.DEAD) == 0x0800_0022
 
 
-def test_stuck_stage_obeys_nothing_but_0_v(running: tuple[Line, PlateNode]) -> None:
+def asked(plate: PlateNode, voltage: int) -> int:
+    """What the stage puts out when the controller asks for a voltage in this tick."""
+    plate.od["Drive.Voltage"].value = voltage
+    plate.od["Drive.Tick"].value = plate.od["Vibration.Tick"].value
+    plate.on_rpdo(1)
+    return int(plate.od["Stage.Voltage"].value)
+
+
+def test_stage_that_does_not_obey_is_barred_until_0_v(running: tuple[Line, PlateNode]) -> None:
     line, plate = running
-
-    def asked(voltage: int) -> int:
-        plate.od["Drive.Voltage"].value = voltage
-        plate.od["Drive.Tick"].value = plate.od["Vibration.Tick"].value
-        plate.block.take_drive()
-        return int(plate.od["Stage.Voltage"].value)
-
-    assert asked(2000) == 2000
+    assert asked(plate, 2000) == 2000
     break_it(line, plate, FaultKind.STAGE_STUCK, 1, 0)
     line.sync()
-    assert asked(500) == 2000
+    assert asked(plate, 2050) == 2050, "within the tolerance it cannot be told from a sound one"
     line.sync()
-    assert asked(0) == 0
+    assert asked(plate, 500) == 0
+    assert line.read(plate, "Stage.Voltage") == 0
+    assert plate.od.entry(0x1003, 1).value & 0xFFFF == 0x3310
     line.sync()
-    assert asked(700) == 2000
+    assert asked(plate, 2000) == 0
     line.write(plate, "Fault.Kind", 0)
     line.sync()
-    assert asked(700) == 700
+    assert asked(plate, 0) == 0
+    line.sync()
+    assert asked(plate, 700) == 700
 
 
 def test_stage_gets_stuck_at_another_voltage(running: tuple[Line, PlateNode]) -> None:
