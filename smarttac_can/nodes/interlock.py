@@ -179,9 +179,9 @@ class Interlock:
         self._present_entry.value = self.present
 
     def _holds(self) -> Guard:
-        if self.present:
+        if self.present & self.latched:
             return Guard.NONE
-        if self.live and self.operational and self.tared:
+        if self.live and self.operational and self.tared and not self.present:
             return Guard.CLEAR | Guard.PREPARED
         return Guard.CLEAR
 

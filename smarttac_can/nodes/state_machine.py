@@ -45,7 +45,7 @@ class Guard(IntFlag):
 
     NONE = 0
     CLEAR = 1
-    """No fault is present."""
+    """No latched fault is present any more."""
     PREPARED = 2
     """No fault is present, the loop lives in OPERATIONAL, and the plate is tared and calibrated."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
@@ -184,8 +183,9 @@ class StimulatorBlock:
                 self._message.value = cascade.reason
 
     def _safe_frequency(self, frequency: float) -> float:
-        """Keep a frequency, or take the one put out last where there is none."""
-        return frequency if isfinite(frequency) else self._frequency.si_value
+        """Keep a frequency within the limits; for any other take the one put out last."""
+        p = self.cascade.parameters
+        return frequency if p.f_min <= frequency <= p.f_max else self._frequency.si_value
 
     def cut(self) -> None:
         """Turn the cascade off and put the drive at 0 V, now."""

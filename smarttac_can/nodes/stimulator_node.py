@@ -96,6 +96,7 @@ class StimulatorNode(Application):
         self._elapsed = 0
         self._come: set[int] = set()
         self._absent: set[int] = set()
+        self._late: set[int] = set()
         self._sync_watch = SyncWatch(od, self._trip, self.block.interlock.settle, produce_sync)
         self._answered = -1
         self._missed = od["Cycle.Missed deadlines"]
@@ -171,6 +172,10 @@ class StimulatorNode(Application):
             self._come.clear()
             self._answered = -1
             self._sync_watch.restart()
+            # Deadlines start anew with the first PDO.
+            self._late.clear()
+            interlock.settle(Watchdog.SETPOINT)
+            interlock.settle(Watchdog.MEASUREMENT)
         if state in _RESETS:
             self._absent.clear()
         else:
@@ -193,13 +198,18 @@ class StimulatorNode(Application):
 
     def on_rpdo_timeout(self, number: int) -> None:
         """Stop when the plate's measurements or the master's set-points stay away."""
-        measured = number in _MEASUREMENT_RPDOS
-        self._trip(Watchdog.MEASUREMENT if measured else Watchdog.SETPOINT)
+        if number in _MEASUREMENT_RPDOS:
+            self._trip(Watchdog.MEASUREMENT)
+        else:
+            self._late.add(number)
+            self._trip(Watchdog.SETPOINT)
 
     def on_rpdo(self, number: int) -> None:
         """Obey a controlword; pair the measurements of a tick and answer the last of them."""
         if number not in _MEASUREMENT_RPDOS:
-            self.block.interlock.settle(Watchdog.SETPOINT)
+            self._late.discard(number)
+            if not self._late:
+                self.block.interlock.settle(Watchdog.SETPOINT)
             before = self.block.interlock.state
             self.block.take_controlword()
             self._show_change(before)

@@ -1,0 +1,454 @@
+"""Every watchdog in every mode that drives: 0 V in time, for good, and back after a reset."""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections.abc import Callable
+from typing import NamedTuple
+
+import pytest
+from line import DRIVE, MEASUREMENT, PREOP, START, Line, drive, plate_alone
+
+from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
+from smarttac_can.od.cia import EmergencyCode
+from smarttac_can.plant.faults import PICKUP_D, THERMOMETER, FaultKind
+from smarttac_can.signals import Drive, Measurement, Setpoint
+
+OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY = DRIVING = range(1, 6)
+TOUCHED = (OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION)
+MASTER, MASTER_LOST_MS = 1, 30
+SETPOINT_DEADLINE_MS = 5
+STATE, VALUE = 0x08000022, 0x06090030
+
+
+class Loop:
+    """Two nodes by the clock and a master that has a SYNC and a heartbeat in each cycle."""
+
+    def __init__(self, mode: int = OPEN_LOOP) -> None:
+        self.lost: set[int] = set()
+        self.syncs = 1
+        self.heartbeat = True
+        self.setpoints = True
+        self.counter = 0
+        self.plate = PlateNode(plate_od())
+        self.node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+        for node in (self.plate, self.node):
+            node.receive = self._lossy(node.device.receive)  # type: ignore[method-assign]
+        self.line = Line(self.plate, self.node, lockstep=False)
+        self.mode = mode
+        watched = self.node.od.entry(0x1016, 1)
+        assert self.line.write_data(self.node, watched, struct.pack("<HBB", 30, MASTER, 0)) == 0
+        deadline = self.node.od.entry(0x1401, 5)
+        data = struct.pack("<H", SETPOINT_DEADLINE_MS)
+        assert self.line.write_data(self.node, deadline, data) == 0
+        for each in (self.plate, self.node):
+            for index, data in ((0x1006, bytes(4)), (0x1019, b"\xf0"), (0x1006, b"\xe8\3\0\0")):
+                assert self.line.write_data(each, each.od.entry(index), data) == 0
+        self.line.nmt(START)
+        self.begin()
+
+    def begin(self) -> None:
+        """Tare, touch, and drive in the mode."""
+        write = self.line.write
+        assert write(self.plate, "Finger.Motion", int(self.mode != IDENTIFY)) == 0
+        for node in (self.plate, self.node):
+            assert write(node, "Simulation.Start run", 1) == 0
+        self.cycle(66)
+        zero = int.from_bytes(b"zero", "little")
+        assert write(self.node, "AI auto-zero.AI auto-zero normal force", zero) == 0
+        assert write(self.node, "Setpoint.Amplitude", 1000) == 0
+        self.cycle(400 if self.mode != IDENTIFY else 2)
+        self.line.run(self.node, self.mode)
+        self.cycle(60 if self.mode != IDENTIFY else 130)
+        assert self.voltage > 0
+        assert self.state is State.RUNNING
+
+    @property
+    def voltage(self) -> int:
+        return int(self.plate.od["Stage.Voltage"].value)
+
+    @property
+    def state(self) -> State:
+        return self.node.block.state
+
+    def cycle(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.line.advance(1)
+            if self.heartbeat:
+                self.line.send(Frame(0x700 + MASTER, b"\5"))
+            if self.setpoints:
+                self.line.send(Frame(0x320, struct.pack("<HI", 2000, 4_339_000)))
+            for _ in range(self.syncs):
+                self.counter = self.counter % 240 + 1
+                self.line.send(Frame(0x80, bytes((self.counter,))))
+
+    def break_plate(self, kind: int, sensor: int = 1, value: int = 0) -> None:
+        for name, raw in (("Sensor", sensor), ("Value", value), ("Kind", kind)):
+            assert self.line.write(self.plate, f"Fault.{name}", raw) == 0
+
+    def limit(self, name: str, raw: int) -> None:
+        assert self.line.write(self.node, f"Limit.{name}", raw) == 0
+
+    def said(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            self.line.ports[1].send(frame)
+
+    def _lossy(self, receive: Callable[[Frame], list[Frame]]) -> Callable[[Frame], list[Frame]]:
+        return lambda frame: [] if frame.can_id in self.lost else receive(frame)
+
+
+Act = Callable[[Loop], object]
+
+
+class Case(NamedTuple):
+    name: str
+    watchdog: Watchdog
+    bound: int
+    inject: Act
+    remove: Act
+    modes: tuple[int, ...] = tuple(DRIVING)
+    stays: bool = True
+    """Whether the fault can still be seen at 0 V."""
+
+
+def put(name: str, value: object) -> Act:
+    return lambda loop: setattr(loop, name, value)
+
+
+def lose(*can_ids: int) -> Act:
+    return lambda loop: loop.lost.update(can_ids)
+
+
+def limit(name: str, raw: int) -> Act:
+    return lambda loop: loop.limit(name, raw)
+
+
+def broken(kind: FaultKind, sensor: int = 1, value: int = 0) -> Act:
+    return lambda loop: loop.break_plate(kind, sensor, value)
+
+
+def serial(number: int) -> Act:
+    return lambda loop: setattr(loop.plate.od["Plate serial number"], "value", number)
+
+
+def skip(loop: Loop) -> None:
+    loop.counter = (loop.counter + 7) % 240
+
+
+def nothing(_loop: Loop) -> None: ...
+
+
+def nmt(command: int) -> Act:
+    return lambda loop: loop.line.nmt(command, 0x20)
+
+
+mend = broken(FaultKind.NONE)
+W = Watchdog
+CASES = (
+    Case("NMT", W.NMT, 3, nmt(PREOP), nothing),
+    Case("heartbeat", W.HEARTBEAT, MASTER_LOST_MS + 3, put("heartbeat", False),
+         put("heartbeat", True)),
+    Case("measurements", W.MEASUREMENT, 3, lose(MEASUREMENT[1]), lambda loop: loop.lost.clear()),
+    Case("set-points", W.SETPOINT, SETPOINT_DEADLINE_MS, put("setpoints", False),
+         put("setpoints", True)),
+    Case("no SYNC", W.SYNC_LOST, 3, put("syncs", 0), put("syncs", 1)),
+    Case("two SYNCs", W.SYNC_IRREGULAR, 16, put("syncs", 2), put("syncs", 1)),
+    Case("SYNC counter", W.SYNC_COUNTER, 1, skip, nothing),
+    Case("bus-off", W.BUS_OFF, 3, lambda loop: loop.said(loop.node.bus_off()),
+         lambda loop: loop.said(loop.node.bus_recovered())),
+    Case("queue", W.TRANSMIT_QUEUE, 1, lambda loop: loop.said(loop.node.transmit_failed()),
+         nothing),
+    Case("amplitude", W.AMPLITUDE, 5, limit("Amplitude trip", 100), limit("Amplitude trip", 3200),
+         stays=False),
+    Case("temperature", W.TEMPERATURE, 1, limit("Temperature", 1500), limit("Temperature", 6000)),
+    Case("normal force", W.NORMAL_FORCE, 1, limit("Normal force", 100),
+         limit("Normal force", 4000), TOUCHED),
+    Case("lateral force", W.LATERAL_FORCE, 1, limit("Lateral force", 100),
+         limit("Lateral force", 3000), (OPEN_LOOP, FRICTION)),
+    Case("saturated", W.SATURATED, 2, broken(FaultKind.SATURATED, 1), mend),
+    Case("stuck", W.STUCK, 12, broken(FaultKind.STUCK, 1), mend),
+    Case("stuck thermometer", W.STUCK, 100, broken(FaultKind.STUCK, THERMOMETER), mend),
+    Case("gauges", W.GAUGES, 5, broken(FaultKind.OFFSET, 3, 600), mend),
+    Case("too much", W.PICKUP, 4, broken(FaultKind.GAIN, PICKUP_D, 4000), mend,
+         (OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE), False),
+    Case("none", W.PICKUP, 16, broken(FaultKind.RESONANCE_SHIFT, 1, -20_000), mend,
+         (OPEN_LOOP, AMPLITUDE), False),
+    Case("resonance", W.RESONANCE, 110, broken(FaultKind.RESONANCE_SHIFT, 1, -1500), mend,
+         (AMPLITUDE_RESONANCE,), False),
+    Case("another plate", W.CALIBRATION, 1, serial(2), serial(1)),
+    Case("no serial number", W.CALIBRATION, 1, serial(0), serial(1)),
+)  # fmt: skip
+
+
+def cycles_to_zero(loop: Loop, most: int) -> int:
+    for count in range(most + 1):
+        if loop.voltage == 0 and loop.state is State.FAULT:
+            return count
+        loop.cycle()
+    raise AssertionError(f"{loop.voltage} after {most} cycles")
+
+
+def random_traffic(loop: Loop, cycles: int) -> None:
+    """A master that does what it can to have the plate driven, but reset the fault."""
+    draw = random.Random(1)
+    line, node = loop.line, loop.node
+    for _ in range(cycles):
+        name, raw = draw.choice(
+            [
+                *(("Mode", mode) for mode in DRIVING),
+                *(("Controlword", word) for word in (0, 1, 2, 3, 4)),
+                ("Setpoint.Voltage", draw.randrange(20_000)),
+            ]
+        )
+        line.write(node, name, raw)
+        line.send(Frame(0x220, bytes((draw.randrange(8), 0, draw.randrange(6)))))
+        if draw.random() < 0.1:
+            line.nmt(START)
+        loop.cycle()
+        assert loop.voltage == 0
+
+
+@pytest.mark.parametrize(
+    ("case", "mode"),
+    [
+        pytest.param(case, mode, id=f"{case.name}, mode {mode}")
+        for case in CASES
+        for mode in case.modes
+    ],
+)
+def test_watchdog(case: Case, mode: int) -> None:
+    loop = Loop(mode)
+    row = WATCHDOGS[case.watchdog]
+    case.inject(loop)
+    assert cycles_to_zero(loop, case.bound + 1) <= case.bound + 1
+    assert loop.node.od["Diagnosis.Code"].value == row.code
+    assert loop.node.od["Diagnosis.Latched"].value >> case.watchdog & 1
+    assert loop.node.od["Message"].value == row.text
+    history = [loop.node.od.entry(0x1003, n).value & 0xFFFF for n in range(1, 9)]
+    assert row.code in history
+    sent = [frame.data for frame in loop.line.frames if frame.can_id == 0xA0]
+    (emcy,) = [data for data in sent if int.from_bytes(data[:2], "little") == row.code]
+    assert emcy[2] & row.register
+    assert emcy[2] & 1
+    assert emcy[3] == case.watchdog
+    assert loop.node.od["Drive.Voltage"].value == 0
+    random_traffic(loop, 60)
+    if row.lasting and case.stays:
+        loop.line.write(loop.node, "Controlword", 0)
+        assert loop.line.write(loop.node, "Controlword", 0x80) == STATE, "it is still there"
+    case.remove(loop)
+    loop.line.nmt(START)
+    loop.cycle(30)
+    before = len(loop.line.frames)
+    assert loop.line.write(loop.node, "Controlword", 0) == 0
+    assert loop.line.write(loop.node, "Controlword", 0x80) == 0, bin(
+        loop.node.od["Diagnosis.Present"].value
+    )
+    gone = [frame.data[:2] for frame in loop.line.frames[before:] if frame.can_id == 0xA0]
+    assert bytes(2) in gone
+    assert loop.state is not State.FAULT
+    assert loop.node.od["Diagnosis.Code"].value == loop.node.od["Diagnosis.Latched"].value == 0
+    assert loop.line.write(loop.node, "Controlword", 0) == 0
+    loop.begin()
+
+
+@pytest.mark.parametrize("mode", DRIVING)
+@pytest.mark.parametrize(
+    ("voltage", "frequency", "watchdog"),
+    [
+        (999.0, 43_390.0, W.VOLTAGE),
+        (150.1, 43_390.0, W.VOLTAGE),
+        (float("nan"), 43_390.0, W.CONTROLLER),
+        (float("inf"), 43_390.0, W.CONTROLLER),
+        (-1.0, 43_390.0, W.CONTROLLER),
+        (10.0, float("nan"), W.CONTROLLER),
+        (10.0, 1e9, W.CONTROLLER),
+    ],
+)
+def test_no_wrong_drive_goes_out(
+    mode: int,
+    voltage: float,
+    frequency: float,
+    watchdog: Watchdog,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    loop = Loop(mode)
+    update = Cascade.update
+
+    def wrong(self: Cascade, measurement: Measurement, setpoint: Setpoint) -> Drive:
+        update(self, measurement, setpoint)
+        self.drive = Drive(voltage, frequency)
+        return self.drive
+
+    before = len(loop.line.frames)
+    monkeypatch.setattr(Cascade, "update", wrong)
+    loop.cycle()
+    monkeypatch.setattr(Cascade, "update", update)
+    drives = [frame for frame in loop.line.frames[before:] if frame.can_id == DRIVE]
+    assert [struct.unpack("<HIB", frame.data)[0] for frame in drives] == [0]
+    assert loop.voltage == 0
+    assert loop.node.od["Diagnosis.Code"].value == WATCHDOGS[watchdog].code
+
+
+def test_a_cascade_in_doubt_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = Loop(AMPLITUDE)
+    monkeypatch.setattr(Cascade, "update", lambda self, *_: self._turn_off("drive is not finite"))
+    loop.cycle()
+    assert loop.voltage == 0
+    assert loop.node.od["Diagnosis.Code"].value == EmergencyCode.CONTROLLER
+
+
+def test_what_is_present_before_arming_bars_it_and_is_no_fault() -> None:
+    loop = Loop()
+    assert loop.line.write(loop.node, "Controlword", 0) == 0
+    loop.limit("Temperature", 1500)
+    loop.cycle()
+    assert loop.state is State.NOT_READY
+    assert loop.node.od["Diagnosis.Present"].value == 1 << W.TEMPERATURE
+    assert loop.line.write(loop.node, "Controlword", 1) == STATE
+    loop.limit("Temperature", 6000)
+    loop.cycle()
+    assert loop.state is State.READY
+    assert loop.node.od["Diagnosis.Present"].value == 0
+    assert loop.node.od["Error register"].value == 0
+
+
+def test_every_code_is_its_own() -> None:
+    codes = [row.code for row in WATCHDOGS.values()]
+    assert list(WATCHDOGS) == list(Watchdog)
+    assert len(set(codes)) == len(codes)
+    assert all(row.why and row.text for row in WATCHDOGS.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "cap"),
+    [
+        ("Voltage", 20_000),
+        ("Amplitude", 3000),
+        ("Amplitude trip", 3270),
+        ("Temperature", 8000),
+        ("Normal force", 8000),
+        ("Lateral force", 4000),
+        ("Gauge mismatch", 1000),
+    ],
+)
+def test_no_write_passes_a_hard_cap(name: str, cap: int) -> None:
+    loop = Loop()
+    assert loop.line.write(loop.node, f"Limit.{name}", cap) == 0
+    assert loop.line.write(loop.node, f"Limit.{name}", cap + 1) == 0x06090031
+    assert loop.line.read(loop.node, f"Limit.{name}") == cap
+
+
+# The plate by itself, whatever its controller does.
+
+
+def driven_plate() -> tuple[Line, PlateNode]:
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.sync()
+    line.send(drive(2000, 0))
+    assert plate.od["Stage.Voltage"].value == 2000
+    return line, plate
+
+
+def tick_of(plate: PlateNode) -> int:
+    return int(plate.od["Vibration.Tick"].value)
+
+
+def emergencies(line: Line) -> list[int]:
+    return [
+        int.from_bytes(frame.data[:2], "little") for frame in line.frames if frame.can_id == 0xA1
+    ]
+
+
+def assert_barred_until_0_v(line: Line, plate: PlateNode) -> None:
+    for _ in range(5):
+        line.sync()
+        line.send(drive(2000, tick_of(plate)))
+        assert plate.od["Stage.Voltage"].value == 0
+    line.send(drive(0, tick_of(plate)))
+    line.sync()
+    line.send(drive(2000, tick_of(plate)))
+    assert plate.od["Stage.Voltage"].value == 2000
+    assert emergencies(line)[-1] == 0
+
+
+def test_plate_without_drives() -> None:
+    line, plate = driven_plate()
+    line.sync(3)
+    assert plate.od["Stage.Voltage"].value == 0
+    assert emergencies(line) == [EmergencyCode.RPDO_TIME_OUT, EmergencyCode.DRIVE_LOST]
+    assert_barred_until_0_v(line, plate)
+
+
+def test_plate_without_drives_and_without_sync() -> None:
+    line, plate = driven_plate()
+    line.advance(3)
+    assert plate.od["Stage.Voltage"].value == 0
+
+
+def test_plate_whose_measurements_are_not_answered_in_time() -> None:
+    line, plate = driven_plate()
+    for count in range(4):
+        line.sync()
+        assert (plate.od["Stage.Voltage"].value == 0) == (count == 3)
+        line.send(drive(2000, tick_of(plate) - 1 & 0xFF))
+    assert emergencies(line) == [EmergencyCode.DRIVE_LOST]
+    assert_barred_until_0_v(line, plate)
+
+
+def test_plate_asked_for_more_than_its_limit() -> None:
+    line, plate = driven_plate()
+    line.sync()
+    line.send(drive(15_001, 1))
+    assert plate.od["Stage.Voltage"].value == 0
+    assert emergencies(line) == [EmergencyCode.VOLTAGE]
+    assert plate.od["Error register"].value & 4
+    assert_barred_until_0_v(line, plate)
+
+
+def test_plate_too_hot() -> None:
+    line, plate = driven_plate()
+    assert line.write(plate, "Limit.Temperature", 1500) == 0
+    line.sync()
+    assert plate.od["Stage.Voltage"].value == 0
+    for _ in range(5):
+        line.send(drive(0, tick_of(plate)))
+        line.sync()
+        line.send(drive(2000, tick_of(plate)))
+        assert plate.od["Stage.Voltage"].value == 0
+    assert emergencies(line) == [EmergencyCode.TEMPERATURE], "once"
+    assert line.write(plate, "Limit.Temperature", 7000) == 0
+    line.sync()
+    line.send(drive(0, tick_of(plate)))
+    assert_barred_after_reset(line, plate)
+
+
+def assert_barred_after_reset(line: Line, plate: PlateNode) -> None:
+    line.sync()
+    line.send(drive(2000, tick_of(plate)))
+    assert plate.od["Stage.Voltage"].value == 2000
+    assert emergencies(line)[-1] == 0
+
+
+def test_plate_that_left_operational_waits_for_0_v() -> None:
+    line, plate = driven_plate()
+    line.nmt(PREOP)
+    assert plate.od["Stage.Voltage"].value == 0
+    line.nmt(START)
+    line.sync()
+    line.send(drive(2000, tick_of(plate)))
+    assert plate.od["Stage.Voltage"].value == 0
+
+
+@pytest.mark.parametrize(("name", "cap"), [("Voltage", 20_000), ("Temperature", 8000)])
+def test_no_write_passes_a_hard_cap_of_the_plate(name: str, cap: int) -> None:
+    line, plate = driven_plate()
+    assert line.write(plate, f"Limit.{name}", cap + 1) == 0x06090031
