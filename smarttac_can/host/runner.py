@@ -83,21 +83,21 @@ def _keep_pace(node: Node, bus: Bus, stop: Callable[[], bool], clock: Callable[[
     # Only a node that is paced by a clock has deadlines to miss, so counting them is optional.
     count_missed: Callable[[int], None] | None = getattr(node, "missed", None)
     deadline = clock() + _TICK_NS
-    heard = _HEARD_PER_TICK
+    heard, silent = 0, True
     while not stop():
         left = deadline - clock()
-        if left <= 0 and heard >= _HEARD_PER_TICK:
-            missed = -left // _TICK_NS
+        missed = -left // _TICK_NS
+        # What piled up while the node was late is heard before its own deadlines run out.
+        if left <= 0 and (silent or heard >= _HEARD_PER_TICK * (missed + 1)):
             if missed and count_missed is not None:
                 count_missed(missed)
             _send(bus, node.advance((missed + 1) * TICK_US))
             deadline += (missed + 1) * _TICK_NS
-            heard = 0
+            heard, silent = 0, False
             continue
         frame = bus.receive(max(left, 0) * 1e-9)
-        if frame is None:
-            heard = _HEARD_PER_TICK
-        else:
+        silent = frame is None
+        if frame is not None:
             heard += 1
             _send(bus, node.receive(frame))
 

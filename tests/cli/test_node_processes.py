@@ -37,13 +37,16 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_leaves_0_v(number: int, multicast: dict[str, Any]) -> None:
-    with processes(multicast, "plate", "node --plate-node 33 --produce-sync") as (plate, node):
+    nodes = ("plate --lockstep", "node --plate-node 33 --lockstep")
+    with processes(multicast, *nodes) as (plate, node):
         with listening(multicast) as voltages:
-            bench = Stimulator.connect(**multicast, plate_node_id=33)
+            bench = Stimulator.connect(**multicast, plate_node_id=33, lockstep=True)
+            bench.run(0.2)
             bench.amplitude = 1.0
             bench.mode = "amplitude"
+            bench.run(0.02)
             bench._link.close()
             node.wait_for("stimulator 32 mode amplitude")
             until(lambda: voltages[-1:] > [1000])

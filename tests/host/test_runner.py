@@ -104,7 +104,7 @@ def test_node_that_is_always_late_still_hears_the_bus() -> None:
     bus = ScriptedBus(ON_TIME, *[(0, Frame(REQUEST + 1))] * 24, NEVER_ASKED)
     run(node, bus)
     assert sum(frame.can_id == REPLY + 1 for frame in bus.sent) == 24
-    assert len([call for call, _ in node.calls if call == "advance"]) in (3, 4)
+    assert len([call for call, _ in node.calls if call == "advance"]) in (2, 3, 4)
 
 
 @settings(deadline=None, max_examples=60)
