@@ -2,6 +2,7 @@
 
 from smarttac_can.bench.errors import (
     BenchError,
+    BusLostError,
     FaultError,
     HeartbeatLostError,
     NodeNotFoundError,
@@ -19,6 +20,7 @@ from smarttac_can.nodes.state_machine import State
 
 __all__ = [
     "BenchError",
+    "BusLostError",
     "FaultError",
     "HeartbeatLostError",
     "Law",

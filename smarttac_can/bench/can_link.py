@@ -8,9 +8,10 @@ from contextlib import contextmanager, suppress
 from time import monotonic
 from typing import Final
 
+import can
 import canopen
 
-from smarttac_can.bench.errors import BenchError, NotRunningError
+from smarttac_can.bench.errors import BenchError, BusLostError, NotRunningError
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.published import PublishedPdo, published_pdos
@@ -141,7 +142,9 @@ class CanLink:
 
     def close(self) -> None:
         """Leave the bus; may be called twice."""
-        self._network.disconnect()
+        # python-canopen raises, when all is closed, what has ended its receiving.
+        with suppress(can.CanError):
+            self._network.disconnect()
 
     def _owner(self, name: str) -> RemoteDevice:
         simulated = name.partition(".")[0] in SIMULATION
@@ -213,7 +216,10 @@ class CanLink:
         lost = 0
         for _ in range(cycles):
             cycle.clear()
-            self._network.send_message(SYNC_ID, b"")
+            try:
+                self._network.send_message(SYNC_ID, b"")
+            except can.CanError as error:
+                raise BusLostError(f"cannot produce SYNC: the bus has failed: {error}") from error
             if not cycle.is_set() and self._threaded and self._stimulator.operational:
                 cycle.wait(LOST_CYCLE_S)
             lost = 0 if cycle.is_set() else lost + 1

@@ -33,3 +33,7 @@ class NotReadyError(BenchError):
 
 class FaultError(BenchError):
     """A watchdog has tripped, and the fault is latched."""
+
+
+class BusLostError(BenchError):
+    """The bench's own connection to the bus has failed."""

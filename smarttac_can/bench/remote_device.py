@@ -7,10 +7,12 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Any, Final
 
+import can
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from smarttac_can.bench.errors import (
+    BusLostError,
     HeartbeatLostError,
     NodeNotFoundError,
     RefusedError,
@@ -127,3 +129,5 @@ class RemoteDevice:
             raise HeartbeatLostError(
                 f"cannot {action}: node {self.od.node_id} does not answer"
             ) from error
+        except can.CanError as error:
+            raise BusLostError(f"cannot {action}: the bus has failed: {error}") from error
