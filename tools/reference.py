@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from safety_reference import safety
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli import main as smarttac
@@ -147,7 +148,11 @@ def command_line() -> str:
 
 def main() -> int:
     """Write the pages, or with --check return 1 if one of them is not what would be written."""
-    pages = {FOLDER / "objects.md": objects(), FOLDER / "cli.md": command_line()}
+    pages = {
+        FOLDER / "objects.md": objects(),
+        FOLDER / "cli.md": command_line(),
+        FOLDER / "safety.md": safety(),
+    }
     if sys.argv[1:] == ["--check"]:
         stale = [
             path

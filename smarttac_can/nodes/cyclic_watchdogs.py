@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import exp, hypot, isfinite
+from operator import eq
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
@@ -167,13 +168,13 @@ class CyclicWatchdogs:
         """Count samples that are the same as before, although noise makes them differ."""
         repeats = self._repeats
         stuck = False
-        for at, (now, before) in enumerate(zip(sensors, self._last, strict=False)):
-            if now != before:
-                repeats[at] = 0
-            else:
+        for at, same in enumerate(map(eq, sensors, self._last)):
+            if same:
                 repeats[at] += 1
                 if repeats[at] >= STUCK_GAUGE_CYCLES - 1:
                     stuck |= at < 8 or repeats[at] >= STUCK_THERMOMETER_CYCLES - 1
+            else:
+                repeats[at] = 0
         self._last = sensors
         return stuck
 

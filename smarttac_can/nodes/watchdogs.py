@@ -153,7 +153,7 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.PICKUP: Row(
         "the vibration does not follow from the voltage",
         EmergencyCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, SILENT_CYCLES,
-        "too much: 3 cycles; none: 10 cycles, ten time constants of the plate", "Model",
+        "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants", "Model",
     ),
     Watchdog.RESONANCE: Row(
         "the resonance is lost",

@@ -1,0 +1,94 @@
+"""The page of states and watchdogs, from the tables in the code; `tools/reference.py` writes it."""
+
+from __future__ import annotations
+
+from smarttac_can.nodes.state_machine import TRANSITIONS, Control, Guard, State
+from smarttac_can.nodes.watchdogs import WATCHDOGS
+from smarttac_can.od.object_reference import table
+
+_WITHOUT_GUARD = ""
+
+
+def _title(name: str | None) -> str:
+    return (name or "").lower().replace("_", " ")
+
+
+def _guard(guard: Guard) -> str:
+    return _title(guard.name) if guard else _WITHOUT_GUARD
+
+
+def _diagram() -> list[str]:
+    """Draw the states; what leaves a state where it is does not need an arrow."""
+    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {State.NOT_READY.name}"]
+    for row in TRANSITIONS:
+        if row.state is not row.next:
+            guard = f" [{_guard(row.guard)}]" if row.guard else ""
+            event = _title(row.event.name)
+            lines.append(f"    {row.state.name} --> {row.next.name}: {event}{guard}")
+    return [*lines, "```", ""]
+
+
+def safety() -> str:
+    """Return states, transitions and watchdogs as Markdown."""
+    lines = [
+        "# States and watchdogs",
+        "",
+        "Made by `tools/reference.py` from `smarttac_can/nodes/state_machine.py` and "
+        "`smarttac_can/nodes/watchdogs.py`: change those. [Safety](../explanation/safety.md) says "
+        "why it is so.",
+        "",
+        "## States",
+        "",
+        *_diagram(),
+        *table(
+            ("Number", "State"),
+            *((f"{int(state)}", _title(state.name)) for state in State),
+        ),
+        "## Transitions",
+        "",
+        "Every other pair of state and event is refused, and the state unchanged. *clear*: no "
+        "latched fault is present any more. *prepared*: no fault is present, NMT OPERATIONAL, "
+        "measurements come, the gauges have a zero.",
+        "",
+        *table(
+            ("State", "Event", "What it is", "Guard", "Next"),
+            *(
+                (
+                    _title(row.state.name),
+                    _title(row.event.name),
+                    row.event.value,
+                    _guard(row.guard),
+                    _title(row.next.name),
+                )
+                for row in TRANSITIONS
+            ),
+        ),
+        "## Controlword",
+        "",
+        *table(
+            ("Bit", "Command"),
+            *((f"{int(bit).bit_length() - 1}", _title(bit.name)) for bit in Control),
+        ),
+        "## Watchdogs of the stimulator",
+        "",
+        "*Bit* is that of `Diagnosis.Present` and `Diagnosis.Latched`, and the first manufacturer "
+        "byte of the emergency. *Bound* is in cycles, from the first faulty one to a drive of 0 V. "
+        "Every row sets the generic bit of the error register as well.",
+        "",
+        *table(
+            ("Bit", "Fault", "EMCY", "Error register", "Bound", "Why", "Limit"),
+            *(
+                (
+                    f"{int(watchdog)}",
+                    row.text,
+                    f"{row.code:04X}h",
+                    f"{int(row.register):02X}h",
+                    f"{row.bound}",
+                    row.why,
+                    row.limit,
+                )
+                for watchdog, row in WATCHDOGS.items()
+            ),
+        ),
+    ]
+    return "\n".join(lines)
