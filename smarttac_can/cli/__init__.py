@@ -8,6 +8,7 @@ from smarttac_can import __version__
 from smarttac_can.cli.conformance import conform
 from smarttac_can.cli.device import device
 from smarttac_can.cli.eds import eds
+from smarttac_can.cli.faults import faults, soak
 from smarttac_can.cli.lss import lss
 from smarttac_can.cli.nodes import node, plate
 from smarttac_can.cli.reproduction import demo, report, reproduce
@@ -26,5 +27,7 @@ def main() -> None:
     """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""
 
 
-for command in (demo, reproduce, report, node, plate, device, conform, scan, lss, eds):
+for command in (
+    demo, reproduce, report, node, plate, device, conform, scan, lss, eds, faults, soak,
+):  # fmt: skip
     main.add_command(command)

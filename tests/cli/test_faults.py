@@ -1,0 +1,103 @@
+"""The commands ``faults`` and ``soak``: results, files, and exit codes."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from smarttac_can.bench import fault_matrix as matrix
+from smarttac_can.bench.soak import Soak
+from smarttac_can.cli import main
+from smarttac_can.host.candump import read_candump
+
+ONE = ("faults", "--fault", "measurements lost", "--mode", "friction", "--hold", "20")
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(main, arguments)
+
+
+def test_faults_shows_a_line_for_each_row() -> None:
+    result = run(*ONE)
+    assert result.exit_code == 0, result.output
+    (line,) = result.stdout.splitlines()
+    assert line.startswith("ok     measurements lost")
+    assert "friction" in line and "0 V after" in line
+
+
+def test_rows_as_json_have_the_agreed_keys() -> None:
+    result = run(*ONE, "--json", "-")
+    (row,) = json.loads(result.stdout)
+    assert {
+        "fault",
+        "mode",
+        "voltage_before_v",
+        "detection_bound_cycles",
+        "cycles_to_zero",
+        "emcy_code",
+        "state_after",
+        "recovered",
+    } <= set(row)
+    assert row["voltage_before_v"] > 0
+    assert row["cycles_to_zero"] <= row["detection_bound_cycles"] + 1
+
+
+def test_json_and_log_go_to_files(tmp_path: Path) -> None:
+    table, log = tmp_path / "faults.json", tmp_path / "faults.log"
+    result = run(*ONE, "--json", str(table), "--log", str(log))
+    assert result.exit_code == 0, result.output
+    (row,) = json.loads(table.read_text())
+    times = [time for time, _ in read_candump(log)]
+    assert times == sorted(times)
+    assert times[0] < row["injected_at_s"] * 1e6 <= times[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("faults", "--fault", "rust"), "'rust' is none of"),
+        (("faults", "--mode", "off"), "'off' is not one of"),
+        (
+            ("faults", "--fault", "resonance lost", "--mode", "open_loop"),
+            "no fault is injected in these modes",
+        ),
+        (("soak",), "Missing option '--hours'"),
+        (("soak", "--hours", "0"), "0.0 is not in the range"),
+    ],
+)
+def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -> None:
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert complaint in result.stderr
+
+
+def test_row_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(matrix.Row, "passed", property(lambda row: False))
+    result = run(*ONE)
+    assert result.exit_code == 1
+    assert result.stdout.startswith("FAILED measurements lost")
+    assert "1 of 1 faults did not end as they must" in result.stderr
+
+
+def test_soak_reports_and_repeats(tmp_path: Path) -> None:
+    report = tmp_path / "soak.json"
+    result = run("soak", "--hours", "0.001", "--seed", "5", "--json", str(report))
+    assert result.exit_code == 0, result.output
+    first = json.loads(report.read_text())
+    assert first["seed"] == 5 and first["passed"] is True
+    assert first["simulated_s"] >= 3.6
+    assert f"fingerprint {first['fingerprint']}, 0 violated" in result.stdout
+    again = json.loads(run("soak", "--hours", "0.001", "--seed", "5", "--json", "-").stdout)
+    assert again["fingerprint"] == first["fingerprint"]
+
+
+def test_soak_with_a_violation_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def spoilt(soak: Soak) -> None:
+        soak._invariants.violate("something")
+
+    monkeypatch.setattr(Soak, "_check_memory", spoilt)
+    result = run("soak", "--hours", "0.0001")
+    assert result.exit_code == 1
+    assert "something" in result.stdout
+    assert "1 violated invariants" in result.stderr
