@@ -21,7 +21,7 @@ from smarttac_can.host.python_can import PythonCanBus
 @pytest.fixture
 def short_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
     """A lost cycle costs 1 s of the clock: not here."""
-    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.02)
+    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.3)
 
 
 def local_bench() -> tuple[Stimulator, list[Port]]:
