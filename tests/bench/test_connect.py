@@ -200,7 +200,7 @@ def test_a_plate_node_by_the_clock_with_the_stimulator_as_its_tick(virtual: dict
 def test_without_sync_the_loop_gives_no_cycles(
     virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.3)
+    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.02)
     with (
         in_threads(virtual, *both(), lockstep=False),
         Stimulator.connect(**virtual, plate_node_id=33) as bench,
