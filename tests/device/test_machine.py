@@ -109,7 +109,8 @@ class DeviceMachine(RuleBasedStateMachine):
             if frame.can_id == 0x700 + NODE_ID:
                 assert self.values[0x1017, 0]
                 assert frame.data == bytes((self.state,))
-            elif frame.can_id == CLIENT:
+            elif frame.can_id in (CLIENT, 0x080 + NODE_ID):
+                # An emergency of a SYNC of the wrong length waits for its inhibit time.
                 assert self.state is not NMTState.STOPPED
             else:
                 assert self.state is NMTState.OPERATIONAL
