@@ -8,6 +8,7 @@ A check holds each fault for 200 cycles unless told otherwise, a table is made w
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from difflib import unified_diff
 from pathlib import Path
@@ -73,7 +74,7 @@ def main() -> int:
     hold = arguments.hold
     if hold is None:
         hold = CHECK_HOLD_CYCLES if arguments.check else HOLD_CYCLES
-    rows = list(fault_matrix(cases(), hold=hold))
+    rows = list(fault_matrix(cases(), hold=hold, jobs=os.cpu_count() or 1))
     bad = [f"{row.fault}, {row.mode}: does not end as it must" for row in rows if not row.passed]
     bad += [
         f"{case.name}, {mode.name.lower()}: ends the run"

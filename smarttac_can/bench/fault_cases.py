@@ -50,6 +50,8 @@ PDO_DEADLINE_MS: Final = 3
 SETPOINT_DEADLINE_MS: Final = 5
 FORCE_PATH_CYCLES: Final = 6
 """What flexure and filter of 100 Hz take to show half of a sudden force, and a cycle."""
+RING_DOWN_CYCLES: Final = 3
+"""Time constants of the plate, 1 ms each, until 5 % of its vibration is left."""
 PAUSE_CYCLES: Final = 2000
 _SETPOINT_RPDO: Final = 2
 _SETPOINT_PDO: Final = Frame(
@@ -212,6 +214,11 @@ def _lower_force_limit(rig: Rig) -> None:
     rig.write("Limit.Lateral force", 1000)
 
 
+def _limit_amplitude(nm: int) -> Act:
+    """A run at 0.6 um and more is above 100 nm; an identification ends itself from 1500 nm on."""
+    return lambda rig: rig.write("Limit.Amplitude trip", nm)
+
+
 def _send_setpoints(rig: Rig) -> None:
     """Have the master send set-points in each cycle, and the stimulator expect them."""
     timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
@@ -304,7 +311,13 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _broken("plate too hot", 1, FaultKind.TEMPERATURE, 1, 7500),
     _broken("finger slams", FORCE_PATH_CYCLES, FaultKind.SLAM, 1, 9000),
     _broken("lateral force", 1, FaultKind.OFFSET, 1, 2000)._replace(prepare=_lower_force_limit),
-    _broken("resonance lost", RESONANCE_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -9000, _TRACKED),
+    _broken("resonance out of reach", RESONANCE_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -1500,
+            _TRACKED),
+    _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -9000),
+    FaultCase("vibration above its limit", AMPLITUDE_CYCLES, _limit_amplitude(100),
+              _limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)),
+    _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, FaultKind.OFFSET, PICKUP_D,
+            500, (Mode.IDENTIFY,))._replace(prepare=_limit_amplitude(1000)),
     _broken("power stage stuck", AMPLITUDE_CYCLES, FaultKind.STAGE_STUCK, 1, 14_000),
     FaultCase("measurements two cycles late", 2 * PDO_DEADLINE_MS,
               _befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), _calm),

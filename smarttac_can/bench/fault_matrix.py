@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from itertools import repeat
+from multiprocessing import get_context
 from typing import Any, Final
+from zlib import crc32
 
 from smarttac_can.bench.errors import HeartbeatLostError
 from smarttac_can.bench.fault_cases import CASES, TOLERATED, FaultCase
@@ -12,6 +16,7 @@ from smarttac_can.bench.rig import NMT_START, MasterTraffic, Rig
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
+from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.object_reference import table
@@ -25,9 +30,9 @@ _OTHER_RUN_UP: Final = 500
 _LATE: Final = 10
 _GO_ON: Final = 300
 _SETTLE: Final = 200
-_RECOVERY: Final = 300
 _SETPOINTS: Final = {
     "Setpoint.Voltage": 4000,
+    "Setpoint.Frequency": 4_339_000,
     "Setpoint.Amplitude": 1000,
     "Setpoint.COF left": 3500,
     "Setpoint.COF right": 3500,
@@ -47,6 +52,8 @@ class Row:
     """Cycles from the fault to 0 V at the power stage; None if it was never reached."""
     emcy_code: str | None
     """Code of the first emergency message after the fault; None if there was none."""
+    emcy_codes: tuple[str, ...]
+    """All codes of both nodes until 50 cycles after the bound, in order, each once."""
     state_after: str
     """State of the stimulator once the plate is at 0 V."""
     cycles_at_zero: int
@@ -68,22 +75,17 @@ class Row:
 
 
 class _Log:
-    """Joins the logs of all rows, without the long parts in which nothing new happens."""
+    """The frames of one row, without the long parts in which nothing new happens."""
 
-    def __init__(self, write: LogHook | None) -> None:
-        self._write = write
-        self._offset = 0
+    def __init__(self) -> None:
+        self.frames: list[tuple[int, Frame]] = []
         self.time = 0
         self.on = False
 
     def __call__(self, microseconds: int, frame: Frame) -> None:
-        self.time = self._offset + microseconds
-        if self.on and self._write is not None:
-            self._write(self.time, frame)
-
-    def next_row(self) -> None:
-        self._offset = self.time
-        self.on = False
+        self.time = microseconds
+        if self.on:
+            self.frames.append((microseconds, frame))
 
 
 def cases(faults: Sequence[str] = (), modes: Sequence[Mode] = ()) -> list[tuple[FaultCase, Mode]]:
@@ -115,12 +117,14 @@ def cases(faults: Sequence[str] = (), modes: Sequence[Mode] = ()) -> list[tuple[
 
 
 def fault_matrix(
-    chosen: Iterable[tuple[FaultCase, Mode]],
+    chosen: Sequence[tuple[FaultCase, Mode]],
     *,
     hold: int = HOLD_CYCLES,
     log: LogHook | None = None,
+    jobs: int = 1,
+    channel: str | None = None,
 ) -> Iterator[Row]:
-    """Inject faults on the in-process bus, each in a run of its own, and yield a row for each.
+    """Inject faults, each in a run of its own, and yield a row for each; always the same ones.
 
     Parameters
     ----------
@@ -131,15 +135,57 @@ def fault_matrix(
     log
         Called with a time stamp in us and the frame; left out are the way to the fault, and the
         inner part of the hold.
+    jobs
+        How many processes share the rows, 1 or more; with 1 there is none but this.
+    channel
+        SocketCAN interface that carries the frames, for 1 job; None keeps them in the process.
+
+    Raises
+    ------
+    BusError
+        If the interface cannot be had, or somebody else sends there.
     """
-    joined = _Log(log)
-    for number, (case, mode) in enumerate(chosen):
-        joined.next_row()
-        yield _row(case, mode, number, hold, joined)
+    offset = 0
+    for row, frames, end in _results(chosen, hold, jobs, channel):
+        if log is not None:
+            for time, frame in frames:
+                log(offset + time, frame)
+        yield replace(row, injected_at_s=round(row.injected_at_s + offset * 1e-6, 6))
+        offset += end
 
 
-def _row(case: FaultCase, mode: Mode, seed: int, hold: int, log: _Log) -> Row:
-    rig = driving_rig(case, mode, log)
+_Result = tuple[Row, list[tuple[int, Frame]], int]
+"""A row, its frames with their times in us, and the time at its end."""
+
+
+def _results(
+    chosen: Sequence[tuple[FaultCase, Mode]], hold: int, jobs: int, channel: str | None
+) -> Iterator[_Result]:
+    if jobs == 1:
+        for case, mode in chosen:
+            yield _row(case, mode, hold, channel)
+        return
+    names = [case.name for case, _ in chosen]
+    modes = [mode for _, mode in chosen]
+    # Spawned, not forked: a fork copies the threads of whoever asks in an unknown state.
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        yield from pool.map(_row_by_name, names, modes, repeat(hold))
+
+
+def _row_by_name(name: str, mode: Mode, hold: int) -> _Result:
+    return _row(_BY_NAME[name], mode, hold, None)
+
+
+def _row(case: FaultCase, mode: Mode, hold: int, channel: str | None) -> _Result:
+    if channel is None:
+        return _row_of(case, mode, hold, None)
+    with SocketCanWire(channel) as wire:
+        return _row_of(case, mode, hold, wire)
+
+
+def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) -> _Result:
+    log = _Log()
+    rig = driving_rig(case, mode, log, wire)
     log.on = True
     rig.cycle(_LOGGED_CYCLES)
     before = rig.stage.value * 1e-2
@@ -148,23 +194,28 @@ def _row(case: FaultCase, mode: Mode, seed: int, hold: int, log: _Log) -> Row:
     injected = log.time
     cycles_to_zero = _cycles_to_zero(rig, case.bound)
     state = rig.state
+    codes = tuple(
+        dict.fromkeys(f"{emcy.code:04X}h" for emcy in rig.emergencies[seen:] if emcy.code)
+    )
     log.on = False
+    seed = crc32(f"{case.name}, {mode_name(mode)}".encode())
     at_zero = _cycles_at_zero(rig, hold, MasterTraffic(rig, seed, commands=not case.forgets))
     log.on = True
     recovered = _recovers(rig, case, mode)
-    codes = [emcy.code for emcy in rig.emergencies[seen:] if emcy.code]
-    return Row(
+    row = Row(
         fault=case.name,
         mode=mode_name(mode),
         voltage_before_v=round(before, 2),
         detection_bound_cycles=case.bound,
         cycles_to_zero=cycles_to_zero,
-        emcy_code=f"{codes[0]:04X}h" if codes else None,
+        emcy_code=codes[0] if codes else None,
+        emcy_codes=codes,
         state_after=state.name.lower(),
         cycles_at_zero=at_zero,
         recovered=recovered and at_zero == hold,
         injected_at_s=injected * 1e-6,
     )
+    return row, log.frames, log.time
 
 
 def mode_name(mode: Mode) -> str:
@@ -172,9 +223,11 @@ def mode_name(mode: Mode) -> str:
     return mode.name.lower()
 
 
-def driving_rig(case: FaultCase, mode: Mode, log: LogHook | None = None) -> Rig:
+def driving_rig(
+    case: FaultCase, mode: Mode, log: LogHook | None = None, wire: SocketCanWire | None = None
+) -> Rig:
     """Return a rig that drives in a mode, just before the fault."""
-    rig = Rig(plate_inside=case.plate_inside, log=log)
+    rig = Rig(plate_inside=case.plate_inside, log=log, wire=wire)
     rig.start()
     _begin_run(rig, mode)
     if case.prepare is not None:
@@ -226,7 +279,7 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
         rig.drive(mode)
     except (Abort, HeartbeatLostError):
         return False
-    rig.cycle(_RECOVERY)
+    rig.cycle(_RUN_UP.get(mode, _OTHER_RUN_UP))
     return rig.state is State.RUNNING and rig.stage.value > 0
 
 
@@ -254,7 +307,7 @@ def matrix_table(rows: Iterable[Row]) -> Iterator[str]:
                 f"{row.voltage_before_v:.2f}",
                 str(row.detection_bound_cycles),
                 "never" if row.cycles_to_zero is None else str(row.cycles_to_zero),
-                row.emcy_code or "none",
+                ", ".join(row.emcy_codes) or "none",
                 row.state_after.replace("_", " "),
                 "yes" if row.recovered else "no",
             )
@@ -263,5 +316,6 @@ def matrix_table(rows: Iterable[Row]) -> Iterator[str]:
     )
 
 
+_BY_NAME: Final = {case.name: case for case in CASES}
 ALL_TOLERATED: Final = tuple((case, mode) for case in TOLERATED for mode in case.modes)
 """Every fault that must not end a run, with every mode."""

@@ -12,7 +12,7 @@ from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
-from smarttac_can.host.local_bus import Port
+from smarttac_can.host.local_bus import Port, Wire
 from smarttac_can.host.node import TICK_US
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
@@ -85,6 +85,8 @@ class Rig:
         Of all that goes wrong at random.
     log
         Called with the time stamp in us and the frame, for every frame on the bus.
+    wire
+        Carries the frames; None keeps them in the process.
 
     Attributes
     ----------
@@ -107,9 +109,14 @@ class Rig:
     """
 
     def __init__(
-        self, *, plate_inside: bool = False, seed: int = 1, log: LogHook | None = None
+        self,
+        *,
+        plate_inside: bool = False,
+        seed: int = 1,
+        log: LogHook | None = None,
+        wire: Wire | None = None,
     ) -> None:
-        self.bus = FaultyBus(seed, log=log)
+        self.bus = FaultyBus(seed, log=log, wire=wire)
         self.cycles = 0
         self.emergencies: list[Emcy] = []
         self.heartbeat = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -66,16 +67,29 @@ def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...])
     show_default=True,
     help="Cycles to stay at 0 V while the master sends at random.",
 )
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=os.cpu_count() or 1,
+    help="Processes that share the work.  [default: one for each processor]",
+)
+@click.option(
+    "--channel",
+    help="SocketCAN interface that carries the frames, such as vcan0; then there is one process.",
+)
 def faults(
     json_file: Path | None,
     log_file: Path | None,
     faults_: tuple[str, ...],
     modes: tuple[str, ...],
     hold: int,
+    jobs: int,
+    channel: str | None,
 ) -> None:
     """Inject every fault in every mode that drives, and show how soon the plate is at 0 V.
 
-    Everything is simulated: stimulator, plate and master on a bus inside the process.
+    Everything is simulated: stimulator, plate and master, on a bus inside the process unless there
+    is a --channel. Nothing else may send there. The rows are the same either way.
     """
     with plain_errors(), ExitStack() as stack:
         try:
@@ -86,9 +100,11 @@ def faults(
         if log_file is not None:
             file = stack.enter_context(log_file.open("w", encoding="ascii"))
             log = CandumpWriter(file).write
+        if channel is not None or len(chosen) == 1:
+            jobs = 1
         bar = stack.enter_context(
             click.progressbar(
-                fault_matrix(chosen, hold=hold, log=log),
+                fault_matrix(chosen, hold=hold, log=log, jobs=jobs, channel=channel),
                 length=len(chosen),
                 label="faults",
                 file=sys.stderr,

@@ -9,7 +9,7 @@ from enum import Enum
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.local_bus import LocalBus, Port
+from smarttac_can.host.local_bus import LocalBus, Port, Wire
 from smarttac_can.host.node import TICK_US, Node
 from smarttac_can.od.cia import SYNC_ID
 
@@ -186,7 +186,7 @@ class FaultyBus(LocalBus):
     ----------
     seed
         Of everything that is drawn at random.
-    sync_id, bit_rate, log
+    sync_id, bit_rate, log, wire
         As for `LocalBus`.
 
     Attributes
@@ -202,8 +202,9 @@ class FaultyBus(LocalBus):
         sync_id: int = SYNC_ID,
         bit_rate: int = 1_000_000,
         log: LogHook | None = None,
+        wire: Wire | None = None,
     ) -> None:
-        super().__init__(sync_id=sync_id, bit_rate=bit_rate, log=log)
+        super().__init__(sync_id=sync_id, bit_rate=bit_rate, log=log, wire=wire)
         self.random = random.Random(seed)
         self.disturbances: list[Disturbance] = []
         self.cycle = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from typing import Protocol
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook
@@ -15,6 +16,22 @@ _STORM_FRAMES = 100_000
 _MAX_DATA_BYTES = 8
 
 _Receive = Callable[[Frame], list[Frame] | None]
+
+
+class Wire(Protocol):
+    """What carries frames between the parties of a `LocalBus`, one frame at a time."""
+
+    def connect(self, port: Port) -> None:
+        """Let a party speak and hear."""
+
+    def disconnect(self, port: Port) -> None:
+        """Forget a party."""
+
+    def put(self, port: Port, frame: Frame) -> None:
+        """Take a frame from its sender."""
+
+    def get(self, port: Port) -> Frame:
+        """Return the frame as it reached another party, each of which asks for it once."""
 
 
 class Port:
@@ -63,6 +80,8 @@ class LocalBus:
         Bit rate in bit/s, above 0; only for the time stamps.
     log
         Called with the time stamp in us and the frame, for every frame.
+    wire
+        Carries the frames; None hands them over.
     """
 
     def __init__(
@@ -71,11 +90,13 @@ class LocalBus:
         sync_id: int = SYNC_ID,
         bit_rate: int = 1_000_000,
         log: LogHook | None = None,
+        wire: Wire | None = None,
     ) -> None:
         if bit_rate <= 0:
             raise ValueError(f"bit_rate {bit_rate} is not above 0")
         self._sync_id = sync_id
         self._log = log
+        self._carrier = wire
         # Rounded up: a time stamp is a worst case.
         self._durations = [
             -(-frame_bits(n) * 1_000_000 // bit_rate) for n in range(_MAX_DATA_BYTES + 1)
@@ -142,11 +163,15 @@ class LocalBus:
 
     def _add(self, port: Port) -> None:
         self._ports.append(port)
+        if self._carrier is not None:
+            self._carrier.connect(port)
         self._wire()
 
     def _remove(self, port: Port) -> None:
         if port in self._ports:
             self._ports.remove(port)
+            if self._carrier is not None:
+                self._carrier.disconnect(port)
             self._wire()
 
     def _wire(self) -> None:
@@ -191,15 +216,23 @@ class LocalBus:
                 self._now += durations[size]
                 if log is not None:
                     log(self._now, frame)
-                for port, receive in sender._others:
-                    if is_tick and port._lockstep and port._node is not None:
-                        for reply in port._node.advance(TICK_US):
-                            queue.append((port, reply))
-                    replies = receive(frame)
-                    if replies:
-                        for reply in replies:
-                            queue.append((port, reply))
+                self._deliver(sender, frame, is_tick)
         finally:
             # After an error nothing of the old cause may turn up in the next delivery.
             queue.clear()
             self._draining = False
+
+    def _deliver(self, sender: Port, frame: Frame, is_tick: bool) -> None:
+        queue = self._queue
+        wire = self._carrier
+        if wire is not None:
+            wire.put(sender, frame)
+        for port, receive in sender._others:
+            came = frame if wire is None else wire.get(port)
+            if is_tick and port._lockstep and port._node is not None:
+                for reply in port._node.advance(TICK_US):
+                    queue.append((port, reply))
+            replies = receive(came)
+            if replies:
+                for reply in replies:
+                    queue.append((port, reply))
