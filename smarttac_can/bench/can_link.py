@@ -14,6 +14,7 @@ import canopen
 from smarttac_can.bench.errors import BenchError, BusLostError, NotRunningError
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.presence import Presence
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.nodes.stimulator_block import SIMULATION
@@ -79,6 +80,8 @@ class CanLink:
         for device in (self._plate, self._stimulator):
             if device is not None:
                 device.start()
+        # In lockstep the nodes' time stands still without the bench.
+        self._presence = None if lockstep else Presence(network, self._stimulator)
 
     def read(self, name: str) -> int:
         """Read the raw value of an object over SDO."""
@@ -142,6 +145,10 @@ class CanLink:
 
     def close(self) -> None:
         """Leave the bus; may be called twice."""
+        presence, self._presence = self._presence, None
+        if presence is not None:
+            with suppress(BenchError):
+                presence.end()
         # python-canopen raises, when all is closed, what has ended its receiving.
         with suppress(can.CanError):
             self._network.disconnect()

@@ -40,8 +40,8 @@ DRIVING: Final = (
     Mode.IDENTIFY,
 )
 """Modes with a voltage."""
-_REGULATED: Final = (Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
-_TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+"""Modes in which the frequency follows the resonance."""
 
 MEASUREMENTS: Final = tuple(base + PLATE_ID for base in TPDO_IDS[:3])
 DRIVE: Final = RPDO_IDS[0] + PLATE_ID
@@ -312,7 +312,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _broken("finger slams", FORCE_PATH_CYCLES, FaultKind.SLAM, 1, 9000),
     _broken("lateral force", 1, FaultKind.OFFSET, 1, 2000)._replace(prepare=_lower_force_limit),
     _broken("resonance out of reach", RESONANCE_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -1500,
-            _TRACKED),
+            TRACKED),
     _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -9000),
     FaultCase("vibration above its limit", AMPLITUDE_CYCLES, _limit_amplitude(100),
               _limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)),

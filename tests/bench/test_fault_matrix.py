@@ -76,6 +76,21 @@ def test_row_can_be_checked_from_the_log() -> None:
     assert codes[0] == row.emcy_code
 
 
+def test_rows_and_log_are_the_same_from_two_processes() -> None:
+    chosen = cases(["measurements corrupt", "S3 stuck", "NMT stop"], [Mode.FRICTION])
+
+    def matrix(jobs: int) -> tuple[list[Row], list[tuple[int, Frame]]]:
+        log: list[tuple[int, Frame]] = []
+        rows = fault_matrix(chosen, hold=HOLD, jobs=jobs, log=lambda *logged: log.append(logged))
+        return list(rows), log
+
+    rows, log = matrix(1)
+    assert matrix(2) == (rows, log)
+    times = [time for time, _ in log]
+    assert times == sorted(times)
+    assert [row.fault for row in rows] == [case.name for case, _ in chosen]
+
+
 def test_rows_repeat() -> None:
     assert one("measurements corrupt", Mode.FRICTION) == one("measurements corrupt", Mode.FRICTION)
 
@@ -101,7 +116,7 @@ def replace_inject(case: FaultCase) -> FaultCase:
     ],
 )
 def test_what_makes_a_row_fail(change: dict[str, float]) -> None:
-    good = Row("it", "friction", 10.0, 5, 6, "5210h", "fault", HOLD, True, 0.0)
+    good = Row("it", "friction", 10.0, 5, 6, "5210h", ("5210h",), "fault", HOLD, True, 0.0)
     assert good.passed
     assert not replace(good, **change).passed  # type: ignore[arg-type]
 
@@ -110,10 +125,10 @@ def test_unknown_fault_and_empty_choice_are_refused() -> None:
     with pytest.raises(ValueError, match="fault 'rust' is none of"):
         cases(["rust"])
     with pytest.raises(ValueError, match="no fault is injected in these modes"):
-        cases(["resonance lost"], [Mode.OPEN_LOOP])
+        cases(["resonance out of reach"], [Mode.OPEN_LOOP])
 
 
 def test_table_says_never_and_none() -> None:
-    bad = Row("it", "open_loop", 10.0, 5, None, None, "not_ready", 0, False, 0.0)
+    bad = Row("it", "open_loop", 10.0, 5, None, None, (), "not_ready", 0, False, 0.0)
     line = list(matrix_table([bad]))[2]
     assert line == "| it | open loop | 10.00 | 5 | never | none | not ready | no |"

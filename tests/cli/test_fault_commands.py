@@ -59,7 +59,7 @@ def test_json_and_log_go_to_files(tmp_path: Path) -> None:
         (("faults", "--fault", "rust"), "'rust' is none of"),
         (("faults", "--mode", "off"), "'off' is not one of"),
         (
-            ("faults", "--fault", "resonance lost", "--mode", "open_loop"),
+            ("faults", "--fault", "resonance out of reach", "--mode", "open_loop"),
             "no fault is injected in these modes",
         ),
         (("soak",), "Missing option '--hours'"),
@@ -70,6 +70,12 @@ def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -
     result = run(*arguments)
     assert result.exit_code == 2
     assert complaint in result.stderr
+
+
+def test_channel_that_is_not_there_is_one_clear_line() -> None:
+    result = run(*ONE, "--channel", "vcan9")
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1].startswith("Error: cannot open vcan9: ")
 
 
 def test_row_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 import signal
 import struct
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +16,7 @@ import pytest
 from nodes_on_a_bus import GUARD_S, NodeProcess, processes
 
 from smarttac_can.bench import Mode, Stimulator
+from smarttac_can.nodes.state_machine import State
 
 
 @contextmanager
@@ -57,6 +60,54 @@ def test_a_signal_leaves_0_v(number: int, multicast: dict[str, Any]) -> None:
         status, lines, complaints = plate.end(number)
         assert (status, complaints) == (0, "")
         assert lines == ["plate 33 operational", "plate 33 stopped at 0 V"]
+
+
+KILLED = """
+import sys
+from smarttac_can.bench import Stimulator
+bench = Stimulator.connect(
+    interface=sys.argv[1], channel=sys.argv[2], port=int(sys.argv[3])
+)
+bench.run(0.3)
+bench.voltage = 20
+bench.mode = "open_loop"
+print("drives", flush=True)
+input()
+"""
+
+
+def test_a_killed_bench_leaves_0_v_and_the_next_one_resets_that(multicast: dict[str, Any]) -> None:
+    arguments = [str(multicast[key]) for key in ("interface", "channel", "port")]
+    with processes(multicast, "node") as (node,):
+        with subprocess.Popen(
+            [sys.executable, "-c", KILLED, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        ) as bench:
+            assert bench.stdout is not None
+            assert bench.stdout.readline() == b"drives\n"
+            node.wait_for("stimulator 32 mode open_loop")
+            bench.kill()
+        node.wait_for("stimulator 32 mode off")
+        with Stimulator.connect(**multicast) as bench:
+            assert bench.state is State.FAULT
+            assert bench.message == "the heartbeat of a watched node is lost"
+            assert not bench.run(0.1).V.any()
+            bench.reset_fault()
+            bench.mode = "open_loop"
+
+
+def test_a_bench_that_leaves_is_not_missed(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "node"):
+        with Stimulator.connect(**multicast) as bench:
+            assert 0x7F0000 + 1000 in watched(bench)
+        with Stimulator.connect(**multicast) as bench:
+            assert bench.state is not State.FAULT
+
+
+def watched(bench: Stimulator) -> list[int]:
+    device = bench._link._stimulator
+    return [device.read(device.od.entry(0x1016, number)) for number in range(1, 5)]
 
 
 def test_one_command_shows_a_master_forces_and_a_cof(multicast: dict[str, Any]) -> None:
