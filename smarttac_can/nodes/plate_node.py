@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.storage import Storage
+from smarttac_can.nodes.check import DRIVEN, Check
 from smarttac_can.nodes.loop_period import LoopPeriod
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.od.cia import (
@@ -22,6 +23,13 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
 
+_MEASURED: Final = (
+    *(f"Vibration.{name}" for name in ("W_d", "W_q", "Tick", "Saturation", "Temperature")),
+    *(f"Gauge.S{number}" for number in range(1, 7)),
+    "Vibration.Tick",
+    "Plate serial number",
+)
+"""Objects of a measurement as TPDO 1 to 3 carry them, under their check."""
 _DRIVE_RPDO = 1
 _MEASUREMENT_TPDOS = (1, 2, 3)
 
@@ -56,6 +64,9 @@ class PlateNode(Application):
         self.device = Device(od, self, storage=storage, node_id=node_id)
         self._period = LoopPeriod(self.device)
         self._measures = True
+        self._sent = Check([od[name] for name in _MEASURED], od["Measurement check"])
+        self._got = Check([od[name] for name in DRIVEN], od["Drive.Check"])
+        self._corrupt = od["Cycle.Corrupt drives"]
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
         self._voltage_max = od["Limit.Voltage"]
@@ -101,14 +112,21 @@ class PlateNode(Application):
         self._measures = self._period.agrees()
         if self._measures:
             self.block.cycle()
+            self._sent.write()
             if self._temperature.value > self._temperature_max.value:
                 self._protect(EmergencyCode.TEMPERATURE, ErrorRegister.TEMPERATURE)
             elif self.block.barred and not self._protecting:
                 self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
 
     def on_rpdo(self, number: int) -> None:
-        """Take a drive, unless its voltage is above the plate's limit or the plate is too hot."""
+        """Take a drive if it is sound, its voltage below the limit, and the plate not too hot.
+
+        A corrupt one is a drive that did not come: the third in a row bars the plate.
+        """
         if number != _DRIVE_RPDO:
+            return
+        if not self._got.holds():
+            self._corrupt.value += 1
             return
         if self._voltage.value > self._voltage_max.value:
             self._protect(EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE)

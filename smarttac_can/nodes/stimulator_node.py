@@ -10,7 +10,9 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.storage import Storage
+from smarttac_can.nodes.check import DRIVEN, Check
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod
+from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.state_machine import Event, State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
@@ -94,16 +96,12 @@ class StimulatorNode(Application):
         self.device = Device(od, self, storage=storage, node_id=node_id)
         self._period = LoopPeriod(self.device)
         self._elapsed = 0
-        self._come: set[int] = set()
+        self._pairing = Pairing(od, _MEASUREMENT_RPDOS, lambda: self._trip(Watchdog.MEASUREMENT))
         self._absent: set[int] = set()
         self._late: set[int] = set()
         self._sync_watch = SyncWatch(od, self._trip, self.block.interlock.settle, produce_sync)
-        self._answered = -1
         self._missed = od["Cycle.Missed deadlines"]
-        self._foreign = od["Cycle.Foreign ticks"]
-        self._lost = od["Cycle.Lost cycles"]
-        self._tick = od["Plate input.Tick"]
-        self._gauge_tick = od["Plate input.Gauge tick"]
+        self._sent = Check([od[name] for name in DRIVEN], od["Drive.Check"])
         self._mode = od["Mode"]
         self._types = [
             (number, od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
@@ -150,7 +148,7 @@ class StimulatorNode(Application):
         """Leave the plate at 0 V."""
         self.block.interlock.handle(Event.DISARM)
         self.block.cut()
-        self.device.trigger(_DRIVE_TPDO)
+        self._send_drive()
         return self.device.take()
 
     def on_state(self, state: NMTState) -> None:
@@ -169,8 +167,7 @@ class StimulatorNode(Application):
             interlock.enter()
         else:
             interlock.leave()
-            self._come.clear()
-            self._answered = -1
+            self._pairing.forget()
             self._sync_watch.restart()
             # Deadlines start anew with the first PDO.
             self._late.clear()
@@ -205,7 +202,7 @@ class StimulatorNode(Application):
             self._trip(Watchdog.SETPOINT)
 
     def on_rpdo(self, number: int) -> None:
-        """Obey a controlword; pair the measurements of a tick and answer the last of them."""
+        """Obey a controlword; answer a measurement that is complete."""
         if number not in _MEASUREMENT_RPDOS:
             self._late.discard(number)
             if not self._late:
@@ -216,24 +213,16 @@ class StimulatorNode(Application):
             return
         if not self._plate_node_id:
             return
-        if number == _MEASUREMENT_RPDOS[0]:
-            if self._come:
-                self._lost.value += 1
-            self._come.clear()
-        self._come.add(number)
-        if len(self._come) < len(_MEASUREMENT_RPDOS):
-            return
-        self._come.clear()
-        tick = self._tick.value
-        if tick != self._gauge_tick.value or tick == self._answered:
-            self._foreign.value += 1
-            return
-        if self._period.agrees():
-            self._answered = tick
+        if self._pairing.take(number) and self._period.agrees():
+            self._pairing.answered()
             self.block.interlock.settle(Watchdog.MEASUREMENT)
             self.block.cycle()
-            self.device.trigger(_DRIVE_TPDO)
+            self._send_drive()
             self._publish()
+
+    def _send_drive(self) -> None:
+        self._sent.write()
+        self.device.trigger(_DRIVE_TPDO)
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
@@ -243,7 +232,7 @@ class StimulatorNode(Application):
         self.block.on_write(entry, value)
         self._show_change(before)
         if entry.name == "Simulation.Start run":
-            self._answered = -1
+            self._pairing.start_run()
 
     def _show_change(self, before: State) -> None:
         """Publish another state at once, and 0 V if it was left with a voltage."""
@@ -251,7 +240,7 @@ class StimulatorNode(Application):
             return
         self.device.trigger(_STATUS_TPDO)
         if before is State.RUNNING and self._plate_node_id:
-            self.device.trigger(_DRIVE_TPDO)
+            self._send_drive()
 
     def _report(self, watchdog: Watchdog) -> None:
         device = self.device

@@ -76,21 +76,6 @@ def test_row_can_be_checked_from_the_log() -> None:
     assert codes[0] == row.emcy_code
 
 
-def test_rows_and_log_are_the_same_from_two_processes() -> None:
-    chosen = cases(["measurements corrupt", "S3 stuck", "NMT stop"], [Mode.FRICTION])
-
-    def matrix(jobs: int) -> tuple[list[Row], list[tuple[int, Frame]]]:
-        log: list[tuple[int, Frame]] = []
-        rows = fault_matrix(chosen, hold=HOLD, jobs=jobs, log=lambda *logged: log.append(logged))
-        return list(rows), log
-
-    rows, log = matrix(1)
-    assert matrix(2) == (rows, log)
-    times = [time for time, _ in log]
-    assert times == sorted(times)
-    assert [row.fault for row in rows] == [case.name for case, _ in chosen]
-
-
 def test_rows_repeat() -> None:
     assert one("measurements corrupt", Mode.FRICTION) == one("measurements corrupt", Mode.FRICTION)
 

@@ -1,6 +1,8 @@
 """The commands ``faults`` and ``soak``: results, files, and exit codes."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,6 +53,20 @@ def test_json_and_log_go_to_files(tmp_path: Path) -> None:
     times = [time for time, _ in read_candump(log)]
     assert times == sorted(times)
     assert times[0] < row["injected_at_s"] * 1e6 <= times[-1]
+
+
+def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> None:
+    chosen = ("--fault", "measurements corrupt", "--fault", "NMT stop", "--hold", "20")
+    for jobs in ("1", "2"):
+        files = ("--json", str(tmp_path / f"{jobs}.json"), "--log", str(tmp_path / f"{jobs}.log"))
+        command = [sys.executable, "-m", "smarttac_can", "faults", *chosen, *files, "--jobs", jobs]
+        # A process of its own: that of multiprocessing which tracks resources outlives the pool.
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
+    assert (tmp_path / "1.json").read_bytes() == (tmp_path / "2.json").read_bytes()
+    assert (tmp_path / "1.log").read_bytes() == (tmp_path / "2.log").read_bytes()
+    assert len(json.loads((tmp_path / "1.json").read_text())) == 10
+    times = [time for time, _ in read_candump(tmp_path / "1.log")]
+    assert times == sorted(times)
 
 
 @pytest.mark.parametrize(

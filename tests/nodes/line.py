@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.nodes.check import crc8
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -118,17 +119,20 @@ def both_nodes() -> tuple[Line, PlateNode, StimulatorNode]:
 
 def drive(voltage: int, tick: int, frequency: int = 4_339_000, node_id: int = PLATE_ID) -> Frame:
     """The drive PDO in 10 mV and 0.01 Hz."""
-    return Frame(0x200 + node_id, struct.pack("<HIB", voltage, frequency, tick))
+    data = struct.pack("<HIB", voltage, frequency, tick)
+    return Frame(0x200 + node_id, data + bytes((crc8(data),)))
 
 
 def measurement(tick: int, gauge_tick: int | None = None, W: int = 0) -> list[Frame]:
     """The three TPDOs of a plate node."""
     gauge_tick = tick if gauge_tick is None else gauge_tick
-    return [
-        Frame(MEASUREMENT[0], struct.pack("<hhBBh", W, 0, tick, 0, 2000)),
-        Frame(MEASUREMENT[1], bytes(8)),
-        Frame(MEASUREMENT[2], struct.pack("<hhBH", 0, 0, gauge_tick, 1)),
+    parts = [
+        struct.pack("<hhBBh", W, 0, tick, 0, 2000),
+        bytes(8),
+        struct.pack("<hhBH", 0, 0, gauge_tick, 1),
     ]
+    parts[2] += bytes((crc8(b"".join(parts)),))
+    return [Frame(can_id, data) for can_id, data in zip(MEASUREMENT, parts, strict=True)]
 
 
 def ids(frames: list[Frame]) -> list[int]:

@@ -1,7 +1,7 @@
 """The faults of a simulated plate as objects: on a plate node, and with the plate inside."""
 
 import pytest
-from line import START, Line, both_nodes, plate_alone, plate_inside
+from line import START, Line, both_nodes, drive, plate_alone, plate_inside
 
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -89,9 +89,7 @@ def test_stimulator_without_the_plate_inside_refuses() -> None:
 
 def asked(plate: PlateNode, voltage: int) -> int:
     """What the stage puts out when the controller asks for a voltage in this tick."""
-    plate.od["Drive.Voltage"].value = voltage
-    plate.od["Drive.Tick"].value = plate.od["Vibration.Tick"].value
-    plate.on_rpdo(1)
+    plate.receive(drive(voltage, plate.od["Vibration.Tick"].value))
     return int(plate.od["Stage.Voltage"].value)
 
 

@@ -42,7 +42,7 @@ def waiting() -> tuple[Line, StimulatorNode]:
 
 def driven(frames: list[Frame]) -> list[tuple[int, int, int]]:
     """Voltage, frequency and tick of the drives among frames."""
-    return [struct.unpack("<HIB", frame.data) for frame in frames if frame.can_id == DRIVE]
+    return [struct.unpack_from("<HIB", frame.data) for frame in frames if frame.can_id == DRIVE]
 
 
 def driving(mode: int = AMPLITUDE) -> tuple[Line, PlateNode, StimulatorNode]:

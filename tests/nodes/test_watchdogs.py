@@ -292,7 +292,7 @@ def test_no_wrong_drive_goes_out(
     loop.cycle()
     monkeypatch.setattr(Cascade, "update", update)
     drives = [frame for frame in loop.line.frames[before:] if frame.can_id == DRIVE]
-    assert [struct.unpack("<HIB", frame.data)[0] for frame in drives] == [0]
+    assert [struct.unpack_from("<HIB", frame.data)[0] for frame in drives] == [0]
     assert loop.voltage == 0
     assert loop.node.od["Diagnosis.Code"].value == WATCHDOGS[watchdog].code
 

@@ -1,0 +1,94 @@
+"""What the plate's three TPDOs of a cycle have to be, together, before they are answered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from smarttac_can.nodes.check import Check
+from smarttac_can.od.dictionary import ObjectDictionary
+
+UNUSABLE_MAX: Final = 3
+"""Measurements in a row, incomplete, corrupt or of a foreign tick, before it is a fault."""
+_NOTHING: Final = -1
+_MEASURED: Final = (
+    *(f"Plate input.{name}" for name in ("W_d", "W_q", "Tick", "Saturation", "Temperature")),
+    *(f"Plate input.S{number}" for number in range(1, 7)),
+    "Plate input.Gauge tick",
+    "Plate input.Plate serial number",
+)
+
+
+class Pairing:
+    """Pairs the measurement PDOs of a tick; counts what cannot be used.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    rpdos
+        Numbers of the RPDOs, in the order in which the plate sends them.
+    unusable
+        Called when a measurement begins after `UNUSABLE_MAX` that were no good.
+    """
+
+    def __init__(
+        self, od: ObjectDictionary, rpdos: tuple[int, ...], unusable: Callable[[], None]
+    ) -> None:
+        self._rpdos = rpdos
+        self._unusable = unusable
+        self._check = Check([od[name] for name in _MEASURED], od["Plate input.Check"])
+        self._tick = od["Plate input.Tick"]
+        self._gauge_tick = od["Plate input.Gauge tick"]
+        self._lost = od["Cycle.Lost cycles"]
+        self._foreign = od["Cycle.Foreign ticks"]
+        self._corrupt = od["Cycle.Corrupt measurements"]
+        self._come: set[int] = set()
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._come.clear()
+        self._begun = 0
+        self.start_run()
+
+    def start_run(self) -> None:
+        """Take any tick next."""
+        self._answered = _NOTHING
+
+    def take(self, rpdo: int) -> bool:
+        """Take a PDO, whose values are in the object dictionary.
+
+        Returns
+        -------
+        bool
+            Whether it completes a measurement that is to be answered; no tick is twice.
+        """
+        if rpdo == self._rpdos[0]:
+            self._begin()
+        self._come.add(rpdo)
+        # A cycle's last PDO ends it, so that those of two cycles are never mixed.
+        if rpdo != self._rpdos[-1] or len(self._come) < len(self._rpdos):
+            return False
+        self._come.clear()
+        if not self._check.holds():
+            self._corrupt.value += 1
+            return False
+        tick = self._tick.value
+        if tick != self._gauge_tick.value or tick == self._answered:
+            self._foreign.value += 1
+            return False
+        self._begun = 0
+        return True
+
+    def answered(self) -> None:
+        """Note that the measurement got its drive."""
+        self._answered = self._tick.value
+
+    def _begin(self) -> None:
+        if self._come:
+            self._lost.value += 1
+        self._come.clear()
+        if self._begun >= UNUSABLE_MAX:
+            self._unusable()
+        self._begun += 1

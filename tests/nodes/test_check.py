@@ -1,0 +1,120 @@
+"""The check of the loop's PDOs: what it is, what it finds, and what the nodes do then."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+from line import (
+    DRIVE,
+    START,
+    SYNC,
+    Line,
+    both_nodes,
+    drive,
+    ids,
+    measurement,
+    plate_alone,
+    stimulator_alone,
+)
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.check import crc8
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+BYTES = st.binary(min_size=1, max_size=23)
+
+
+def flipped(frame: Frame, bit: int) -> Frame:
+    data = bytearray(frame.data)
+    data[bit // 8] ^= 1 << bit % 8
+    return Frame(frame.can_id, bytes(data))
+
+
+def test_it_is_that_of_sae_j1850() -> None:
+    """Check value of the catalogue of parametrised CRC algorithms (reveng, CRC-8/SAE-J1850)."""
+    assert crc8(b"123456789") == 0x4B
+
+
+@given(BYTES, st.data())
+def test_any_wrong_bit_and_any_short_burst_is_found(data: bytes, draw: st.DataObject) -> None:
+    first = draw.draw(st.integers(0, 8 * len(data) - 1))
+    burst = draw.draw(st.integers(1, 255).filter(lambda bits: bits & 1))
+    wrong = int.from_bytes(data, "big") ^ burst << first
+    size = max(len(data), (wrong.bit_length() + 7) // 8)
+    assert crc8(wrong.to_bytes(size, "big")) != crc8(data.rjust(size, b"\0"))
+
+
+def operational_plate() -> tuple[Line, PlateNode]:
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.sync()
+    return line, plate
+
+
+def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
+    line, plate = operational_plate()
+    for bit in range(64):
+        line.send(flipped(drive(2000, 0), bit))
+        assert plate.od["Stage.Voltage"].value == 0, f"bit {bit}"
+    line.send(drive(2000, 0))
+    assert plate.od["Stage.Voltage"].value == 2000
+
+
+def test_the_third_corrupt_drive_in_a_row_bars_the_plate() -> None:
+    line, plate = operational_plate()
+    line.send(drive(2000, 0))
+    for tick in (1, 2, 3):
+        line.send(SYNC, flipped(drive(2000, tick), 3))
+        assert plate.od["Stage.Voltage"].value == 2000
+    line.send(SYNC)
+    assert plate.od["Stage.Voltage"].value == 0
+    line.send(drive(2000, 4))
+    assert plate.od["Stage.Voltage"].value == 0, "it was not told 0 V"
+    assert plate.od["Cycle.Corrupt drives"].value == 3
+
+
+def running() -> tuple[Line, PlateNode, StimulatorNode]:
+    line, plate, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    line.write(stimulator, "Setpoint.Voltage", 2000)
+    line.run(stimulator, 1)
+    line.sync(5)
+    assert plate.od["Stage.Voltage"].value == 2000
+    return line, plate, stimulator
+
+
+def test_a_measurement_with_any_wrong_bit_is_not_answered() -> None:
+    line, stimulator = stimulator_alone()
+    line.nmt(START)
+    assert DRIVE in ids(line.answers(*measurement(0)))
+    for part in range(3):
+        for bit in range(64):
+            frames = measurement(1)
+            frames[part] = flipped(frames[part], bit)
+            assert DRIVE not in ids(line.answers(*frames)), f"part {part}, bit {bit}"
+    assert stimulator.od["Cycle.Corrupt measurements"].value == 3 * 64
+    assert DRIVE in ids(line.answers(*measurement(1)))
+
+
+def test_three_unusable_measurements_in_a_row_are_a_fault() -> None:
+    line, plate, stimulator = running()
+    line.ports[0].close()
+    tick = plate.od["Vibration.Tick"].value
+    for count in range(1, 4):
+        first, second, last = measurement(tick + count & 0xFF)
+        line.send(first, second, flipped(last, 5))
+        assert stimulator.block.state is State.RUNNING
+    (told,) = [frame for frame in line.answers(first) if frame.can_id == DRIVE]
+    assert told.data[:2] == bytes(2), "0 V"
+    assert stimulator.block.state is State.FAULT
+    assert stimulator.od["Diagnosis.Code"].value == 0x8251
+
+
+def test_pdos_of_two_cycles_are_never_mixed() -> None:
+    line, _ = stimulator_alone()
+    line.nmt(START)
+    first, second, last = measurement(0)
+    assert DRIVE not in ids(line.answers(first, last, second))
+    assert DRIVE not in ids(line.answers(second, first, last))
+    assert DRIVE in ids(line.answers(first, second, last))
