@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite
 from types import TracebackType
 from typing import Any, Final, Self
 
 from smarttac_can.bench.errors import BenchError, FaultError, NotReadyError, RefusedError
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import Link, Row
+from smarttac_can.bench.named_objects import NamedObjects
 from smarttac_can.bench.open_link import (
     STIMULATOR_ID,
     LinkName,
@@ -58,11 +58,12 @@ class Stimulator:
     """
 
     # A misspelt property is an error, not a new attribute.
-    __slots__ = ("_link", "_od", "finger")
+    __slots__ = ("_link", "_objects", "_od", "finger")
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         self._link = link
         self._od = od
+        self._objects = NamedObjects(link, od)
         self.finger = SimulatedFinger(self.set)
 
     @classmethod
@@ -155,8 +156,14 @@ class Stimulator:
             self._link.close()
 
     def get(self, name: str) -> float:
-        """Read an object of the stimulator or the simulation by name, in its displayed unit."""
-        return self._link.read(name) * self._od[name].factor
+        """Read an object of the stimulator or the simulation by name, in its displayed unit.
+
+        Raises
+        ------
+        BenchError
+            If there is no such object, or it is no number.
+        """
+        return self._objects.get(name)
 
     def set(self, name: str, value: float) -> None:
         """Write an object by name, in its displayed unit; refused, not clipped, outside its limits.
@@ -165,12 +172,12 @@ class Stimulator:
         ------
         RefusedError
             If the device refuses the value; nothing has changed then.
+        BenchError
+            If there is no such object, or it is no number.
         ValueError
             If the value is not finite.
         """
-        if not isfinite(value):
-            raise ValueError(f"{name} {value} is not a finite number")
-        self._link.write(name, round(value / self._od[name].factor))
+        self._objects.set(name, value)
 
     @property
     def mode(self) -> Mode:

@@ -107,6 +107,16 @@ class Trace:
         return len(self.tick)
 
     @property
+    def time_s(self) -> Floats:
+        """Time of each row in s from the beginning of the run: its tick."""
+        return np.asarray(self.tick * 1e-3, dtype=np.float64)
+
+    @property
+    def lost(self) -> int:
+        """Number of ticks between the first row and the last that were not recorded."""
+        return int(self.tick[-1] - self.tick[0]) + 1 - len(self)
+
+    @property
     def cof(self) -> Floats:
         """Coefficient of friction; NaN while the finger does not touch."""
         return np.where(self.mu == 0, np.nan, self.mu * 1e-4)

@@ -68,6 +68,8 @@ def check(
     """
     if device and node_id is None:
         raise click.UsageError("--device needs --node-id")
+    if node_id is not None and not device:
+        raise click.UsageError("--node-id is that of a --device: none is to be compared")
     with plain_errors():
         text = read_eds_file(file)
         findings = check_eds(text, file.name)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli.options import (
@@ -140,6 +141,8 @@ def node(
         raise click.UsageError("--produce-sync is the tick of a --plate-node: none is given")
     if produce_sync and lockstep:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
+    if plate_node is not None:
+        _refuse_finger()
     fixed = own_node_id(node_id, unconfigured)
     own = STIMULATOR_ID if node_id is None else node_id
     if plate_node == own:
@@ -183,6 +186,14 @@ def plate(
         fixed = own_node_id(node_id, unconfigured)
         device = PlateNode(od, presets, recording, storage=storage, node_id=fixed)
         _run("plate", device, lockstep, bus)
+
+
+def _refuse_finger() -> None:
+    """Refuse options of the simulated plate where the plate is another node."""
+    context = click.get_current_context()
+    for name in ("finger", "subject", "seed"):
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"--{name} is for the plate inside: give it to smarttac plate")
 
 
 def _finger_presets(motion: int, subject: int, seed: int) -> dict[str, int]:

@@ -80,8 +80,12 @@ def test_names_that_do_not_exist() -> None:
             bench.mode = "fast"  # type: ignore[assignment]
         with pytest.raises(ValueError, match="law 'new' is none of measured, accumulate, nominal"):
             bench.law = "new"  # type: ignore[assignment]
-        with pytest.raises(KeyError, match="is not in the EDS"):
-            bench.get("Nonsense")
+        with pytest.raises(BenchError, match="no object 'Setpoint.Amp', perhaps Setpoint.Ampl"):
+            bench.get("Setpoint.Amp")
+        with pytest.raises(BenchError, match="there is no object 'Nonsense'$"):
+            bench.set("Nonsense", 1)
+        with pytest.raises(BenchError, match="Message is not a number"):
+            bench.get("Message")
         with pytest.raises(ValueError, match="nan is not a finite number"):
             bench.voltage = float("nan")
 
@@ -89,7 +93,7 @@ def test_names_that_do_not_exist() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "text"),
     [
-        ("Setpoint.Voltage", 200_010, "06090031: value written too high"),
+        ("Setpoint.Voltage", 200_010, "06090031: value written too high: 0 to 200000 mV"),
         ("Setpoint.Voltage", 1e9, "06090031: value written too high"),
         ("Setpoint.Voltage", -10, "06090032: value written too low"),
         ("Setpoint.COF left", 0.0499, "06090032: value written too low"),

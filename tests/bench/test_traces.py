@@ -135,3 +135,9 @@ def test_a_damaged_file_is_refused_by_line(tmp_path, old, new, message):
     (tmp_path / "t.csv").write_text(text.replace(old, new))
     with pytest.raises(ValueError, match=message):
         read_csv(tmp_path / "t.csv")
+
+
+def test_time_and_lost_ticks():
+    trace = Trace.from_rows("run", 0, [(tick, 0, 0, 0, 0, 0, 0, 0) for tick in (5, 6, 9)])
+    assert trace.time_s == pytest.approx([0.005, 0.006, 0.009])
+    assert trace.lost == 2

@@ -52,6 +52,9 @@ def test_bad_options(command: str, arguments: tuple[str, ...], message: str) -> 
         (("--produce-sync",), "--produce-sync is the tick of a --plate-node"),
         (("--produce-sync", "--lockstep", "--plate-node", "33"), "leave out --produce-sync"),
         (("--plate-node", "32"), "--plate-node 32 is the --node-id of the stimulator"),
+        (("--plate-node", "33", "--finger", "none"), "--finger is for the plate inside"),
+        (("--plate-node", "33", "--subject", "1"), "--subject is for the plate inside"),
+        (("--plate-node", "33", "--seed", "1"), "--seed is for the plate inside"),
         (("--plate-node", "200"), "200 is not in the range 1<=x<=127"),
     ],
 )

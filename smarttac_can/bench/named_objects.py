@@ -1,0 +1,58 @@
+"""Objects of a stimulator by name, in the units a person reads."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from math import isfinite
+from typing import Final
+
+from smarttac_can.bench.errors import BenchError, RefusedError
+from smarttac_can.bench.link import Link
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+_HINTS: Final = 3
+
+
+class NamedObjects:
+    """Numbers of a stimulator, and of the simulation, over a link.
+
+    Parameters
+    ----------
+    link
+        How the stimulator is reached.
+    od
+        Its EDS.
+    """
+
+    def __init__(self, link: Link, od: ObjectDictionary) -> None:
+        self._link = link
+        self._od = od
+
+    def get(self, name: str) -> float:
+        """Read an object; errors as `Stimulator.get`."""
+        entry = self._number(name)
+        return self._link.read(name) * entry.factor
+
+    def set(self, name: str, value: float) -> None:
+        """Write an object; errors as `Stimulator.set`."""
+        entry = self._number(name)
+        if not isfinite(value):
+            raise ValueError(f"{name} {value} is not a finite number")
+        raw = round(value / entry.factor)
+        try:
+            self._link.write(name, raw)
+        except RefusedError as error:
+            if entry.low <= raw <= entry.high:
+                raise
+            low, high = (f"{limit * entry.factor:g}" for limit in (entry.low, entry.high))
+            raise RefusedError(f"{error}: {low} to {high} {entry.unit}".rstrip()) from error
+
+    def _number(self, name: str) -> Entry:
+        entry = self._od.find(name)
+        if entry is None:
+            near = get_close_matches(name, [known.name for known in self._od], _HINTS)
+            hint = f", perhaps {' or '.join(near)}" if near else ""
+            raise BenchError(f"there is no object {name!r}{hint}")
+        if not isinstance(entry.default, int | float):
+            raise BenchError(f"{name} is not a number")
+        return entry
