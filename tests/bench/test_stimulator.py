@@ -80,9 +80,9 @@ def test_names_that_do_not_exist() -> None:
             bench.mode = "fast"  # type: ignore[assignment]
         with pytest.raises(ValueError, match="law 'new' is none of measured, accumulate, nominal"):
             bench.law = "new"  # type: ignore[assignment]
-        with pytest.raises(BenchError, match="no object 'Setpoint.Amp', perhaps Setpoint.Ampl"):
+        with pytest.raises(BenchError, match=r"no object 'Setpoint.Amp', perhaps Setpoint.Ampl"):
             bench.get("Setpoint.Amp")
-        with pytest.raises(BenchError, match="there is no object 'Nonsense'$"):
+        with pytest.raises(BenchError, match=r"there is no object 'Nonsense'$"):
             bench.set("Nonsense", 1)
         with pytest.raises(BenchError, match="Message is not a number"):
             bench.get("Message")
