@@ -116,6 +116,17 @@ def _befall(mishap: Mishap, *can_ids: int, share: float = 1.0, cycles: int = 1) 
     return lambda rig: rig.bus.disturbances.append(disturbance)
 
 
+def _lose(can_ids: tuple[int, ...]) -> Act:
+    """Lose these frames of one cycle; a second in a row would be a fault."""
+
+    def act(rig: Rig) -> None:
+        _befall(Mishap.LOSS, *can_ids)(rig)
+        rig.cycle()
+        _calm(rig)
+
+    return act
+
+
 def _calm(rig: Rig) -> None:
     rig.bus.disturbances.clear()
 
@@ -311,8 +322,8 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _broken("plate too hot", 1, FaultKind.TEMPERATURE, 1, 7500),
     _broken("finger slams", FORCE_PATH_CYCLES, FaultKind.SLAM, 1, 9000),
     _broken("lateral force", 1, FaultKind.OFFSET, 1, 2000)._replace(prepare=_lower_force_limit),
-    _broken("resonance out of reach", RESONANCE_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -1500,
-            TRACKED),
+    _broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES,
+            FaultKind.RESONANCE_SHIFT, 1, -1500, TRACKED),
     _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -9000),
     FaultCase("vibration above its limit", AMPLITUDE_CYCLES, _limit_amplitude(100),
               _limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)),
@@ -348,8 +359,8 @@ TOLERATED: Final[tuple[FaultCase, ...]] = (
     FaultCase("drives twice", 0, _befall(Mishap.DUPLICATION, DRIVE), _calm),
     FaultCase("measurements late in their cycle", 0,
               _befall(Mishap.DELAY, *MEASUREMENTS), _calm),
-    FaultCase("one in 100 measurements lost", 0,
-              _befall(Mishap.LOSS, MEASUREMENTS[0], share=0.01), _calm),
+    FaultCase("a cycle of measurements lost", 0, _lose(MEASUREMENTS), _nothing),
+    FaultCase("a drive lost", 0, _lose((DRIVE,)), _nothing),
     FaultCase("a node babbles a little", 0,
               lambda rig: rig.bus.babble(2), lambda rig: rig.bus.babble(0)),
 )  # fmt: skip

@@ -58,7 +58,6 @@ class Invariants:
         self._rolling = cycle(entries)
         self._high_for = 0
         self._undriven_for = 0
-        self._heard = 0
         self.violations: list[str] = []
         self.violated = 0
         self.stage_is_broken = False

@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from contextlib import ExitStack
+from math import isfinite
 from pathlib import Path
 
 import click
@@ -145,6 +146,8 @@ def soak(hours: float, seed: int, json_file: Path | None) -> None:
     Modes, set-points, fingers, SDO traffic, faults and restarts come at random. The same seed and
     time give the same run.
     """
+    if not isfinite(hours):
+        raise click.BadParameter(f"{hours} is not a finite number", param_hint="--hours")
     with plain_errors():
         steps = 1000
         with click.progressbar(range(steps), label="soaking", file=sys.stderr) as bar:

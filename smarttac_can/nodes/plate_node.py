@@ -150,6 +150,7 @@ class PlateNode(Application):
     def _protect(self, code: EmergencyCode, register: ErrorRegister) -> None:
         """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
         self.block.bar()
+        self.block.barred = True
         if code not in self._protecting:
             self._protecting.add(code)
             self.device.emergency(code, register)

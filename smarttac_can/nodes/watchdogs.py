@@ -82,7 +82,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.MEASUREMENT: Row(
         "the measurements of the plate are late",
         EmergencyCode.MEASUREMENT_LOST, _COMMUNICATION, "event timer of RPDO 5 to 7",
-        "3 ms by default: two lost cycles pass, a third does not", "event timer of RPDO 5 to 7",
+        "3 ms by default: one lost cycle passes, a second in a row does not",
+        "event timer of RPDO 5 to 7",
     ),
     Watchdog.SETPOINT: Row(
         "a set-point PDO is late",
@@ -92,7 +93,7 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.SYNC_LOST: Row(
         "SYNC is lost",
         EmergencyCode.SYNC_LOST, _COMMUNICATION, SYNC_LOST_CYCLES,
-        "two lost SYNCs pass, a third does not",
+        "one lost SYNC passes, a second in a row does not",
     ),
     Watchdog.SYNC_IRREGULAR: Row(
         "SYNC is irregular",
