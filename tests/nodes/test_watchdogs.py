@@ -452,3 +452,42 @@ def test_plate_that_left_operational_waits_for_0_v() -> None:
 def test_no_write_passes_a_hard_cap_of_the_plate(name: str, cap: int) -> None:
     line, plate = driven_plate()
     assert line.write(plate, f"Limit.{name}", cap + 1) == 0x06090031
+
+
+def test_plate_keeps_its_deadline() -> None:
+    line, plate = driven_plate()
+    deadline = plate.od.entry(0x1400, 5)
+    for wrong, code in ((0, 0x06090032), (101, 0x06090031)):
+        assert line.write_data(plate, deadline, wrong.to_bytes(2, "little")) == code
+    assert deadline.value == 3
+
+
+@pytest.mark.parametrize("index", [0x1404, 0x1405, 0x1406])
+def test_stimulator_keeps_its_deadlines(index: int) -> None:
+    loop = Loop()
+    deadline = loop.node.od.entry(index, 5)
+    assert loop.line.write_data(loop.node, deadline, bytes(2)) == 0x06090032
+    assert deadline.value == 3
+
+
+def test_a_first_drive_above_the_limit_bars_as_well() -> None:
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.sync()
+    line.send(drive(15_001, tick_of(plate)))
+    line.sync()
+    line.send(drive(2000, tick_of(plate)))
+    assert plate.od["Stage.Voltage"].value == 0
+    assert_barred_until_0_v(line, plate)
+
+
+def test_a_plate_that_cools_down_waits_for_0_v() -> None:
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.write(plate, "Limit.Temperature", 1500)
+    line.sync()
+    line.send(drive(2000, tick_of(plate)))
+    line.write(plate, "Limit.Temperature", 7000)
+    line.sync()
+    line.send(drive(2000, tick_of(plate)))
+    assert plate.od["Stage.Voltage"].value == 0
