@@ -304,7 +304,7 @@ def matrix_table(rows: Iterable[Row]) -> Iterator[str]:
             (
                 row.fault,
                 row.mode.replace("_", " "),
-                f"{row.voltage_before_v:.2f}",
+                f"{row.voltage_before_v:.0f}",
                 str(row.detection_bound_cycles),
                 "never" if row.cycles_to_zero is None else str(row.cycles_to_zero),
                 ", ".join(row.emcy_codes) or "none",

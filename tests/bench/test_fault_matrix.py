@@ -116,4 +116,4 @@ def test_unknown_fault_and_empty_choice_are_refused() -> None:
 def test_table_says_never_and_none() -> None:
     bad = Row("it", "open_loop", 10.0, 5, None, None, (), "not_ready", 0, False, 0.0)
     line = list(matrix_table([bad]))[2]
-    assert line == "| it | open loop | 10.00 | 5 | never | none | not ready | no |"
+    assert line == "| it | open loop | 10 | 5 | never | none | not ready | no |"
