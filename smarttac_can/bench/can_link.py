@@ -17,6 +17,7 @@ from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.presence import Presence
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
+from smarttac_can.control.cascade import Mode
 from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
@@ -148,10 +149,16 @@ class CanLink:
         presence, self._presence = self._presence, None
         if presence is not None:
             with suppress(BenchError):
-                presence.end()
+                presence.end(self._at_rest())
         # python-canopen raises, when all is closed, what has ended its receiving.
         with suppress(can.CanError):
             self._network.disconnect()
+
+    def _at_rest(self) -> bool:
+        try:
+            return self.read("Mode") == Mode.OFF
+        except BenchError:
+            return False
 
     def _owner(self, name: str) -> RemoteDevice:
         simulated = name.partition(".")[0] in SIMULATION

@@ -43,10 +43,13 @@ class Presence:
             stimulator.write(self._entry, _WATCH)
         self._thread.start()
 
-    def end(self) -> None:
-        """Have the watch ended, then the heartbeat."""
+    def end(self, at_rest: bool) -> None:
+        """Have the watch ended if the stimulator is at rest, then the heartbeat.
+
+        One that still drives, or does not say, stops by the heartbeat that it misses.
+        """
         try:
-            if self._entry is not None:
+            if self._entry is not None and at_rest:
                 self._stimulator.write(self._entry, 0)
         finally:
             self._over.set()

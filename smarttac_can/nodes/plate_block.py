@@ -16,11 +16,11 @@ from smarttac_can.signals import Drive
 
 TICK_MASK: Final = 0xFF
 """The tick count travels as 8 bits."""
+COUNT_MASK: Final = 0xFFFF_FFFF
+"""Counts of cycles begin anew after 49 days."""
 START_RUN: Final = "Simulation.Start run"
 FAULT_KIND: Final = "Fault.Kind"
 _NEVER: Final = -1
-UNANSWERED_MAX: Final = 3
-"""Measurements in a row without an answer in time, after which a driven plate bars itself."""
 STAGE_TOLERANCE: Final = 1.0
 """Voltage in V between what is asked of the power stage and what it reads back, at most."""
 LIFTED, STROKE, RECORDED = range(3)
@@ -47,6 +47,8 @@ class PlateBlock:
         The plate of the present run, for tests and reports.
     barred
         Whether it waits for a drive of 0 V before it takes a voltage.
+    driven
+        Whether it has taken a voltage since it was switched off.
     disobeyed
         Whether the power stage was barred because its output is not what was asked for.
     """
@@ -88,10 +90,9 @@ class PlateBlock:
         self._voltage.value = 0
         self.barred = False
         self.disobeyed = False
-        self._unanswered = 0
         self._moving = False
         self._answered = False
-        self._driven = False
+        self.driven = False
         self._old = Drive(0.0, self._frequency.si_value)
         self._new = self._old
         self.tick.value = TICK_MASK
@@ -105,59 +106,61 @@ class PlateBlock:
         if self._fault_in >= 0:
             self._approach_fault()
         if self._moving:
-            if self._driven and not self._answered:
+            if self.driven and not self._answered:
                 self._lost.value += 1
-                self._unanswered += 1
-                if self._unanswered >= UNANSWERED_MAX:
-                    self.bar()
             plate.step(self._old, self._new)
             self._old = self._new
         self._moving = True
         self._answered = False
         self.tick.value = (self.tick.value + 1) & TICK_MASK
-        self._ticks.value += 1
+        self._ticks.value = self._ticks.value + 1 & COUNT_MASK
         W, gauges, temperature, saturated = plate.sample()
         self._measured.write((W.real, W.imag, temperature, *gauges))
         self._saturation.value = saturated
 
-    def take_drive(self) -> None:
+    def take_drive(self) -> bool:
         """Take the drive in the object dictionary if it answers the present tick.
 
         Anything else, a second answer included, is ignored and counted. 0 V is always taken, and
         lifts the bar of `bar`.
+
+        Returns
+        -------
+        bool
+            Whether the present tick has its answer now.
         """
         if self._voltage.value != 0:
             if self.barred:
-                return
+                return False
             if self._drive_tick.value != self.tick.value or self._answered or not self._moving:
                 self._foreign.value += 1
-                return
-            self._driven = True
+                return False
+            self.driven = True
         elif self.barred:
             self.barred = False
         if self._drive_tick.value == self.tick.value:
             self._answered = True
-            self._unanswered = 0
         voltage = self._voltage.si_value
         self.disobeyed = bool(
             self._stuck_voltage and voltage and abs(self._stuck_voltage - voltage) > STAGE_TOLERANCE
         )
         if self.disobeyed:
             self.bar()
-            return
+            return False
         self._new = Drive(voltage, self._frequency.si_value)
         self._show_stage()
+        return self._answered
 
     def switch_off(self) -> None:
         """Put the power stage at 0 V, now."""
         self._voltage.value = 0
-        self._driven = False
+        self.driven = False
         self._old = self._new = Drive(0.0, self._new.frequency)
         self._show_stage()
 
     def bar(self) -> None:
         """Put the power stage at 0 V; if it drove, it takes no voltage before it was told 0 V."""
-        self.barred = self.barred or self._driven
+        self.barred = self.barred or self.driven
         self.switch_off()
 
     def write(self, name: str, raw: int) -> None:

@@ -16,6 +16,8 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     PDO_COB_ID,
+    PDO_EVENT,
+    RPDO_COMMUNICATION,
     TPDO_COMMUNICATION,
     EmergencyCode,
     ErrorRegister,
@@ -72,11 +74,22 @@ class PlateNode(Application):
         self._voltage_max = od["Limit.Voltage"]
         self._temperature_max = od["Limit.Temperature"]
         self._protecting: set[EmergencyCode] = set()
-        self.advance = self.device.advance
+        self._deadline = od.entry(RPDO_COMMUNICATION + _DRIVE_RPDO - 1, PDO_EVENT)
+        self._unanswered_us = 0
 
     def start(self) -> list[Frame]:
         """Power on."""
         return self.device.start()
+
+    def advance(self, microseconds: int) -> list[Frame]:
+        """Let time pass; without an answer for the time of the deadline, go to 0 V.
+
+        The deadline of the RPDO begins anew with any frame; this one with a drive that was taken.
+        """
+        self._unanswered_us += microseconds
+        if self.block.driven and self._unanswered_us >= 1000 * self._deadline.value:
+            self.block.bar()
+        return self.device.advance(microseconds)
 
     def receive(self, frame: Frame) -> list[Frame]:
         """Take a frame; while there is no loop, no measurement goes out."""
@@ -121,7 +134,7 @@ class PlateNode(Application):
     def on_rpdo(self, number: int) -> None:
         """Take a drive if it is sound, its voltage below the limit, and the plate not too hot.
 
-        A corrupt one is a drive that did not come: the third in a row bars the plate.
+        A corrupt one is a drive that did not come.
         """
         if number != _DRIVE_RPDO:
             return
@@ -134,7 +147,8 @@ class PlateNode(Application):
         hot = self._temperature.value > self._temperature_max.value
         if hot and self._voltage.value:
             return
-        self.block.take_drive()
+        if self.block.take_drive():
+            self._unanswered_us = 0
         if self.block.disobeyed:
             self._protect(EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE)
         if self._protecting and not self.block.barred and not hot:

@@ -114,9 +114,7 @@ def test_stage_that_does_not_obey_is_barred_until_0_v(running: tuple[Line, Plate
 
 def test_stage_gets_stuck_at_another_voltage(running: tuple[Line, PlateNode]) -> None:
     line, plate = running
-    plate.od["Drive.Voltage"].value = 2000
-    plate.od["Drive.Tick"].value = plate.od["Vibration.Tick"].value
-    plate.block.take_drive()
+    assert asked(plate, 2000) == 2000
     break_it(line, plate, FaultKind.STAGE_STUCK, 1, 6000)
     line.sync()
     assert plate.od["Stage.Voltage"].value == 6000

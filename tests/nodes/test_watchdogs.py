@@ -396,9 +396,9 @@ def test_plate_without_drives_and_without_sync() -> None:
 
 def test_plate_whose_measurements_are_not_answered_in_time() -> None:
     line, plate = driven_plate()
-    for count in range(4):
+    for count in range(3):
         line.sync()
-        assert (plate.od["Stage.Voltage"].value == 0) == (count == 3)
+        assert (plate.od["Stage.Voltage"].value == 0) == (count == 2)
         line.send(drive(2000, tick_of(plate) - 1 & 0xFF))
     assert emergencies(line) == [EmergencyCode.DRIVE_LOST]
     assert_barred_until_0_v(line, plate)
@@ -491,3 +491,34 @@ def test_a_plate_that_cools_down_waits_for_0_v() -> None:
     line.sync()
     line.send(drive(2000, tick_of(plate)))
     assert plate.od["Stage.Voltage"].value == 0
+
+
+@pytest.mark.parametrize("kind", ["corrupt", "out of range", "of an old tick"])
+def test_plate_without_sync_is_not_fed_by_drives_that_do_not_count(kind: str) -> None:
+    line, plate = driven_plate()
+    frame = {
+        "corrupt": Frame(DRIVE, bytes(8)),
+        "out of range": Frame(DRIVE, b"\xff" * 8),
+        "of an old tick": drive(2000, tick_of(plate) - 1 & 0xFF),
+    }[kind]
+    for _ in range(3):
+        plate.advance(1000)
+        line.send(frame)
+    assert plate.od["Stage.Voltage"].value == 0
+
+
+def test_any_value_that_the_eds_allows_for_the_model_is_a_model() -> None:
+    loop = Loop()
+    for name in ("Gain per volt", "Tau", "Resonance"):
+        entry = loop.node.od[f"Model.{name}"]
+        for raw in (int(entry.low), int(entry.high), entry.default):
+            assert loop.line.write(loop.node, f"Model.{name}", raw) == 0
+            loop.cycle()
+
+
+def test_counts_of_cycles_begin_anew() -> None:
+    loop = Loop()
+    loop.node.od["Cycle.Cycles"].value = loop.plate.od["Cycle.Ticks"].value = 0xFFFF_FFFF
+    loop.cycle()
+    assert loop.line.read(loop.node, "Cycle.Cycles") == 0
+    assert loop.line.read(loop.plate, "Cycle.Ticks") == 0
