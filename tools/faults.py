@@ -49,9 +49,9 @@ loop, 1 ms.
 - **State after**: state of the stimulator at 0 V. One that is paused still believes that it runs.
 - **Recovered**: cause gone, fault reset, armed and run again: it drives.
 
-Between 0 V and recovery the plate stays at 0 V for the cycles of `--hold`, 1000 in continuous
-integration, {HOLD_CYCLES // 1000} 000 unless told otherwise. The master reads, writes set-points and
-modes, arms, runs and starts nodes at random then; all but resetting the fault. A stimulator that was
+Between 0 V and recovery the plate stays at 0 V for the cycles of `--hold`: 1000 in continuous
+integration, {HOLD_CYCLES} unless told otherwise. The master reads, writes set-points and modes,
+arms, runs and starts nodes at random then; all but resetting the fault. A stimulator that was
 restarted has no fault to reset: there the master does not arm.
 
 Every watchdog trips in every mode; that of the resonance only where the resonance is tracked. A

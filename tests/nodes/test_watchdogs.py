@@ -457,9 +457,11 @@ def test_no_write_passes_a_hard_cap_of_the_plate(name: str, cap: int) -> None:
 def test_plate_keeps_its_deadline() -> None:
     line, plate = driven_plate()
     deadline = plate.od.entry(0x1400, 5)
-    for wrong, code in ((0, 0x06090032), (101, 0x06090031)):
-        assert line.write_data(plate, deadline, wrong.to_bytes(2, "little")) == code
+    assert line.write_data(plate, deadline, (101).to_bytes(2, "little")) == 0x06090031
     assert deadline.value == 3
+    assert line.write_data(plate, deadline, bytes(2)) == 0
+    plate.advance(1000)
+    assert plate.od["Stage.Voltage"].value == 0, "no deadline is no drive"
 
 
 @pytest.mark.parametrize("index", [0x1404, 0x1405, 0x1406])
