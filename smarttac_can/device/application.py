@@ -32,8 +32,11 @@ class Application:
     def on_rpdo(self, number: int) -> None:
         """Act on an RPDO, from 1, whose values are in the object dictionary."""
 
-    def on_rpdo_timeout(self, number: int) -> None:
-        """Act on an RPDO, from 1, that did not come before its deadline."""
+    def on_rpdo_timeout(self, number: int, late: bool) -> None:
+        """Act on an RPDO, from 1, that did not come before its deadline, or is late no more.
+
+        It is not late when it comes, before `on_rpdo`, and when nobody waits for it any more.
+        """
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Act on the heartbeat of a watched node that is lost, or heard again.

@@ -68,6 +68,8 @@ class Device:
     ----------
     sync_counter
         Counter of the last SYNC, 0 where SYNC carries none.
+    sync_own
+        Whether the device produced it.
     """
 
     def __init__(
@@ -132,6 +134,7 @@ class Device:
             for index in service.objects:
                 self._owners.setdefault(index, []).append(service)
         self.sync_counter = 0
+        self.sync_own = False
         self._latching: list[RPDO] = []
         self._sampling: list[TPDO] = []
         self._on_nmt = commands_to(lambda: self._lss.node_id, self._request)
@@ -283,8 +286,9 @@ class Device:
         self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
 
-    def _synchronise(self, counter: int) -> None:
+    def _synchronise(self, counter: int, own: bool) -> None:
         self.sync_counter = counter
+        self.sync_own = own
         for rpdo in self._latching:
             rpdo.on_sync()
         self._application.on_sync()

@@ -84,6 +84,12 @@ class Monitor:
         """Forget that the node was seen."""
         self._timer.stop()
 
+    def follow(self, parameter: int) -> None:
+        """Take another time for the same node: one that was seen is waited for that long."""
+        self.parameter = parameter
+        if self._timer.running:
+            self._timer.start(self.period)
+
     def receive(self, frame: Frame) -> None:
         """Take a heartbeat or boot-up message of the node."""
         if len(frame.data) == 1 and not frame.rtr:
@@ -124,11 +130,15 @@ class HeartbeatConsumer(Service):
             raise Abort(AbortCode.PARAMETER)
 
     def apply(self, entry: Entry) -> None:
-        """Restart the one watch; the others go on."""
+        """Restart the one watch, unless the same node is watched on; the others go on."""
         monitor = self._monitors[entry.subindex]
+        value = entry.value
+        if value & 0xFFFF and value >> 16 & 0xFF == monitor.node_id:
+            monitor.follow(value)
+            return
         monitor.stop()
         self._found(monitor.node_id)
-        monitor.parameter = entry.value
+        monitor.parameter = value
 
     def configure(self) -> None:
         """Read all watches; nobody is missed yet."""

@@ -71,13 +71,15 @@ class Mapping(NamedTuple):
             values[position] = values[position].to_bytes(size, "little", signed=signed)
         return self.pack(*values)
 
-    def deliver(self, data: bytes) -> Entry | None:
-        """Set the entries, all or none.
+    def read(self, data: bytes) -> tuple[tuple[Any, ...], Entry | None]:
+        """Read the values of a PDO; nothing changes.
 
         Returns
         -------
-        Entry or None
-            The entry whose limits the data breaks; then nothing has changed.
+        values : tuple
+            For `write`.
+        broken : Entry or None
+            The entry whose limits they break.
         """
         values = self.unpack(data)
         if self.odd:
@@ -87,10 +89,13 @@ class Mapping(NamedTuple):
             values = tuple(whole)
         for (entry, low, high), value in zip(self.fields, values, strict=True):
             if not low <= value <= high:
-                return entry
+                return values, entry
+        return values, None
+
+    def write(self, values: tuple[Any, ...]) -> None:
+        """Set the entries to values that break no limits."""
         for entry, value in zip(self.entries, values, strict=True):
             entry.value = value
-        return None
 
 
 def mapped_entry(od: ObjectDictionary, value: int, direction: Direction) -> Entry | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
@@ -27,7 +27,7 @@ class RPDO(PDO):
     8200h (protocol error) with the PDO number, the index and the sub-index. A frame too short is
     ignored and reported as 8210h, of one too long the first bytes are used and 8220h is reported.
     Each error is taken back by the next PDO without it. A synchronous PDO that comes after the SYNC
-    window has closed is dropped.
+    window has closed is dropped. Only a PDO whose values were taken keeps its deadline.
     """
 
     direction: ClassVar = Direction.RECEIVE
@@ -52,12 +52,19 @@ class RPDO(PDO):
         self._deadline = port.clock.timer(self._on_deadline)
         self._late = False
         self._faults: set[EmergencyCode] = set()
-        self._latch: bytes | None = None
+        self._latch: tuple[Any, ...] | None = None
 
     @property
     def synchronous(self) -> bool:
         """Whether it waits for SYNC."""
         return self.alive and self.valid and self.transmission <= CYCLIC_LAST
+
+    def apply(self, entry: Entry) -> None:
+        """Take the new parameters; a deadline that is watched, or was missed, runs anew."""
+        watched = self._deadline.running or self._late
+        super().apply(entry)
+        if watched and self.alive and self.valid and self.event_time:
+            self._deadline.start(self.event_time)
 
     def cease(self) -> None:
         """Drop what was latched; without monitoring there is no time-out either."""
@@ -73,7 +80,7 @@ class RPDO(PDO):
             self.port.listen(self.can_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Take the PDO, now or at the next SYNC; the first one starts the deadline monitoring."""
+        """Take the PDO, now or at the next SYNC."""
         if frame.rtr or self.mapping is None:
             return
         data = frame.data
@@ -82,9 +89,6 @@ class RPDO(PDO):
             self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
             self._report(EmergencyCode.PDO_LENGTH, bytes((len(data), size)))
             return
-        if self.event_time:
-            self._deadline.start(self.event_time)
-            self._in_time()
         if len(data) > size:
             self._settle(EmergencyCode.PDO_LENGTH)
             self._report(EmergencyCode.PDO_LENGTH_EXCEEDED, bytes((len(data), size)))
@@ -92,28 +96,36 @@ class RPDO(PDO):
         elif self._faults:
             self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
             self._settle(EmergencyCode.PDO_LENGTH)
-        if self.transmission <= CYCLIC_LAST:
-            if self._sync.window_open:
-                self._latch = data
-        else:
-            self._deliver(data)
-
-    def on_sync(self) -> None:
-        """Put what was latched into the object dictionary."""
-        data, self._latch = self._latch, None
-        if data is not None:
-            self._deliver(data)
-
-    def _deliver(self, data: bytes) -> None:
-        if self.mapping is None:
-            return
-        broken = self.mapping.deliver(data)
+        values, broken = self.mapping.read(data)
         if broken is not None:
             self._report(EmergencyCode.PROTOCOL, _where(broken))
             return
         if self._faults:
             self._settle(EmergencyCode.PROTOCOL)
-        self._application.on_rpdo(self.number)
+        self._take(values)
+
+    def on_sync(self) -> None:
+        """Put what was latched into the object dictionary."""
+        values, self._latch = self._latch, None
+        if values is not None:
+            self._deliver(values)
+
+    def _take(self, values: tuple[Any, ...]) -> None:
+        synchronous = self.transmission <= CYCLIC_LAST
+        if synchronous and not self._sync.window_open:
+            return
+        if self.event_time:
+            self._deadline.start(self.event_time)
+            self._in_time()
+        if synchronous:
+            self._latch = values
+        else:
+            self._deliver(values)
+
+    def _deliver(self, values: tuple[Any, ...]) -> None:
+        if self.mapping is not None:
+            self.mapping.write(values)
+            self._application.on_rpdo(self.number)
 
     def _report(self, code: EmergencyCode, vendor: bytes) -> None:
         if code not in self._faults:
@@ -130,6 +142,7 @@ class RPDO(PDO):
         if self._late:
             self._late = False
             self._emergency.clear(EmergencyCode.RPDO_TIME_OUT, self.number)
+            self._application.on_rpdo_timeout(self.number, False)
 
     def _on_deadline(self) -> None:
         self._late = True
@@ -139,7 +152,7 @@ class RPDO(PDO):
             self.number.to_bytes(2, "little"),
             self.number,
         )
-        self._application.on_rpdo_timeout(self.number)
+        self._application.on_rpdo_timeout(self.number, True)
 
 
 def _where(entry: Entry) -> bytes:

@@ -34,7 +34,8 @@ class Sync(Service):
     Parameters
     ----------
     on_sync
-        Called at every SYNC with its counter, 0 where it has none.
+        Called at every SYNC with its counter, 0 where it has none, and whether the device has
+        produced it.
     """
 
     states: ClassVar = CONFIGURABLE
@@ -44,7 +45,7 @@ class Sync(Service):
         port: Port,
         od: ObjectDictionary,
         emergency: Emergency,
-        on_sync: Callable[[int], None],
+        on_sync: Callable[[int, bool], None],
     ) -> None:
         super().__init__(port, od, (SYNC_COB_ID, SYNC_PERIOD, SYNC_COUNTER, SYNC_WINDOW))
         self._emergency = emergency
@@ -126,7 +127,7 @@ class Sync(Service):
             self._wrong_length = False
             self._emergency.clear(EmergencyCode.SYNC_LENGTH)
         self._heard = self.port.clock.now
-        self._on_sync(data[0] if data else 0)
+        self._on_sync(data[0] if data else 0, False)
 
     def _start_or_stop(self) -> None:
         if self.alive and self._produces and self._period:
@@ -141,4 +142,4 @@ class Sync(Service):
         else:
             self.port.out.append(Frame(self._can_id))
         self._heard = self.port.clock.now
-        self._on_sync(self._counter)
+        self._on_sync(self._counter, True)

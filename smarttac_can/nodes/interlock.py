@@ -11,6 +11,7 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 
 _SHARP: Final = (State.ARMED, State.RUNNING)
+_OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
 class Interlock:
@@ -68,6 +69,11 @@ class Interlock:
         """Present state."""
         return self.machine.state
 
+    @property
+    def tare_barred(self) -> bool:
+        """Whether another zero of the gauges would change a drive, or hide a fault."""
+        return self.machine.state in _SHARP or bool(self.present & self.latched & _OVERLOAD)
+
     def restart(self) -> None:
         """Begin as after power-on; a reset out of RUNNING is a fault."""
         driven = self.machine.state is State.RUNNING
@@ -108,7 +114,7 @@ class Interlock:
             return
         self._seen = word
         if not self._obey(word):
-            self._ignored.value += 1
+            self._ignored.count()
 
     def observe(self, faults: int) -> None:
         """Take the faults that the cyclic watchdogs see in this cycle, as bits."""
@@ -165,7 +171,6 @@ class Interlock:
         """Disarm for a new run."""
         if not self.latched:
             self._message.value = ""
-        self.present &= ~CYCLIC
         self.handle(Event.START_RUN)
         self.prepare()
 

@@ -72,11 +72,11 @@ class Pairing:
             return False
         self._come.clear()
         if not self._check.holds():
-            self._corrupt.value += 1
+            self._corrupt.count()
             return False
         tick = self._tick.value
         if tick != self._gauge_tick.value or tick == self._answered:
-            self._foreign.value += 1
+            self._foreign.count()
             return False
         self._begun = 0
         return True
@@ -87,7 +87,7 @@ class Pairing:
 
     def _begin(self) -> None:
         if self._come:
-            self._lost.value += 1
+            self._lost.count()
         self._come.clear()
         if self._begun >= UNUSABLE_MAX:
             self._unusable()

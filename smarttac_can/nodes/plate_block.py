@@ -16,8 +16,6 @@ from smarttac_can.signals import Drive
 
 TICK_MASK: Final = 0xFF
 """The tick count travels as 8 bits."""
-COUNT_MASK: Final = 0xFFFF_FFFF
-"""Counts of cycles begin anew after 49 days."""
 START_RUN: Final = "Simulation.Start run"
 FAULT_KIND: Final = "Fault.Kind"
 _NEVER: Final = -1
@@ -46,7 +44,9 @@ class PlateBlock:
     plate
         The plate of the present run, for tests and reports.
     barred
-        Whether it waits for a drive of 0 V before it takes a voltage.
+        Whether it waits for a drive of 0 V before it takes a voltage, as at the beginning.
+    lost
+        Whether that is because it was switched off while it drove.
     driven
         Whether it has taken a voltage since it was switched off.
     disobeyed
@@ -88,7 +88,8 @@ class PlateBlock:
         self._fault_in = _NEVER
         self._stuck_voltage = 0.0
         self._voltage.value = 0
-        self.barred = False
+        self.barred = True
+        self.lost = False
         self.disobeyed = False
         self._moving = False
         self._answered = False
@@ -107,13 +108,13 @@ class PlateBlock:
             self._approach_fault()
         if self._moving:
             if self.driven and not self._answered:
-                self._lost.value += 1
+                self._lost.count()
             plate.step(self._old, self._new)
             self._old = self._new
         self._moving = True
         self._answered = False
         self.tick.value = (self.tick.value + 1) & TICK_MASK
-        self._ticks.value = self._ticks.value + 1 & COUNT_MASK
+        self._ticks.count()
         W, gauges, temperature, saturated = plate.sample()
         self._measured.write((W.real, W.imag, temperature, *gauges))
         self._saturation.value = saturated
@@ -133,11 +134,11 @@ class PlateBlock:
             if self.barred:
                 return False
             if self._drive_tick.value != self.tick.value or self._answered or not self._moving:
-                self._foreign.value += 1
+                self._foreign.count()
                 return False
             self.driven = True
-        elif self.barred:
-            self.barred = False
+        else:
+            self.barred = self.lost = False
         if self._drive_tick.value == self.tick.value:
             self._answered = True
         voltage = self._voltage.si_value
@@ -160,7 +161,8 @@ class PlateBlock:
 
     def bar(self) -> None:
         """Put the power stage at 0 V; if it drove, it takes no voltage before it was told 0 V."""
-        self.barred = self.barred or self.driven
+        if self.driven:
+            self.barred = self.lost = True
         self.switch_off()
 
     def write(self, name: str, raw: int) -> None:

@@ -123,13 +123,15 @@ class PlateNode(Application):
         if self.device.nmt_state is not NMTState.OPERATIONAL:
             return
         self._measures = self._period.agrees()
-        if self._measures:
-            self.block.cycle()
-            self._sent.write()
-            if self._temperature.value > self._temperature_max.value:
-                self._protect(EmergencyCode.TEMPERATURE, ErrorRegister.TEMPERATURE)
-            elif self.block.barred and not self._protecting:
-                self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
+        if not self._measures:
+            self.block.bar()
+            return
+        self.block.cycle()
+        self._sent.write()
+        if self._temperature.value > self._temperature_max.value:
+            self._protect(EmergencyCode.TEMPERATURE, ErrorRegister.TEMPERATURE)
+        elif self.block.lost and not self._protecting:
+            self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
 
     def on_rpdo(self, number: int) -> None:
         """Take a drive if it is sound, its voltage below the limit, and the plate not too hot.
@@ -139,7 +141,7 @@ class PlateNode(Application):
         if number != _DRIVE_RPDO:
             return
         if not self._got.holds():
-            self._corrupt.value += 1
+            self._corrupt.count()
             return
         if self._voltage.value > self._voltage_max.value:
             self._protect(EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE)
@@ -156,9 +158,14 @@ class PlateNode(Application):
                 self.device.clear_emergency(code)
             self._protecting.clear()
 
-    def on_rpdo_timeout(self, number: int) -> None:
+    def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Go to 0 V when the drives stay away."""
-        if number == _DRIVE_RPDO:
+        if late and number == _DRIVE_RPDO:
+            self.block.bar()
+
+    def on_error_control(self, node_id: int, lost: bool) -> None:
+        """Go to 0 V when a watched node falls silent, whatever the error behaviour says."""
+        if lost:
             self.block.bar()
 
     def _protect(self, code: EmergencyCode, register: ErrorRegister) -> None:

@@ -7,7 +7,6 @@ from typing import Final
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.analogue_input import AnalogueInput
-from smarttac_can.nodes.plate_block import COUNT_MASK
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
@@ -134,7 +133,7 @@ class ReadBack:
         self._touching.value = int(contact.touching)
         self._mode.value = int(cascade.mode)
         self._tick.value = self._tick.value + (tick - self._tick.value & 0xFF) & _TICK_MASK
-        self._cycles.value = self._cycles.value + 1 & COUNT_MASK
+        self._cycles.count()
         status = self._statusword.value & ~_LOOP_BITS | Status.LIVE.value
         if drive.voltage > 0.0:
             status |= Status.DRIVING.value

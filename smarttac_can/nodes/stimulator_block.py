@@ -104,17 +104,21 @@ class StimulatorBlock:
         if self._plate is not None:
             self._plate.od.reset()
         self.interlock.restart()
+        self._watchdogs.reset()
         self.start_run()
 
     def start_run(self) -> None:
-        """Begin anew: controllers reset and off, tick 0 next; the plate inside is at rest."""
+        """Begin anew: controllers reset and off, tick 0 next; the plate inside is at rest.
+
+        Of a plate node it is not known what it does: the watchdogs go on.
+        """
         if self._plate is not None:
             self._plate.start_run()
             self.od[FAULT_KIND].value = FaultKind.NONE
+            self._watchdogs.reset()
         self.cascade = Cascade(cascade_parameters(self.od), plate_model(self.od))
         self._restore_zeros()
         self._watchdogs.configure()
-        self._watchdogs.reset()
         self._redesign = False
         self.interlock.tared = self.cascade.tribometer.tared
         self._awaits_tare = bool(self._tare_at_power_on.value) and not self.cascade.tribometer.tared
@@ -213,7 +217,8 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            STATE for an auto-zero without 64 samples, simulation objects without the plate inside,
+            STATE for an auto-zero without 64 samples, while armed or running, or to hide a force
+            that has latched a fault; for simulation objects without the plate inside,
             or an illegal controlword; VALUE for a wrong signature, unknown bits of the controlword,
             or limits that contradict each other.
         """
@@ -230,6 +235,8 @@ class StimulatorBlock:
         elif entry.name in AUTO_ZERO:
             if value != ZERO:
                 raise Abort(AbortCode.VALUE)
+            if self.interlock.tare_barred:
+                raise Abort(AbortCode.STATE)
             try:
                 self._tare()
             except RuntimeError as error:

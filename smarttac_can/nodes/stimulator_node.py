@@ -99,7 +99,7 @@ class StimulatorNode(Application):
         self._pairing = Pairing(od, _MEASUREMENT_RPDOS, lambda: self._trip(Watchdog.MEASUREMENT))
         self._absent: set[int] = set()
         self._late: set[int] = set()
-        self._sync_watch = SyncWatch(od, self._trip, self.block.interlock.settle, produce_sync)
+        self._sync_watch = SyncWatch(od, self._trip, self.block.interlock.settle)
         self._missed = od["Cycle.Missed deadlines"]
         self._sent = Check([od[name] for name in DRIVEN], od["Drive.Check"])
         self._mode = od["Mode"]
@@ -142,7 +142,7 @@ class StimulatorNode(Application):
 
     def missed(self, ticks: int) -> None:
         """Count ticks that the clock has passed over."""
-        self._missed.value += ticks
+        self._missed.count(ticks)
 
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V."""
@@ -174,15 +174,21 @@ class StimulatorNode(Application):
             interlock.settle(Watchdog.SETPOINT)
             interlock.settle(Watchdog.MEASUREMENT)
         if state in _RESETS:
+            # So do the watches over heartbeats.
             self._absent.clear()
+            interlock.settle(Watchdog.HEARTBEAT)
         else:
             # What was latched in a reset, or before it, is reported when there is a device again.
             for watchdog in watchdogs_in(interlock.latched):
                 self._report(watchdog)
 
     def on_sync(self) -> None:
-        """Look at when the SYNC comes, and at its counter."""
-        if self._plate_node_id:
+        """Look at when the SYNC comes, at its counter, and whose it is."""
+        if not self._plate_node_id:
+            return
+        if self.device.sync_own:
+            self._sync_watch.produced()
+        else:
             self._sync_watch.heard(self.device.sync_counter)
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
@@ -193,27 +199,32 @@ class StimulatorNode(Application):
         elif not self._absent:
             self.block.interlock.settle(Watchdog.HEARTBEAT)
 
-    def on_rpdo_timeout(self, number: int) -> None:
+    def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Stop when the plate's measurements or the master's set-points stay away."""
         if number in _MEASUREMENT_RPDOS:
-            self._trip(Watchdog.MEASUREMENT)
-        else:
+            if late:
+                self._trip(Watchdog.MEASUREMENT)
+        elif late:
             self._late.add(number)
             self._trip(Watchdog.SETPOINT)
+        else:
+            self._late.discard(number)
+            if not self._late:
+                self.block.interlock.settle(Watchdog.SETPOINT)
 
     def on_rpdo(self, number: int) -> None:
         """Obey a controlword; answer a measurement that is complete."""
         if number not in _MEASUREMENT_RPDOS:
-            self._late.discard(number)
-            if not self._late:
-                self.block.interlock.settle(Watchdog.SETPOINT)
             before = self.block.interlock.state
             self.block.take_controlword()
             self._show_change(before)
             return
         if not self._plate_node_id:
             return
-        if self._pairing.take(number) and self._period.agrees():
+        if self._pairing.take(number):
+            if not self._period.agrees():
+                self._trip(Watchdog.MEASUREMENT)
+                return
             self._pairing.answered()
             self.block.interlock.settle(Watchdog.MEASUREMENT)
             self.block.cycle()

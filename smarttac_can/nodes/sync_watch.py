@@ -23,8 +23,10 @@ class SyncWatch:
         Object dictionary of ``stimulator.eds``.
     trip, settle
         Called with a watchdog whose fault comes or goes.
-    own
-        Whether the node produces the SYNC itself; then there is nothing to watch.
+
+    Notes
+    -----
+    A node that produces SYNC itself is not to hear any other.
     """
 
     def __init__(
@@ -32,17 +34,15 @@ class SyncWatch:
         od: ObjectDictionary,
         trip: Callable[[Watchdog], None],
         settle: Callable[[Watchdog], None],
-        own: bool,
     ) -> None:
         self._overflow = od.entry(SYNC_COUNTER)
         self._trip = trip
         self._settle = settle
-        self._own = own
         self.restart()
 
     def restart(self) -> None:
         """Wait for a first SYNC."""
-        self._running = False
+        self._running = self._own = False
         self._silence = self._elapsed = self._count = self._counter = 0
         self._settle(Watchdog.SYNC_LOST)
         self._settle(Watchdog.SYNC_IRREGULAR)
@@ -51,25 +51,30 @@ class SyncWatch:
         """Let time pass in us, and see whether SYNC is late, or comes too often or seldom."""
         if not self._running:
             return
-        self._silence += microseconds
-        if self._silence >= SYNC_LOST_CYCLES * TICK_US:
-            self._trip(Watchdog.SYNC_LOST)
         self._elapsed += microseconds
+        self._silence += microseconds
+        if self._silence >= SYNC_LOST_CYCLES * TICK_US and not self._own:
+            self._trip(Watchdog.SYNC_LOST)
         if self._elapsed >= SYNC_WINDOW_CYCLES * TICK_US:
-            if abs(self._count - self._elapsed // TICK_US) > _TOLERANCE:
+            right, tolerance = (0, 0) if self._own else (self._elapsed // TICK_US, _TOLERANCE)
+            if abs(self._count - right) > tolerance:
                 self._trip(Watchdog.SYNC_IRREGULAR)
             else:
                 self._settle(Watchdog.SYNC_IRREGULAR)
             self._elapsed = self._count = 0
 
+    def produced(self) -> None:
+        """Take a SYNC of the node itself: from now on there is to be no other."""
+        if not self._own:
+            self.restart()
+            self._running = self._own = True
+
     def heard(self, counter: int) -> None:
-        """Take a SYNC with its counter, 0 where it has none."""
-        if self._own:
-            return
+        """Take a SYNC of another node with its counter, 0 where it has none."""
         self._running = True
         self._silence = 0
         self._count += 1
-        if self._count > SYNC_WINDOW_CYCLES + _TOLERANCE:
+        if self._own or self._count > SYNC_WINDOW_CYCLES + _TOLERANCE:
             # Also where device time stands still.
             self._trip(Watchdog.SYNC_IRREGULAR)
         self._settle(Watchdog.SYNC_LOST)

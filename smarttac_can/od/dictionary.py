@@ -130,6 +130,10 @@ class Entry:
             return int(self.high)
         return round(raw)
 
+    def count(self, more: int = 1) -> None:
+        """Add to a counter, which begins anew above the largest value of its type."""
+        self.value = (self.value + more) % (1 << 8 * self.size)
+
     def check(self, value: Any) -> None:
         """Refuse a value of the wrong type or outside the limits.
 

@@ -114,3 +114,27 @@ def test_switching_the_watch_off_takes_the_error_back() -> None:
         + 50ms
         """,
     )
+
+
+def test_another_time_for_the_same_node_does_not_end_its_watch() -> None:
+    device = started()
+    play(
+        device,
+        WATCH_NODE_5_FOR_20_MS
+        + """
+        > 705 05
+        + 15ms
+        > 620 23 16 10 01 1E 00 05 00           # 30 ms from now on
+        < 5A0 60 16 10 01 00 00 00 00
+        + 29ms
+        + 1ms
+        < 0A0 30 81 11 05 00 00 00 00
+        > 620 23 16 10 01 28 00 05 00           # and still missing
+        < 5A0 60 16 10 01 00 00 00 00
+        + 100ms
+        > 705 05
+        < 0A0 00 00 00 00 00 00 00 00
+        + 40ms
+        < 0A0 30 81 11 05 00 00 00 00
+        """,
+    )

@@ -11,8 +11,8 @@ class Log(Application):
     def on_rpdo(self, number: int) -> None:
         self.calls.append(f"rpdo {number}")
 
-    def on_rpdo_timeout(self, number: int) -> None:
-        self.calls.append(f"late {number}")
+    def on_rpdo_timeout(self, number: int, late: bool) -> None:
+        self.calls.append(f"{'late' if late else 'in time'} {number}")
 
 
 def test_values_are_in_before_the_application_hears_of_it() -> None:
@@ -124,7 +124,10 @@ def test_deadline() -> None:
         < 0A0 50 82 11 01 00 00 00 00
         """,
     )
-    assert application.calls == ["rpdo 1", "rpdo 1", "late 1", "rpdo 1", "late 1"]
+    assert application.calls == [
+        *("rpdo 1", "rpdo 1", "late 1"),
+        *("in time 1", "rpdo 1", "late 1"),
+    ]
     play(device, "> 000 80 20\n< 0A0 00 00 00 00 00 00 00 00\n+ 100ms")
 
 
@@ -176,3 +179,47 @@ def test_two_rpdos_on_one_can_id_both_hear_it() -> None:
 @pytest.mark.parametrize("transmission", [241, 251, 252, 253])
 def test_reserved_types(transmission: int) -> None:
     assert download(started(), 0x1400, 2, transmission, 1) == 0x06090030
+
+
+DRIVE = "220 01 00 A0 35 42 00 07 00"
+LATE = "0A0 50 82 11 01 00 00 00 00"
+
+
+@pytest.mark.parametrize("broken", ["220 01 00", "220 21 4E A0 35 42 00 00 00"])
+def test_a_pdo_that_is_not_taken_does_not_keep_the_deadline(broken: str) -> None:
+    device = started()
+    assert download(device, 0x1400, 5, 10, 2) == 0
+    play(device, f"> {DRIVE}\n+ 9ms\n> {broken}\n< 0A0 ..\n+ 1ms\n< {LATE}")
+
+
+def test_a_broken_pdo_leaves_the_one_that_waits_for_sync() -> None:
+    application = Log()
+    device = started(application)
+    assert download(device, 0x1400, 2, 1, 1) == 0
+    play(device, f"> {DRIVE}\n> 220 21 4E A0 35 42 00 00 00\n< 0A0 00 82 11 01 00 00 21 01\n> 080")
+    assert application.calls == ["rpdo 1"]
+    assert device.od["Setpoint.Voltage"].value == 1
+
+
+@pytest.mark.parametrize(
+    ("subindex", "value", "size", "left"), [(5, 30, 2, 30), (5, 20, 2, 1), (2, 254, 1, 20)]
+)
+def test_a_deadline_that_runs_goes_on_with_new_parameters(
+    subindex: int, value: int, size: int, left: int
+) -> None:
+    application = Log()
+    device = started(application)
+    assert download(device, 0x1400, 5, 20, 2) == 0
+    play(device, f"> {DRIVE}\n+ 19ms")
+    assert download(device, 0x1400, subindex, value, size) == 0
+    play(device, f"+ {1000 * left - 1}us\n+ 1us\n< {LATE}")
+    assert application.calls == ["rpdo 1", "late 1"]
+
+
+def test_nobody_is_late_whom_nobody_waits_for() -> None:
+    application = Log()
+    device = started(application)
+    assert download(device, 0x1400, 5, 10, 2) == 0
+    play(device, f"> {DRIVE}\n+ 10ms\n< {LATE}")
+    play(device, "> 620 2B 00 14 05 00 00 00 00\n< 0A0 ..\n< 5A0 60 00 14 05 00 00 00 00")
+    assert application.calls == ["rpdo 1", "late 1", "in time 1"]

@@ -99,6 +99,16 @@ def plate_alone(**options: object) -> tuple[Line, PlateNode]:
     return Line(node), node
 
 
+def ready_plate(node_id: int = PLATE_ID) -> tuple[Line, PlateNode]:
+    """A plate that has had tick 0, and 0 V."""
+    plate = PlateNode(plate_od(node_id))
+    line = Line(plate)
+    line.nmt(START, node_id)
+    line.sync()
+    line.send(drive(0, 255, node_id=node_id))
+    return line, plate
+
+
 def stimulator_alone() -> tuple[Line, StimulatorNode]:
     """A stimulator that waits for the measurements of a plate node the test plays."""
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)

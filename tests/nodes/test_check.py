@@ -11,7 +11,7 @@ from line import (
     drive,
     ids,
     measurement,
-    plate_alone,
+    ready_plate,
     stimulator_alone,
 )
 
@@ -44,15 +44,8 @@ def test_any_wrong_bit_and_any_short_burst_is_found(data: bytes, draw: st.DataOb
     assert crc8(wrong.to_bytes(size, "big")) != crc8(data.rjust(size, b"\0"))
 
 
-def operational_plate() -> tuple[Line, PlateNode]:
-    line, plate = plate_alone()
-    line.nmt(START)
-    line.sync()
-    return line, plate
-
-
 def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
-    line, plate = operational_plate()
+    line, plate = ready_plate()
     for bit in range(64):
         line.send(flipped(drive(2000, 0), bit))
         assert plate.od["Stage.Voltage"].value == 0, f"bit {bit}"
@@ -61,7 +54,7 @@ def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
 
 
 def test_a_second_corrupt_drive_in_a_row_bars_the_plate() -> None:
-    line, plate = operational_plate()
+    line, plate = ready_plate()
     line.send(drive(2000, 0))
     for tick in (1, 2):
         line.send(SYNC, flipped(drive(2000, tick), 3))

@@ -1,7 +1,7 @@
 """The faults of a simulated plate as objects: on a plate node, and with the plate inside."""
 
 import pytest
-from line import START, Line, both_nodes, drive, plate_alone, plate_inside
+from line import START, Line, both_nodes, drive, plate_inside, ready_plate
 
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -18,9 +18,8 @@ def break_it(line: Line, node: Node, kind: int, sensor: int, value: int, delay: 
 
 @pytest.fixture
 def running() -> tuple[Line, PlateNode]:
-    line, plate = plate_alone()
-    line.nmt(START)
-    line.sync(20)
+    line, plate = ready_plate()
+    line.sync(19)
     return line, plate
 
 

@@ -14,6 +14,7 @@ from line import (
     drive,
     ids,
     plate_alone,
+    ready_plate,
 )
 
 from smarttac_can.bench.open_link import plate_od
@@ -22,14 +23,6 @@ from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.plant.finger import Trajectory
 
 STATE, TOO_HIGH, TOO_LOW = 0x08000022, 0x06090031, 0x06090032
-
-
-def running() -> tuple[Line, PlateNode]:
-    """A plate that has had tick 0."""
-    line, plate = plate_alone()
-    line.nmt(START)
-    line.sync()
-    return line, plate
 
 
 def stage(plate: PlateNode) -> int:
@@ -48,7 +41,7 @@ def test_silent_outside_operational() -> None:
 
 @pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
 def test_leaving_operational_is_0_v(command: int) -> None:
-    line, plate = running()
+    line, plate = ready_plate()
     line.send(drive(2000, 0))
     line.sync()
     assert stage(plate) == 2000
@@ -62,8 +55,54 @@ def test_leaving_operational_is_0_v(command: int) -> None:
     assert abs(plate.od["Vibration.W_d"].value) < 100
 
 
+@pytest.mark.parametrize("begin", ["power-on", "reset", "start run"])
+def test_the_first_drive_is_0_v(begin: str) -> None:
+    line, plate = ready_plate()
+    line.send(drive(2000, 0))
+    if begin == "power-on":
+        line, plate = plate_alone()
+        line.nmt(START)
+    elif begin == "reset":
+        line.nmt(RESET)
+        line.nmt(START)
+    else:
+        assert line.write(plate, "Simulation.Start run", 1) == 0
+    for tick in range(5):
+        assert EMCY_PLATE not in ids(line.sync()), "nothing was lost"
+        line.send(drive(2000, tick))
+        assert stage(plate) == 0
+    line.sync()
+    line.send(drive(0, 5))
+    line.sync()
+    line.send(drive(2000, 6))
+    assert stage(plate) == 2000
+
+
+def test_a_period_that_disagrees_is_0_v() -> None:
+    line, plate = ready_plate()
+    line.send(drive(2000, 0))
+    assert line.write_data(plate, plate.od.entry(0x1006), (2000).to_bytes(4, "little")) == 0
+    line.sync()
+    assert stage(plate) == 0
+
+
+@pytest.mark.parametrize("behaviour", [0, 1, 2])
+def test_a_lost_heartbeat_is_0_v_whatever_the_error_behaviour(behaviour: int) -> None:
+    line, plate = ready_plate()
+    assert line.write_data(plate, plate.od.entry(0x1029, 1), bytes((behaviour,))) == 0
+    watch = 5 << 16 | 10
+    assert line.write_data(plate, plate.od.entry(0x1016, 1), watch.to_bytes(4, "little")) == 0
+    line.send(Frame(0x705, b"\x05"))
+    for tick in range(10):
+        line.send(drive(2000, tick))
+        assert stage(plate) == 2000
+        line.sync()
+    line.send(drive(2000, 10))
+    assert stage(plate) == 0
+
+
 def test_shutdown_is_0_v() -> None:
-    line, plate = running()
+    line, plate = ready_plate()
     line.send(drive(2000, 0))
     assert plate.shutdown() == []
     assert stage(plate) == 0
@@ -72,12 +111,13 @@ def test_shutdown_is_0_v() -> None:
 def test_a_drive_before_the_first_tick_is_foreign() -> None:
     line, plate = plate_alone()
     line.nmt(START)
+    line.send(drive(0, 255))
     line.send(drive(2000, 255))
     assert (stage(plate), plate.od["Cycle.Foreign ticks"].value) == (0, 1)
 
 
 def test_each_tick_takes_one_drive_that_answers_it() -> None:
-    line, plate = running()
+    line, plate = ready_plate()
     for tick in range(300):
         line.send(drive(100 + tick, tick & 0xFF))
         line.send(drive(5000, tick & 0xFF))
@@ -89,14 +129,14 @@ def test_each_tick_takes_one_drive_that_answers_it() -> None:
 
 
 def test_0_v_is_taken_at_any_tick() -> None:
-    line, plate = running()
+    line, plate = ready_plate()
     line.send(drive(2000, 0), drive(0, 77))
     assert stage(plate) == 0
     assert plate.od["Cycle.Foreign ticks"].value == 0
 
 
 def test_a_missing_drive_is_counted_and_keeps_the_old_one_until_the_deadline() -> None:
-    line, plate = running()
+    line, plate = ready_plate()
     line.send(drive(2000, 0))
     assert EMCY_PLATE not in ids(line.sync(2))
     assert (stage(plate), plate.od["Cycle.Lost drives"].value) == (2000, 1)
@@ -107,7 +147,7 @@ def test_a_missing_drive_is_counted_and_keeps_the_old_one_until_the_deadline() -
 
 
 def test_drives_outside_the_limits_are_refused() -> None:
-    line, plate = running()
+    line, plate = ready_plate()
     protocol_error = [Frame(EMCY_PLATE, bytes.fromhex("00 82 11 01 00 00 20 01"))]
     assert line.answers(drive(20_001, 0)) == protocol_error
     assert stage(plate) == 0
@@ -125,8 +165,8 @@ def test_two_plates_on_the_same_seed_send_the_same() -> None:
 
 
 def test_start_run_begins_anew_with_the_simulation_as_written() -> None:
-    line, plate = running()
-    first = line.sync(20)
+    line, plate = ready_plate()
+    first = [frame for frame in line.sync(20) if frame.can_id in MEASUREMENT]
     line.send(drive(2000, 20))
     assert line.write(plate, "Simulation.Start run", 1) == 0
     assert stage(plate) == 0
@@ -142,7 +182,7 @@ def test_start_run_begins_anew_with_the_simulation_as_written() -> None:
 
 def test_sdo_between_the_ticks_changes_nothing() -> None:
     def sent(*, disturbed: bool) -> list[Frame]:
-        line, plate = running()
+        line, plate = ready_plate()
         measured = []
         for tick in range(60):
             line.send(drive(2000, tick))
@@ -169,7 +209,7 @@ def test_sdo_between_the_ticks_changes_nothing() -> None:
     ],
 )
 def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
-    line, plate = running()
+    line, plate = ready_plate()
     before = [entry.value for entry in plate.od]
     assert line.write(plate, name, raw) == code
     assert [entry.value for entry in plate.od] == before
@@ -200,10 +240,7 @@ def test_reset_restores_defaults_and_presets() -> None:
 
 
 def test_the_node_id_gives_the_cob_ids() -> None:
-    plate = PlateNode(plate_od(5))
-    line = Line(plate)
-    line.nmt(START, 5)
-    assert ids(line.sync()) == [0x185, 0x285, 0x385]
+    line, plate = ready_plate(5)
     line.send(drive(2000, 0, node_id=5))
     assert stage(plate) == 2000
     assert ids(line.answers(SYNC)) == [0x185, 0x285, 0x385]

@@ -40,6 +40,14 @@ def test_quantise_rounds_half_to_even() -> None:
     assert [entry.quantise(x) for x in (0.5, 1.5, -0.5, -1.5)] == [0, 2, 0, -2]
 
 
+def test_a_counter_begins_anew() -> None:
+    entry = Entry(0x2000, 0, "Count", DataType.UNSIGNED32, "ro", default=0xFFFF_FFFE)
+    entry.count()
+    assert entry.value == 0xFFFF_FFFF
+    entry.count(3)
+    assert entry.value == 2
+
+
 def test_quantise_refuses_what_has_no_nearest_integer() -> None:
     with pytest.raises(ValueError, match="NaN"):
         voltage().quantise(float("nan"))
