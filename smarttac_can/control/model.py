@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 TICK = 1e-3
 """Period Ts of the loop in s."""
+_ROUNDING = 1e-15
 
 
 def require(name: str, value: float, low: float, high: float) -> None:
@@ -17,7 +18,8 @@ def require(name: str, value: float, low: float, high: float) -> None:
     ValueError
         Names the value and its bounds; NaN is refused, too.
     """
-    if not low <= value <= high:
+    # A bound that comes as an integer times a unit may miss itself by the last bit.
+    if not low - _ROUNDING * abs(low) <= value <= high + _ROUNDING * abs(high):
         raise ValueError(f"{name} {value:g} is outside {low:g}..{high:g}")
 
 

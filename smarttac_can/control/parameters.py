@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from smarttac_can.control.design import POLE_MAX
 from smarttac_can.control.friction import Law
-from smarttac_can.control.model import TICK, require
+from smarttac_can.control.model import require
 from smarttac_can.control.tribometer import Matrix
 
 
@@ -44,7 +43,7 @@ class CascadeParameters:
     f_max: float = 44000.0
     """Highest excitation frequency in Hz, f_min..1e6."""
     dead_time: float = 0.0
-    """Time from the tick until the new drive is in force in s, 0 or more, below 1 ms."""
+    """Time from the tick until the new drive is in force in s, 0..999e-6: it ends in the tick."""
     lateral: Matrix = ((1.0, 0.0), (0.0, 1.0))
     """Calibration ``(Fx, Fy) = lateral (S1, S2)``, elements -10..10."""
     gauge_positions: tuple[float, float, float, float] = (-28e-3, 28e-3, -28e-3, 28e-3)
@@ -64,7 +63,7 @@ class CascadeParameters:
         require("W_max", self.W_max, 0.0, 10e-6)
         require("f_min", self.f_min, 1e3, 1e6)
         require("f_max", self.f_max, self.f_min, 1e6)
-        require("dead_time", self.dead_time, 0.0, math.nextafter(TICK, 0.0))
+        require("dead_time", self.dead_time, 0.0, 999e-6)
         for row in self.lateral:
             for element in row:
                 require("lateral", element, -10.0, 10.0)

@@ -30,7 +30,7 @@ from smarttac_can.plant.faults import PICKUP_D, THERMOMETER, FaultKind
 from smarttac_can.signals import Drive, Measurement, Setpoint
 
 TOUCHED = (OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION)
-STATE = 0x08000022
+STATE, VALUE = 0x08000022, 0x06090030
 
 Act = Callable[[Loop], object]
 
@@ -432,12 +432,20 @@ def test_plate_without_sync_is_not_fed_by_drives_that_do_not_count(kind: str) ->
     assert plate.od["Stage.Voltage"].value == 0
 
 
-def test_any_value_that_the_eds_allows_for_the_model_is_a_model() -> None:
+@pytest.mark.parametrize("record", ["Model", "Controller", "Calibration", "Limit"])
+def test_the_node_takes_any_value_that_its_eds_allows(record: str) -> None:
     loop = Loop()
-    for name in ("Gain per volt", "Tau", "Resonance"):
-        entry = loop.node.od[f"Model.{name}"]
+    for entry in loop.node.od:
+        if not entry.name.startswith(f"{record}.") or not entry.writable:
+            continue
         for raw in (int(entry.low), int(entry.high), entry.default):
-            assert loop.line.write(loop.node, f"Model.{name}", raw) == 0
+            # The two ends of the frequency range must not pass each other.
+            meets = (entry.name, raw) in (
+                ("Limit.Lowest frequency", int(entry.high)),
+                ("Limit.Highest frequency", int(entry.low)),
+            )
+            code = loop.line.write(loop.node, entry.name, raw)
+            assert code == (VALUE if meets else 0), entry.name
             loop.cycle()
 
 
