@@ -18,6 +18,7 @@ from smarttac_can.bench.presence import Presence
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.control.cascade import Mode
+from smarttac_can.nodes.state_machine import Control
 from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
@@ -94,7 +95,9 @@ class CanLink:
         return str(self._stimulator.read(self._stimulator.od[name]))
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object over SDO."""
+        """Write a raw value to an object over SDO; a bench that drives is watched from then on."""
+        if self._presence is not None and _drives(name, raw):
+            self._presence.begin()
         device = self._owner(name)
         device.write(device.od[name], raw)
 
@@ -147,7 +150,7 @@ class CanLink:
     def close(self) -> None:
         """Leave the bus; may be called twice."""
         presence, self._presence = self._presence, None
-        if presence is not None:
+        if presence is not None and presence.begun:
             with suppress(BenchError):
                 presence.end(self._at_rest())
         # python-canopen raises, when all is closed, what has ended its receiving.
@@ -248,3 +251,10 @@ class CanLink:
         while len(self._rows) < cycles and self._clock() < end:
             self._cycle.clear()
             self._cycle.wait(LOST_CYCLE_S)
+
+
+def _drives(name: str, raw: int) -> bool:
+    """Whether a write leads to a voltage; a quick stop is anybody's, and at once."""
+    if name == "Controlword":
+        return bool(raw & (Control.ARM | Control.FAULT_RESET))
+    return name == "Mode" and raw != Mode.OFF

@@ -8,20 +8,33 @@ from typing import Final
 import can
 import canopen
 
+from smarttac_can.bench.errors import BenchError
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.od.cia import HEARTBEAT_CONSUMER, HEARTBEAT_ID
 from smarttac_can.od.dictionary import Entry
 
-BENCH_ID: Final = 127
-"""Node-ID of the bench's heartbeat."""
+_LAST_ID: Final = 127
+_IDS: Final = 16
 _PERIOD_S: Final = 0.1
+_LISTEN_MS: Final = 250
+"""Two heartbeats of another bench, and some delay."""
 _LOST_MS: Final = 1000
 _OPERATIONAL: Final = b"\x05"
-_WATCH: Final = BENCH_ID << 16 | _LOST_MS
+
+
+def bench_id(stimulator_id: int) -> int:
+    """Node-ID of the heartbeat of the bench that drives a stimulator, 112..127.
+
+    Stimulators on one bus have benches of their own, so each watches another node-ID.
+    """
+    return _LAST_ID - stimulator_id % _IDS
 
 
 class Presence:
-    """Heartbeat of a bench that works in real time, from now until `end`.
+    """Heartbeat of a bench that drives in real time, from `begin` until `end`.
+
+    A bench that only reads has none: nobody has to miss it, and its heartbeat would stand for that
+    of a driver that was killed.
 
     Parameters
     ----------
@@ -35,13 +48,39 @@ class Presence:
     def __init__(self, network: canopen.Network, stimulator: RemoteDevice) -> None:
         self._network = network
         self._stimulator = stimulator
-        self._entry = self._free_entry()
+        self._id = bench_id(stimulator.od.node_id)
+        self._watch = self._id << 16 | _LOST_MS
         self._over = threading.Event()
         # A task of python-can would do, but it cannot be waited for when it ends.
         self._thread = threading.Thread(target=self._beat, name="bench heartbeat", daemon=True)
-        if self._entry is not None:
-            stimulator.write(self._entry, _WATCH)
-        self._thread.start()
+
+    @property
+    def begun(self) -> bool:
+        """Whether this bench drives."""
+        return self._thread.ident is not None
+
+    def begin(self) -> None:
+        """Have this bench watched; a watch that the stimulator lost by a reset is set up anew.
+
+        Raises
+        ------
+        BenchError
+            If another bench drives this stimulator.
+        """
+        watches = self._watches()
+        own = [entry for entry, value in watches.items() if value >> 16 & 0x7F == self._id]
+        if not self.begun and self._another_beats([watches[entry] & 0xFFFF for entry in own]):
+            raise BenchError(
+                f"another bench script drives node {self._stimulator.od.node_id}: "
+                f"node {self._id}, its heartbeat, is on the bus; end that script first"
+            )
+        free = [entry for entry, value in watches.items() if value == 0]
+        for entry in (own + free)[:1]:
+            # One that was left behind by a killed bench is written again, which ends that fault.
+            if not self.begun or watches[entry] != self._watch:
+                self._stimulator.write(entry, self._watch)
+        if not self.begun:
+            self._thread.start()
 
     def end(self, at_rest: bool) -> None:
         """Have the watch ended if the stimulator is at rest, then the heartbeat.
@@ -49,8 +88,10 @@ class Presence:
         One that still drives, or does not say, stops by the heartbeat that it misses.
         """
         try:
-            if self._entry is not None and at_rest:
-                self._stimulator.write(self._entry, 0)
+            if at_rest:
+                for entry, value in self._watches().items():
+                    if value == self._watch:
+                        self._stimulator.write(entry, 0)
         finally:
             self._over.set()
             self._thread.join()
@@ -58,20 +99,29 @@ class Presence:
     def _beat(self) -> None:
         try:
             while True:
-                self._network.send_message(HEARTBEAT_ID + BENCH_ID, _OPERATIONAL)
+                self._network.send_message(HEARTBEAT_ID + self._id, _OPERATIONAL)
                 if self._over.wait(_PERIOD_S):
                     return
         except can.CanError:
             # A bus that has failed stops the plate, and the bench finds out by its next transfer.
             return
 
-    def _free_entry(self) -> Entry | None:
+    def _watches(self) -> dict[Entry, int]:
         device = self._stimulator
         entries = device.od.objects[HEARTBEAT_CONSUMER].entries
-        values = {subindex: device.read(entries[subindex]) for subindex in entries if subindex}
-        # A bench that was killed has left its own behind.
-        for wanted in (BENCH_ID, 0):
-            for subindex, value in values.items():
-                if value >> 16 & 0x7F == wanted:
-                    return entries[subindex]
-        return None
+        return {
+            entries[subindex]: device.read(entries[subindex]) for subindex in entries if subindex
+        }
+
+    def _another_beats(self, watched_ms: list[int]) -> bool:
+        """Listen for as long as the stimulator would wait for the next heartbeat."""
+        heard = threading.Event()
+
+        def hear(_can_id: int, _data: bytearray, _timestamp: float) -> None:
+            heard.set()
+
+        self._network.subscribe(HEARTBEAT_ID + self._id, hear)
+        try:
+            return heard.wait(max([_LISTEN_MS, *watched_ms]) * 1e-3)
+        finally:
+            self._network.unsubscribe(HEARTBEAT_ID + self._id, hear)

@@ -15,7 +15,7 @@ import psutil
 import pytest
 from nodes_on_a_bus import GUARD_S, NodeProcess, processes
 
-from smarttac_can.bench import Mode, Stimulator
+from smarttac_can.bench import BenchError, Mode, Stimulator
 from smarttac_can.nodes.state_machine import State
 
 
@@ -76,16 +76,24 @@ input()
 """
 
 
+WATCH = 0x7F0000 + 1000
+
+
+@contextmanager
+def driver(bus: dict[str, Any]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a bench script that drives, for the block to kill."""
+    arguments = [str(bus[key]) for key in ("interface", "channel", "port")]
+    with subprocess.Popen(
+        [sys.executable, "-c", KILLED, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as bench:
+        assert bench.stdout is not None
+        assert bench.stdout.readline() == b"drives\n"
+        yield bench
+
+
 def test_a_killed_bench_leaves_0_v_and_the_next_one_resets_that(multicast: dict[str, Any]) -> None:
-    arguments = [str(multicast[key]) for key in ("interface", "channel", "port")]
     with processes(multicast, "node") as (node,):
-        with subprocess.Popen(
-            [sys.executable, "-c", KILLED, *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        ) as bench:
-            assert bench.stdout is not None
-            assert bench.stdout.readline() == b"drives\n"
+        with driver(multicast) as bench:
             node.wait_for("stimulator 32 mode open_loop")
             bench.kill()
         node.wait_for("stimulator 32 mode off")
@@ -95,14 +103,65 @@ def test_a_killed_bench_leaves_0_v_and_the_next_one_resets_that(multicast: dict[
             assert not bench.run(0.1).V.any()
             bench.reset_fault()
             bench.mode = "open_loop"
+            assert watched(bench).count(WATCH) == 1
+
+
+def test_a_bench_that_reads_does_not_stand_in_for_a_driver_that_was_killed(
+    multicast: dict[str, Any],
+) -> None:
+    with processes(multicast, "node") as (node,), Stimulator.connect(**multicast) as reader:
+        with driver(multicast) as bench:
+            bench.kill()
+        node.wait_for("stimulator 32 mode off")
+        assert reader.message == "the heartbeat of a watched node is lost"
+
+
+def test_a_bench_that_reads_leaves_the_watch_to_the_driver(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
+        bench.run(0.3)
+        bench.mode = "open_loop"
+        with Stimulator.connect(**multicast) as reader:
+            assert watched(reader).count(WATCH) == 1
+        assert watched(bench).count(WATCH) == 1
+
+
+def test_a_second_driver_is_refused(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
+        bench.run(0.3)
+        bench.mode = "open_loop"
+        refusal = "another bench script drives node 32: node 127, its heartbeat, is on the bus"
+        with Stimulator.connect(**multicast) as second:
+            with pytest.raises(BenchError, match=refusal):
+                second.mode = "friction"
+            bench.disarm()
+            with pytest.raises(BenchError, match=refusal):
+                second.arm()
+        bench.mode = "open_loop"
 
 
 def test_a_bench_that_leaves_is_not_missed(multicast: dict[str, Any]) -> None:
     with processes(multicast, "node"):
         with Stimulator.connect(**multicast) as bench:
-            assert 0x7F0000 + 1000 in watched(bench)
+            assert WATCH not in watched(bench)
+            bench.run(0.3)
+            bench.mode = "open_loop"
+            assert WATCH in watched(bench)
         with Stimulator.connect(**multicast) as bench:
+            assert WATCH not in watched(bench)
             assert bench.state is not State.FAULT
+
+
+def test_a_watch_that_a_reset_has_cleared_is_set_up_by_the_next_arm(
+    multicast: dict[str, Any],
+) -> None:
+    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
+        bench.run(0.3)
+        bench.arm()
+        device = bench._link._stimulator
+        device.write(device.od.entry(0x1016, 1), 0)
+        bench.disarm()
+        bench.arm()
+        assert watched(bench).count(WATCH) == 1
 
 
 def watched(bench: Stimulator) -> list[int]:
