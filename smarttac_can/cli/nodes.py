@@ -109,7 +109,8 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
             "--storage",
             type=click.Path(dir_okay=False, path_type=Path),
             callback=_storage,
-            help="File for what is stored by 1010h and LSS; without, it is forgotten at the end.",
+            help="File for what is stored by 1010h and LSS; without, it is forgotten at the end."
+            " What is stored wins over defaults of options, not over options given.",
         ),
     )
 
@@ -152,7 +153,7 @@ def node(
         motion, recording = finger
         if plate_node is None:
             inside = PlateBlock(_load("plate.eds", None, PLATE_ID), recording)
-            presets = _finger_presets(motion, subject, seed)
+            presets = _finger_presets(od, motion, subject, seed)
             device = StimulatorNode(od, inside, presets=presets, storage=storage, node_id=fixed)
         else:
             device = StimulatorNode(
@@ -181,8 +182,8 @@ def plate(
     """Run the simulated plate as a node of its own until Ctrl-C or SIGTERM."""
     with plain_errors(), _blaming(eds):
         motion, recording = finger
-        presets = _finger_presets(motion, subject, seed)
         od = _load("plate.eds", eds, PLATE_ID if node_id is None else node_id)
+        presets = _finger_presets(od, motion, subject, seed)
         fixed = own_node_id(node_id, unconfigured)
         device = PlateNode(od, presets, recording, storage=storage, node_id=fixed)
         _run("plate", device, lockstep, bus)
@@ -190,16 +191,32 @@ def plate(
 
 def _refuse_finger() -> None:
     """Refuse options of the simulated plate where the plate is another node."""
-    context = click.get_current_context()
     for name in ("finger", "subject", "seed"):
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+        if _given(name):
             raise click.UsageError(f"--{name} is for the plate inside: give it to smarttac plate")
 
 
-def _finger_presets(motion: int, subject: int, seed: int) -> dict[str, int]:
-    presets = {"Simulation.Subject": subject, "Simulation.Seed": seed, "Finger.Motion": motion}
+def _given(option: str) -> bool:
+    source = click.get_current_context().get_parameter_source(option)
+    return source is ParameterSource.COMMANDLINE
+
+
+def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) -> dict[str, int]:
+    """Return what was given; the rest are defaults, over which a stored value wins."""
+    presets: dict[str, int] = {}
+    defaults: dict[str, int] = {}
+    for option, name, raw in (
+        ("finger", "Finger.Motion", motion),
+        ("subject", "Simulation.Subject", subject),
+        ("seed", "Simulation.Seed", seed),
+    ):
+        (presets if _given(option) else defaults)[name] = raw
     if motion == STROKE:
-        presets["Finger.Speed"] = SLOW_STROKE_MM_S * 10
+        defaults["Finger.Speed"] = SLOW_STROKE_MM_S * 10
+    for name, raw in defaults.items():
+        entry = od[name]
+        entry.check(raw)
+        entry.default = entry.value = raw
     return presets
 
 

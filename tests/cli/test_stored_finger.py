@@ -1,0 +1,47 @@
+"""What was stored by 1010h, and the options of the finger at the next start."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from smarttac_can.cli import main, nodes
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+NAMES = ("Finger.Motion", "Finger.Speed", "Simulation.Subject", "Simulation.Seed")
+SAVE_ALL = bytes.fromhex("2310100173617665")
+Node = PlateNode | StimulatorNode
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[Node]:
+    """Nodes that the command would have run."""
+    nodes_made: list[Node] = []
+    monkeypatch.setattr(nodes, "_run", lambda name, node, *rest: nodes_made.append(node))
+    return nodes_made
+
+
+@pytest.mark.parametrize("command", ["node", "plate"])
+def test_stored_wins_over_the_default_of_an_option_but_not_over_one_given(
+    command: str, made: list[Node], tmp_path: Path
+) -> None:
+    def started(*options: str) -> tuple[Node, list[int]]:
+        arguments = [command, "--interface", "virtual", "--storage", str(tmp_path / "kept")]
+        result = CliRunner().invoke(main, [*arguments, *options])
+        assert result.exit_code == 0, result.output
+        node = made.pop()
+        node.start()
+        return node, [node.od[name].value for name in NAMES]
+
+    node, values = started()
+    assert values == [1, 200, 1, 1]
+    for name, value in zip(NAMES, (0, 700, 3, 9), strict=True):
+        node.od[name].value = value
+    (answer,) = node.receive(Frame(0x600 + node.device.node_id, SAVE_ALL))
+    assert answer.data[0] == 0x60
+    assert started()[1] == [0, 700, 3, 9]
+    assert started("--subject", "1", "--seed", "1")[1] == [0, 700, 1, 1]
+    assert started("--finger", "stroke")[1] == [1, 700, 3, 9]
+    assert started()[1] == [0, 700, 3, 9]
