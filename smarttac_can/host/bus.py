@@ -31,5 +31,8 @@ class Bus(Protocol):
         ...
 
     def close(self) -> None:
-        """Leave the bus and free its sockets and handles; may be called twice."""
+        """Leave the bus and free its sockets and handles; may be called twice.
+
+        Raises BusError if the driver fails at it.
+        """
         ...

@@ -136,8 +136,17 @@ class PythonCanBus:
             timeout = max(0.0, end - monotonic())
 
     def close(self) -> None:
-        """Leave the bus and free its sockets and handles; may be called twice."""
-        self._bus.shutdown()
+        """Leave the bus and free its sockets and handles; may be called twice.
+
+        Raises
+        ------
+        BusError
+            If the driver fails at it.
+        """
+        try:
+            self._bus.shutdown()
+        except (can.CanError, OSError) as error:
+            raise BusError(f"cannot leave the bus: {error}") from error
 
     def _hears_itself(self) -> bool:
         return isinstance(self._bus, UdpMulticastBus)

@@ -10,6 +10,7 @@ from toy_node import SYNC
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import python_can
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.lasting_bus import LastingBus
 from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
 
 DATA_FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), st.just(False))
@@ -155,3 +156,33 @@ def test_multicast_party_hears_an_equal_frame_of_another_but_not_its_own(
         party.close()
     assert heard == [[SYNC, Frame(1)], [SYNC, Frame(1)], [SYNC, SYNC]]
     assert leftover == [None, None, None]
+
+
+@pytest.mark.parametrize("error", [OSError("no such device"), can.CanError("handle is gone")])
+def test_a_driver_that_fails_to_close_is_an_error_of_the_bus(
+    bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fail() -> None:
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bus._bus, "shutdown", fail)
+        with pytest.raises(BusError, match=f"cannot leave the bus: {error}"):
+            bus.close()
+
+
+def test_an_interface_that_is_gone_and_cannot_be_closed_is_only_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def gone(*_: object) -> None:
+        raise OSError("no such device")
+
+    connection = PythonCanBus("virtual", "toy")
+    lost: list[BusError] = []
+    lasting = LastingBus(lambda: connection, lost=lost.append, back=list, full=lost.append)
+    with monkeypatch.context() as patch:
+        for method in ("recv", "shutdown"):
+            patch.setattr(connection._bus, method, gone)
+        assert lasting.receive(0) is None
+    assert [str(reason) for reason in lost] == ["cannot receive: no such device"]
+    connection.close()
