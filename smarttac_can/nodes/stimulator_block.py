@@ -100,9 +100,12 @@ class StimulatorBlock:
         self.power_on()
 
     def power_on(self) -> None:
-        """Begin with the values that the objects have now; the plate's inside at their defaults."""
+        """Begin with the values that the objects have now, those of the simulation included."""
         if self._plate is not None:
             self._plate.od.reset()
+            for entry in self.od:
+                if entry.name.partition(".")[0] in SIMULATION:
+                    self._plate.od[entry.name].value = entry.value
         self.interlock.restart()
         self._watchdogs.reset()
         self.start_run()

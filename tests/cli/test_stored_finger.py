@@ -9,6 +9,7 @@ from smarttac_can.cli import main, nodes
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.plant.finger import Stroke
 
 NAMES = ("Finger.Motion", "Finger.Speed", "Simulation.Subject", "Simulation.Seed")
 SAVE_ALL = bytes.fromhex("2310100173617665")
@@ -21,6 +22,13 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[Node]:
     nodes_made: list[Node] = []
     monkeypatch.setattr(nodes, "_run", lambda name, node, *rest: nodes_made.append(node))
     return nodes_made
+
+
+def moves(node: Node) -> bool:
+    """Whether the plate has a finger that strokes."""
+    plate = node.block if isinstance(node, PlateNode) else node.block._plate
+    assert plate is not None
+    return isinstance(plate.plate._finger, Stroke)
 
 
 @pytest.mark.parametrize("command", ["node", "plate"])
@@ -37,11 +45,14 @@ def test_stored_wins_over_the_default_of_an_option_but_not_over_one_given(
 
     node, values = started()
     assert values == [1, 200, 1, 1]
+    assert moves(node)
     for name, value in zip(NAMES, (0, 700, 3, 9), strict=True):
         node.od[name].value = value
     (answer,) = node.receive(Frame(0x600 + node.device.node_id, SAVE_ALL))
     assert answer.data[0] == 0x60
-    assert started()[1] == [0, 700, 3, 9]
+    node, values = started()
+    assert values == [0, 700, 3, 9]
+    assert not moves(node)
     assert started("--subject", "1", "--seed", "1")[1] == [0, 700, 1, 1]
     assert started("--finger", "stroke")[1] == [1, 700, 3, 9]
     assert started()[1] == [0, 700, 3, 9]
