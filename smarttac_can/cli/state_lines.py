@@ -48,7 +48,6 @@ class StateLines:
         stimulator = node if isinstance(node, StimulatorNode) else None
         self._off = stimulator.bus_off if stimulator else node.device.bus_off
         self._recovered = stimulator.bus_recovered if stimulator else node.device.bus_recovered
-        self._unsent = stimulator.transmit_failed if stimulator else node.shutdown
         self.missed = getattr(node, "missed", lambda ticks: None)
 
     def start(self) -> list[Frame]:
@@ -86,10 +85,11 @@ class StateLines:
         self._say(f"{self._title} back on {self._where}")
         return self._recovered()
 
-    def full(self, reason: BusError) -> None:
+    def full(self, reason: BusError) -> list[Frame]:
         """Take note that a frame could not be sent."""
-        self._unsent()
+        frames = self._node.transmit_failed()
         self._say(f"{self._title} {reason}")
+        return frames
 
     @property
     def _title(self) -> str:

@@ -28,7 +28,8 @@ class LastingBus:
     back
         Told that it is there again; what it returns is sent.
     full
-        Told that a frame was dropped because the transmit queue is full.
+        Told that a frame was dropped because the transmit queue is full; what it returns is sent
+        before the next frame that the queue takes.
     clock, pause
         Monotonic time in s, and a wait of so many s.
     """
@@ -39,7 +40,7 @@ class LastingBus:
         *,
         lost: Callable[[BusError], None],
         back: Callable[[], list[Frame]],
-        full: Callable[[BusError], None],
+        full: Callable[[BusError], list[Frame]],
         clock: Callable[[], float] = monotonic,
         pause: Callable[[float], None] = sleep,
     ) -> None:
@@ -51,6 +52,7 @@ class LastingBus:
         self._pause = pause
         self._wait = FIRST_WAIT_S
         self._next_try = 0.0
+        self._owed: list[Frame] = []
         self._bus: Bus | None = open_bus()
 
     def send(self, frame: Frame) -> None:
@@ -58,9 +60,12 @@ class LastingBus:
         if self._bus is None:
             return
         try:
+            while self._owed:
+                self._bus.send(self._owed[0])
+                del self._owed[0]
             self._bus.send(frame)
         except QueueFullError as error:
-            self._full(error)
+            self._owed += self._full(error)
         except BusError as error:
             self._lose(error)
 
@@ -87,6 +92,7 @@ class LastingBus:
         with suppress(BusError):
             self.close()
         self._bus = None
+        self._owed.clear()
         self._wait = FIRST_WAIT_S
         self._next_try = self._clock() + self._wait
         self._lost(reason)

@@ -21,6 +21,10 @@ class PlainNode:
         self.receive = device.receive
         self.advance = device.advance
 
+    def transmit_failed(self) -> list[Frame]:
+        """Take note that a frame could not be sent; nothing depends on it."""
+        return []
+
     def shutdown(self) -> list[Frame]:
         """Switch off; nothing is driven, so nothing is to be said."""
         return []

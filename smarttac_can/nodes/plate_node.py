@@ -102,6 +102,13 @@ class PlateNode(Application):
         ]
         return [reply for reply in sent if reply.can_id not in stale]
 
+    def transmit_failed(self) -> list[Frame]:
+        """Go to 0 V, the transmit queue being full: the controller lacks what was measured."""
+        self.block.bar()
+        if self.block.barred:
+            self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
+        return self.device.take()
+
     def shutdown(self) -> list[Frame]:
         """Put the power stage at 0 V."""
         self.block.switch_off()

@@ -9,6 +9,7 @@ from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.lasting_bus import FIRST_WAIT_S, LONGEST_WAIT_S, LastingBus
 
 HELLO, GOODBYE = Frame(0x701, b"\x7f"), Frame(0x081, bytes(8))
+FULL = Frame(0x081, b"\x11\x81".ljust(8, b"\0"))
 
 
 class Interface:
@@ -63,11 +64,15 @@ def lasting(interface: Interface) -> tuple[LastingBus, list[str]]:
         said.append("back")
         return [HELLO]
 
+    def full(reason: BusError) -> list[Frame]:
+        said.append(f"full: {reason}")
+        return [FULL] if len(said) == 1 else []
+
     bus = LastingBus(
         interface.connect,
         lost=lambda reason: said.append(f"lost: {reason}"),
         back=back,
-        full=lambda reason: said.append(f"full: {reason}"),
+        full=full,
         clock=lambda: interface.now,
         pause=interface.sleep,
     )
@@ -122,7 +127,33 @@ def test_a_full_queue_is_told_and_no_reason_to_leave():
     interface.full = False
     bus.send(GOODBYE)
     assert said == ["full: queue full"]
-    assert (interface.sent, interface.tries) == ([GOODBYE], [0.0])
+    assert (interface.sent, interface.tries) == ([FULL, GOODBYE], [0.0])
+
+
+def test_what_is_to_say_of_a_full_queue_goes_out_before_the_next_frame_it_takes():
+    interface = Interface()
+    bus, said = lasting(interface)
+    interface.full = True
+    for _ in range(3):
+        bus.send(GOODBYE)
+    interface.full = False
+    bus.send(GOODBYE)
+    bus.send(GOODBYE)
+    assert said == ["full: queue full"] * 3
+    assert interface.sent == [FULL, GOODBYE, GOODBYE]
+
+
+def test_what_was_to_say_of_a_full_queue_ends_with_the_bus():
+    interface = Interface()
+    bus, _ = lasting(interface)
+    interface.full = True
+    bus.send(GOODBYE)
+    interface.full = interface.plugged = False
+    bus.send(GOODBYE)
+    interface.plugged = True
+    interface.sleep(LONGEST_WAIT_S)
+    bus.receive(0.001)
+    assert interface.sent == [HELLO]
 
 
 def test_the_first_connection_must_be_there():

@@ -179,7 +179,7 @@ def test_an_interface_that_is_gone_and_cannot_be_closed_is_only_lost(
 
     connection = PythonCanBus("virtual", "toy")
     lost: list[BusError] = []
-    lasting = LastingBus(lambda: connection, lost=lost.append, back=list, full=lost.append)
+    lasting = LastingBus(lambda: connection, lost=lost.append, back=list, full=lambda _: [])
     with monkeypatch.context() as patch:
         for method in ("recv", "shutdown"):
             patch.setattr(connection._bus, method, gone)

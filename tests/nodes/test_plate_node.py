@@ -1,5 +1,7 @@
 """The plate node: what it does with drives, states and the objects of the simulation."""
 
+import struct
+
 import pytest
 from line import (
     EMCY_PLATE,
@@ -106,6 +108,24 @@ def test_shutdown_is_0_v() -> None:
     line.send(drive(2000, 0))
     assert plate.shutdown() == []
     assert stage(plate) == 0
+
+
+def test_a_full_transmit_queue_is_0_v_until_told_0_v() -> None:
+    line, plate = running()
+    assert plate.transmit_failed() == [], "at rest it is nothing to report"
+    line.send(drive(2000, 0))
+    assert stage(plate) == 2000
+    report = Frame(EMCY_PLATE, struct.pack("<HB5x", 0x8253, 0x11))
+    assert plate.transmit_failed() == [report]
+    assert plate.transmit_failed() == []
+    assert stage(plate) == 0
+    line.sync()
+    line.send(drive(2000, 1))
+    assert stage(plate) == 0
+    line.send(drive(0, 1))
+    line.sync()
+    line.send(drive(2000, 2))
+    assert stage(plate) == 2000
 
 
 def test_a_drive_before_the_first_tick_is_foreign() -> None:
