@@ -58,9 +58,12 @@ def _finger(
 def _storage(
     _ctx: click.Context, _param: click.Parameter, value: Path | None
 ) -> StorageFile | None:
-    if value is not None and not value.parent.is_dir():
-        raise click.BadParameter(f"{str(value.parent)!r} is no directory")
-    return None if value is None else StorageFile(value)
+    if value is None:
+        return None
+    file = StorageFile(value)
+    if not file.path.parent.is_dir():
+        raise click.BadParameter(f"{str(file.path.parent)!r} is no directory")
+    return file
 
 
 def node_options(node_id: int) -> Callable[[Command], Command]:

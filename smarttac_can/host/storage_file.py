@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -12,28 +13,39 @@ class StorageFile:
     Parameters
     ----------
     path
-        The file; it need not exist, its directory must.
+        The file, or a link to it; it need not exist, its directory must.
+
+    Attributes
+    ----------
+    path
+        The file, behind all links.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        # A link is followed now: replacing it would leave the file behind it as it was.
+        self.path = Path(os.path.realpath(path))
+        self._new = self.path.with_name(self.path.name + ".new")
 
     def read(self) -> bytes | None:
-        """Content of the file, None if there is none; raises `OSError` if it cannot be read."""
+        """Content of the file, None if there is none; raises `OSError` if it cannot be read.
+
+        What a power cut has left half written is removed.
+        """
+        with suppress(OSError):
+            self._new.unlink()
         try:
-            return self._path.read_bytes()
+            return self.path.read_bytes()
         except FileNotFoundError:
             return None
 
     def write(self, data: bytes) -> None:
         """Replace the file as a whole; on `OSError` the old one is still there."""
-        written = self._path.with_name(self._path.name + ".new")
-        with written.open("wb") as file:
+        with self._new.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        written.replace(self._path)
-        _sync_directory(self._path.parent)
+        self._new.replace(self.path)
+        _sync_directory(self.path.parent)
 
 
 def _sync_directory(path: Path) -> None:

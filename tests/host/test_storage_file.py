@@ -72,6 +72,7 @@ def test_power_cut_while_writing_leaves_the_old_parameters(
         again, sent = powered(path)
         assert heartbeat(again) == 500
         assert sent == [Frame(0x720, b"\0")]
+        assert [p.name for p in tmp_path.iterdir()] == ["node.store"]
 
     def full(_: int) -> None:
         raise OSError("no space left")
@@ -88,3 +89,15 @@ def test_file_that_cannot_be_read_is_an_error_of_the_device(tmp_path: Path) -> N
     device, sent = powered(tmp_path)  # a directory
     assert sent == [Frame(0x720, b"\0"), EMCY]
     assert save(device, 500) == bytes.fromhex("8010100100000606")
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    path, kept = tmp_path / "node.store", tmp_path / "disk" / "kept"
+    path.symlink_to(kept)
+    assert save(powered(path)[0], 500) == bytes.fromhex("8010100100000606"), "no such directory"
+    kept.parent.mkdir()
+    for period in (500, 700):
+        assert save(powered(path)[0], period)[0] == 0x60
+        assert path.is_symlink()
+        assert heartbeat(powered(kept)[0]) == period
+    assert [p.name for p in kept.parent.iterdir()] == ["kept"]
