@@ -61,8 +61,8 @@ def page(report: dict[str, Any]) -> str:
         "",
         "After each fault: 0 V within the bound and a cycle, and it can be recovered from. A run "
         "without a fault does not end in one. The error histories hold the emergency messages that "
-        "were on the bus, where the fault lets a node speak. After two minutes the process grows "
-        f"by less than {RSS_GROWTH_MIB:g} MiB.",
+        "were on the bus. After two minutes the process grows by less than "
+        f"{RSS_GROWTH_MIB:g} MiB.",
         "",
         "Faults that need a prepared run, a broken controller or the plate inside are only in the "
         "[fault matrix](faults.md).",

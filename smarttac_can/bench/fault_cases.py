@@ -76,6 +76,12 @@ class FaultCase(NamedTuple):
     plate_inside: bool = False
     forgets: bool = False
     """Whether the stimulator starts anew, and so obeys the master again without a fault reset."""
+    deaf: bool = False
+    """Whether a node cannot hear or act, so that it may go on driving until its plate notices."""
+    breaks_stage: bool = False
+    """Whether the power stage ignores what is asked for."""
+    breaks_controller: bool = False
+    """Whether the controllers themselves are replaced."""
 
 
 def _nothing(rig: Rig) -> None:
@@ -308,8 +314,10 @@ CASES: Final[tuple[FaultCase, ...]] = (
     FaultCase("SYNC counter jumps", 1, _skip_syncs, _nothing, prepare=Rig.count_syncs),
     FaultCase("bus-off", 1, _bus_off, _bus_recovered),
     FaultCase("transmit queue full", 1, _transmit_failed, _nothing),
-    FaultCase("controller asks for 999 V", 1, _control_wrongly(999.0), _control_rightly),
-    FaultCase("controller gives NaN", 1, _control_wrongly(float("nan")), _control_rightly),
+    FaultCase("controller asks for 999 V", 1, _control_wrongly(999.0), _control_rightly,
+              breaks_controller=True),
+    FaultCase("controller gives NaN", 1, _control_wrongly(float("nan")), _control_rightly,
+              breaks_controller=True),
     FaultCase("another plate", 1, _another_plate(2), _another_plate(1)),
     FaultCase("plate without a serial number", 1, _another_plate(0), _another_plate(1)),
     *_gauges(),
@@ -329,7 +337,9 @@ CASES: Final[tuple[FaultCase, ...]] = (
               _limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)),
     _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, FaultKind.OFFSET, PICKUP_D,
             500, (Mode.IDENTIFY,))._replace(prepare=_limit_amplitude(1000)),
-    _broken("power stage stuck", AMPLITUDE_CYCLES, FaultKind.STAGE_STUCK, 1, 14_000),
+    _broken("power stage stuck", AMPLITUDE_CYCLES, FaultKind.STAGE_STUCK, 1, 14_000)._replace(
+        breaks_stage=True
+    ),
     FaultCase("measurements two cycles late", 2 * PDO_DEADLINE_MS,
               _befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), _calm),
     FaultCase("drives two cycles late", PDO_DEADLINE_MS,
@@ -348,8 +358,9 @@ CASES: Final[tuple[FaultCase, ...]] = (
     FaultCase("clock of the stimulator jumps", 1, _jump(plate=False), _nothing),
     FaultCase("clock of the plate jumps", 1, _jump(plate=True), _nothing),
     FaultCase("clock of the stimulator stops", 2 * SYNC_WINDOW_CYCLES, _stop_clock, _start_clock),
-    FaultCase("stimulator paused for 2 s", PDO_DEADLINE_MS, _pause_stimulator, _resume_stimulator),
-    FaultCase("plate paused for 2 s", PDO_DEADLINE_MS, _pause_plate, _nothing),
+    FaultCase("stimulator paused for 2 s", PDO_DEADLINE_MS, _pause_stimulator, _resume_stimulator,
+              deaf=True),
+    FaultCase("plate paused for 2 s", PDO_DEADLINE_MS, _pause_plate, _nothing, deaf=True),
     FaultCase("master paused", PDO_DEADLINE_MS, _pause_master, _resume_master),
 )  # fmt: skip
 """Faults that have to end in 0 V."""
