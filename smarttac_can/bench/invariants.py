@@ -99,13 +99,13 @@ class Invariants:
         del rig.emergencies[:]
 
     def check_history(self) -> None:
-        """Compare the error histories with the messages since `clear_history`."""
+        """Compare the error histories with the messages since `clear_history`, place by place."""
         rig = self._rig
         for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate_block.od)):
             sent = [emcy.code for emcy in rig.emergencies if emcy.node_id == node_id and emcy.code]
             kept = [entry.value & 0xFFFF for entry in history(od)]
-            newest = sent[: -len(kept) - 1 : -1] if kept else []
-            if kept != newest or (sent and not kept):
+            newest = sent[::-1][: len(od.objects[ERROR_FIELD].entries) - 1]
+            if kept != newest:
                 self.violate(f"node {node_id} sent {_hex(newest)}, its history is {_hex(kept)}")
 
     def violate(self, what: str) -> None:

@@ -102,6 +102,20 @@ def test_history_that_differs_from_the_messages_is_seen(rig: Rig, invariants: In
     assert "[5210], its history is [5211]" in invariants.violations[0]
 
 
+def test_history_that_is_cut_short_is_seen(rig: Rig, invariants: Invariants) -> None:
+    invariants.clear_history()
+    count = rig.od.entry(ERROR_FIELD, 0)
+    for code in range(0xFF00, 0xFF00 + len(rig.od.objects[ERROR_FIELD].entries)):
+        rig.stimulator.device.emergency(code, 0)
+        rig.bus.answer(rig.stimulator_port, rig.stimulator.device.take())
+    assert len(rig.emergencies) == count.value + 1, "one more than there are places"
+    invariants.check_history()
+    assert not invariants.violated
+    count.value -= 1
+    invariants.check_history()
+    assert invariants.violated == 1
+
+
 def test_only_the_first_violations_are_kept(invariants: Invariants) -> None:
     for _ in range(50):
         invariants.violate("it")
