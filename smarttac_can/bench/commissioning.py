@@ -12,13 +12,12 @@ from canopen import lss
 from canopen.lss import LssError
 
 from smarttac_can.bench.errors import BenchError, NodeNotFoundError, RefusedError
-from smarttac_can.od.cia import HEARTBEAT_ID, NMT_ID
+from smarttac_can.od.cia import HEARTBEAT_ID, NMT_ID, NMTCommand
 
 _FASTSCAN_S: Final = 0.1
 """How long silence lasts that is an answer of fastscan; half of its 132 questions get none."""
 _MOST_UNCONFIGURED: Final = 127
 _POLL_S: Final = 0.01
-_RESET_COMMUNICATION: Final = 0x82
 _BOOT_UP: Final = b"\0"
 
 
@@ -109,7 +108,7 @@ def assign_node_id(
     previous = present if 1 <= present <= 127 else None
     if previous is not None:
         # Only a reset makes a device that has started already take another node-ID.
-        network.send_message(NMT_ID, [_RESET_COMMUNICATION, previous])
+        network.send_message(NMT_ID, [NMTCommand.RESET_COMMUNICATION, previous])
     end = monotonic() + timeout
     while _BOOT_UP not in booted and monotonic() < end:
         sleep(_POLL_S)

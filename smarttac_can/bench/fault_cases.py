@@ -8,10 +8,6 @@ from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.bench.rig import (
-    NMT_PRE_OPERATIONAL,
-    NMT_RESET_COMMUNICATION,
-    NMT_RESET_NODE,
-    NMT_STOP,
     NODE_LOST_MS,
     Rig,
 )
@@ -28,7 +24,14 @@ from smarttac_can.nodes.watchdogs import (
     STUCK_THERMOMETER_CYCLES,
     SYNC_WINDOW_CYCLES,
 )
-from smarttac_can.od.cia import HEARTBEAT_ID, PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS, TPDO_IDS
+from smarttac_can.od.cia import (
+    HEARTBEAT_ID,
+    PDO_EVENT,
+    RPDO_COMMUNICATION,
+    RPDO_IDS,
+    TPDO_IDS,
+    NMTCommand,
+)
 from smarttac_can.plant.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
 from smarttac_can.signals import Drive, Measurement, Setpoint
 
@@ -284,13 +287,13 @@ def _pickup() -> list[FaultCase]:
 
 
 CASES: Final[tuple[FaultCase, ...]] = (
-    _nmt("NMT stop", NMT_STOP, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT pre-operational", NMT_PRE_OPERATIONAL, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT reset node", NMT_RESET_NODE, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT reset communication", NMT_RESET_COMMUNICATION, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT stop of the plate", NMT_STOP, PLATE_ID, 1),
-    _nmt("NMT reset of the plate", NMT_RESET_NODE, PLATE_ID, 1),
-    _nmt("NMT stop, plate inside", NMT_STOP, STIMULATOR_ID, 1, inside=True),
+    _nmt("NMT stop", NMTCommand.STOP, STIMULATOR_ID, PDO_DEADLINE_MS),
+    _nmt("NMT pre-operational", NMTCommand.ENTER_PRE_OPERATIONAL, STIMULATOR_ID, PDO_DEADLINE_MS),
+    _nmt("NMT reset node", NMTCommand.RESET_NODE, STIMULATOR_ID, PDO_DEADLINE_MS),
+    _nmt("NMT reset communication", NMTCommand.RESET_COMMUNICATION, STIMULATOR_ID, PDO_DEADLINE_MS),
+    _nmt("NMT stop of the plate", NMTCommand.STOP, PLATE_ID, 1),
+    _nmt("NMT reset of the plate", NMTCommand.RESET_NODE, PLATE_ID, 1),
+    _nmt("NMT stop, plate inside", NMTCommand.STOP, STIMULATOR_ID, 1, inside=True),
     FaultCase(
         "heartbeat of the master lost", NODE_LOST_MS, _set("heartbeat", False),
         _set("heartbeat", True),

@@ -12,13 +12,13 @@ from zlib import crc32
 
 from smarttac_can.bench.errors import HeartbeatLostError
 from smarttac_can.bench.fault_cases import CASES, TOLERATED, FaultCase
-from smarttac_can.bench.rig import NMT_START, MasterTraffic, Rig
+from smarttac_can.bench.rig import MasterTraffic, Rig
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.nodes.state_machine import State
-from smarttac_can.od.cia import Abort
+from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.object_reference import table
 
 HOLD_CYCLES: Final = 10_000
@@ -267,7 +267,7 @@ def _cycles_at_zero(rig: Rig, hold: int, traffic: MasterTraffic) -> int:
 def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
     """Whether the stimulator drives again when the cause is gone and the fault is reset."""
     case.remove(rig)
-    rig.nmt(NMT_START)
+    rig.nmt(NMTCommand.START)
     try:
         rig.configure()
         rig.cycle(_SETTLE)

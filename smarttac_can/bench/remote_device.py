@@ -25,12 +25,12 @@ from smarttac_can.od.cia import (
     NMT_ID,
     Abort,
     AbortCode,
+    NMTCommand,
 )
 from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _HEARTBEATS_MISSED: Final = 3
-_NMT_START: Final = 1
 _OPERATIONAL: Final = 5
 _PRODUCT_CODE: Final = 2
 
@@ -101,7 +101,7 @@ class RemoteDevice:
 
     def start(self) -> None:
         """Command it into the NMT state operational."""
-        self._network.send_message(NMT_ID, [_NMT_START, self.od.node_id])
+        self._network.send_message(NMT_ID, [NMTCommand.START, self.od.node_id])
         self.operational = True
 
     def check_heartbeat(self) -> None:

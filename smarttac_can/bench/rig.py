@@ -13,8 +13,8 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
 from smarttac_can.host.local_bus import Port, Wire
-from smarttac_can.host.node import TICK_US
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
+from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import Control, State
@@ -32,6 +32,7 @@ from smarttac_can.od.cia import (
     SYNC_ID,
     SYNC_PERIOD,
     Abort,
+    NMTCommand,
 )
 from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
@@ -44,11 +45,6 @@ NODE_LOST_MS: Final = 50
 """After how long without a heartbeat the stimulator counts master or plate as lost."""
 _PLATE_WATCH: Final = 4
 """Entry of the heartbeat consumer that watches the plate."""
-NMT_START: Final = 0x01
-NMT_STOP: Final = 0x02
-NMT_PRE_OPERATIONAL: Final = 0x80
-NMT_RESET_NODE: Final = 0x81
-NMT_RESET_COMMUNICATION: Final = 0x82
 SYNC_OVERFLOW: Final = 240
 """Highest counter of a SYNC with one."""
 _SYNC: Final = Frame(SYNC_ID)
@@ -216,7 +212,7 @@ class Rig:
     def start(self) -> None:
         """Configure and start both nodes."""
         self.configure()
-        self.nmt(NMT_START)
+        self.nmt(NMTCommand.START)
         self.cycle(HEARTBEAT_CYCLES + 1)
 
     def start_run(self, *, subject: int = 2, force_mN: int = 500, touch: bool = True) -> None:
@@ -329,7 +325,7 @@ class MasterTraffic:
             elif choice < 0.28 and self._commands:
                 rig.write("Controlword", draw.choice((0, 1, 3, 1, 3, 4, 7)))
             elif choice < 0.30:
-                rig.nmt(NMT_START, draw.choice((0, STIMULATOR_ID, PLATE_ID)))
+                rig.nmt(NMTCommand.START, draw.choice((0, STIMULATOR_ID, PLATE_ID)))
             elif choice < 0.32:
                 rig.write("Fault.Delay in cycles", draw.randrange(10))
         except (Abort, HeartbeatLostError):

@@ -14,11 +14,11 @@ from zlib import crc32
 from smarttac_can.bench.errors import HeartbeatLostError
 from smarttac_can.bench.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
 from smarttac_can.bench.invariants import Invariants
-from smarttac_can.bench.rig import NMT_RESET_NODE, NMT_START, MasterTraffic, Rig
+from smarttac_can.bench.rig import MasterTraffic, Rig
 from smarttac_can.control.cascade import Mode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.watchdogs import Watchdog
-from smarttac_can.od.cia import Abort
+from smarttac_can.od.cia import Abort, NMTCommand
 
 CYCLES_PER_HOUR: Final = 3_600_000
 _RSS_CYCLES: Final = 60_000
@@ -273,7 +273,7 @@ class Soak:
         if rig.stage.value:
             self._invariants.violate("a voltage without a master")
         rig.heartbeat, rig.syncs = True, 1
-        rig.nmt(NMT_RESET_NODE)
+        rig.nmt(NMTCommand.RESET_NODE)
         rig.start()
         self._report.master_restarts += 1
         self._invariants.clear_history()
@@ -281,18 +281,18 @@ class Soak:
     def _recover(self) -> None:
         """Start what does not run, and reset the fault if there is one."""
         rig = self._rig
-        rig.nmt(NMT_START)
+        rig.nmt(NMTCommand.START)
         rig.configure()
         self._cycle(200)
         # A heartbeat that was still being missed has stopped the stimulator meanwhile.
-        rig.nmt(NMT_START)
+        rig.nmt(NMTCommand.START)
         self._cycle(_READY_CYCLES)
         self._lift()
         if rig.state is State.FAULT:
             rig.reset_fault()
         if rig.state is State.FAULT:
             self._invariants.violate("the fault cannot be reset")
-            rig.nmt(NMT_RESET_NODE)
+            rig.nmt(NMTCommand.RESET_NODE)
             rig.start()
         rig.write("Controlword", 0)
 

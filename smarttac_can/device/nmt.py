@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import Final
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.od.cia import NMTCommand
 
 
 class NMTState(IntEnum):
@@ -20,12 +21,12 @@ class NMTState(IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
-COMMANDS: Final = {
-    0x01: NMTState.OPERATIONAL,
-    0x02: NMTState.STOPPED,
-    0x80: NMTState.PRE_OPERATIONAL,
-    0x81: NMTState.RESET_APPLICATION,
-    0x82: NMTState.RESET_COMMUNICATION,
+COMMANDS: Final[dict[int, NMTState]] = {
+    NMTCommand.START: NMTState.OPERATIONAL,
+    NMTCommand.STOP: NMTState.STOPPED,
+    NMTCommand.ENTER_PRE_OPERATIONAL: NMTState.PRE_OPERATIONAL,
+    NMTCommand.RESET_NODE: NMTState.RESET_APPLICATION,
+    NMTCommand.RESET_COMMUNICATION: NMTState.RESET_COMMUNICATION,
 }
 
 # In which states a service lives (CiA 301, table 38).

@@ -10,7 +10,8 @@ from enum import Enum
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.local_bus import LocalBus, Port, Wire
-from smarttac_can.host.node import TICK_US, Node
+from smarttac_can.host.node import Node
+from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
 
 

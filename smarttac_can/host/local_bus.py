@@ -8,7 +8,8 @@ from typing import Protocol
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook
-from smarttac_can.host.node import TICK_US, Node
+from smarttac_can.host.node import Node
+from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import frame_bits
 

@@ -6,9 +6,6 @@ from typing import Protocol
 
 from smarttac_can.device.frame import Frame
 
-TICK_US = 1000
-"""The loop tick in us; the timers of a node only ever move by whole ticks."""
-
 
 class Node(Protocol):
     """A CANopen node without clock, bus or thread: frames and time in, frames out."""

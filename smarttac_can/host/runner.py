@@ -8,7 +8,8 @@ from time import monotonic_ns
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import Bus, BusError
-from smarttac_can.host.node import TICK_US, Node
+from smarttac_can.host.node import Node
+from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
 
 _TICK_NS = TICK_US * 1000

@@ -168,6 +168,16 @@ class EmergencyCode(IntEnum):
     LATERAL_FORCE = 0xFF21
 
 
+class NMTCommand(IntEnum):
+    """Command specifiers of NMT node control, CiA 301, 7.2.8.3.1."""
+
+    START = 0x01
+    STOP = 0x02
+    ENTER_PRE_OPERATIONAL = 0x80
+    RESET_NODE = 0x81
+    RESET_COMMUNICATION = 0x82
+
+
 class ErrorRegister(IntEnum):
     """Bits of the error register."""
 

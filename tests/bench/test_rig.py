@@ -4,11 +4,11 @@ import pytest
 
 from smarttac_can.bench.errors import HeartbeatLostError
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.bench.rig import NMT_START, NMT_STOP, MasterTraffic, Rig
+from smarttac_can.bench.rig import MasterTraffic, Rig
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.state_machine import State
-from smarttac_can.od.cia import Abort
+from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.plant.faults import FaultKind
 
 
@@ -47,7 +47,7 @@ def test_reads_what_was_written_and_from_the_right_node(rig: Rig) -> None:
 def test_refusals_and_silence_are_told(rig: Rig) -> None:
     with pytest.raises(Abort):
         rig.write("Simulation.Subject", 9)
-    rig.nmt(NMT_STOP)
+    rig.nmt(NMTCommand.STOP)
     with pytest.raises(HeartbeatLostError, match="node 32 does not answer to Mode"):
         rig.read("Mode")
 
@@ -71,9 +71,9 @@ def test_breaks_and_mends_the_plate(rig: Rig) -> None:
 
 
 def test_syncs_carry_a_counter_that_both_nodes_take(rig: Rig) -> None:
-    rig.nmt(0x80)
+    rig.nmt(NMTCommand.ENTER_PRE_OPERATIONAL)
     rig.count_syncs()
-    rig.nmt(NMT_START)
+    rig.nmt(NMTCommand.START)
     before = rig.plate_block.od["Cycle.Ticks"].value
     rig.cycle(500)
     assert rig.plate_block.od["Cycle.Ticks"].value == before + 500

@@ -7,7 +7,8 @@ from math import ceil
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.host.node import TICK_US, Node
+from smarttac_can.host.node import Node
+from smarttac_can.nodes.loop_period import TICK_US
 
 
 class DeviceTimeBus:

@@ -5,16 +5,20 @@ from __future__ import annotations
 from itertools import pairwise
 
 from smarttac_can.bench.conformance.case import Failure
-from smarttac_can.bench.conformance.probe import ENTER_PRE_OPERATIONAL, START, STOP, Probe
+from smarttac_can.bench.conformance.probe import Probe
 from smarttac_can.bench.conformance.sdo_client import write_number
 from smarttac_can.bench.conformance.sheet import Sheet, needs_object
 from smarttac_can.bench.conformance.tpdo import SPREAD
-from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR
+from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
 
 PERIOD_MS = 60
 _FACTOR = 3
 TOGGLE = 0x80
-STATES = ((START, 0x05), (STOP, 0x04), (ENTER_PRE_OPERATIONAL, 0x7F))
+STATES = (
+    (NMTCommand.START, 0x05),
+    (NMTCommand.STOP, 0x04),
+    (NMTCommand.ENTER_PRE_OPERATIONAL, 0x7F),
+)
 
 needs_producer = needs_object(HEARTBEAT_PRODUCER, writable=True)
 needs_guarding = needs_object(GUARD_TIME, writable=True)

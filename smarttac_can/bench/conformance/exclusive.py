@@ -17,9 +17,9 @@ from smarttac_can.bench.conformance.error_control import (
     set_period,
     start_life_guarding,
 )
-from smarttac_can.bench.conformance.probe import RESET_COMMUNICATION, STOP, Probe
+from smarttac_can.bench.conformance.probe import Probe
 from smarttac_can.bench.conformance.sdo_client import number, write_number
-from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR
+from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
 
 
 @case(
@@ -94,7 +94,7 @@ def boot_up_with_heartbeat(probe: Probe) -> None:
     set_period(probe)
     beats(probe)
     probe.drain()
-    probe.nmt(RESET_COMMUNICATION)
+    probe.nmt(NMTCommand.RESET_COMMUNICATION)
     arrivals = probe.collect(probe.heartbeat_id, 5 * probe.timeout)
     boot_ups = [arrival.frame.data for arrival in arrivals].count(b"\0")
     if boot_ups != 1:
@@ -112,7 +112,7 @@ def parameters_reset(probe: Probe) -> None:
     before = {i: number(probe, i) for i in (*present, HEARTBEAT_PRODUCER)}
     for index in before:
         write_number(probe, index, 0, 77)
-    probe.reset(RESET_COMMUNICATION)
+    probe.reset(NMTCommand.RESET_COMMUNICATION)
     for index, value in before.items():
         got = number(probe, index)
         if got != value:
@@ -127,6 +127,6 @@ def parameters_reset(probe: Probe) -> None:
 def in_stopped(probe: Probe) -> None:
     """Error control in STOPPED."""
     set_period(probe)
-    probe.enter(STOP)
+    probe.enter(NMTCommand.STOP)
     if set(beats(probe)) != {0x04}:
         raise Failure("the heartbeat in STOPPED does not say 4")

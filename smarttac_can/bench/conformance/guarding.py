@@ -15,8 +15,8 @@ from smarttac_can.bench.conformance.error_control import (
     needs_life_time,
     start_life_guarding,
 )
-from smarttac_can.bench.conformance.probe import RESET_COMMUNICATION, Probe
-from smarttac_can.od.cia import EmergencyCode
+from smarttac_can.bench.conformance.probe import Probe
+from smarttac_can.od.cia import EmergencyCode, NMTCommand
 
 
 @case(
@@ -103,7 +103,7 @@ def guard_reset(probe: Probe) -> None:
     """Toggle bit after a reset."""
     end_heartbeat(probe)
     ask_state(probe)
-    probe.reset(RESET_COMMUNICATION)
+    probe.reset(NMTCommand.RESET_COMMUNICATION)
     end_heartbeat(probe)
     if ask_state(probe) & TOGGLE:
         raise Failure("toggle bit 1 in the first answer after reset communication")

@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from smarttac_can.bench.conformance.case import Failure, case
 from smarttac_can.bench.conformance.pdo_setup import can_id, configure, tpdo
-from smarttac_can.bench.conformance.probe import (
-    ENTER_PRE_OPERATIONAL,
-    RESET_COMMUNICATION,
-    RESET_NODE,
-    START,
-    STOP,
-    Probe,
-)
+from smarttac_can.bench.conformance.probe import Probe
 from smarttac_can.bench.conformance.sdo import other_value
 from smarttac_can.bench.conformance.sdo_client import download, upload, write_number
 from smarttac_can.bench.conformance.sheet import needs_object
@@ -24,13 +17,18 @@ from smarttac_can.od.cia import (
     SDO_TX_ID,
     SYNC_COB_ID,
     DataType,
+    NMTCommand,
 )
 from smarttac_can.od.dictionary import Entry
 
 _PERIOD_MS = 50
 _STOPPED, _OPERATIONAL, _PRE_OPERATIONAL = 0x04, 0x05, 0x7F
 _NO_AUTOSTART = 4
-_COMMANDS = {START: _OPERATIONAL, STOP: _STOPPED, ENTER_PRE_OPERATIONAL: _PRE_OPERATIONAL}
+_COMMANDS = {
+    NMTCommand.START: _OPERATIONAL,
+    NMTCommand.STOP: _STOPPED,
+    NMTCommand.ENTER_PRE_OPERATIONAL: _PRE_OPERATIONAL,
+}
 _NAMES = {_STOPPED: "STOPPED", _OPERATIONAL: "OPERATIONAL", _PRE_OPERATIONAL: "PRE-OPERATIONAL"}
 _has_heartbeat = needs_object(HEARTBEAT_PRODUCER, writable=True)
 
@@ -59,7 +57,7 @@ def _sync_answered(probe: Probe) -> bool | None:
 
 
 def _prepare(probe: Probe) -> None:
-    probe.enter(ENTER_PRE_OPERATIONAL)
+    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
     _watch(probe)
     if probe.sheet.has(SYNC_COB_ID) and probe.sheet.usable(probe.sheet.tpdos):
         configure(probe, tpdo(probe), 1)
@@ -96,7 +94,7 @@ def pre_operational(probe: Probe) -> None:
 def operational(probe: Probe) -> None:
     """OPERATIONAL."""
     _prepare(probe)
-    probe.enter(START)
+    probe.enter(NMTCommand.START)
     _expect_state(probe, _OPERATIONAL, "after start")
     upload(probe, DEVICE_TYPE)
     if _sync_answered(probe) is False:
@@ -107,7 +105,7 @@ def operational(probe: Probe) -> None:
 def stopped(probe: Probe) -> None:
     """STOPPED."""
     _prepare(probe)
-    probe.enter(STOP)
+    probe.enter(NMTCommand.STOP)
     _expect_state(probe, _STOPPED, "after stop")
     probe.sdo_send(b"\x40" + DEVICE_TYPE.to_bytes(2, "little"))
     probe.silence(SDO_TX_ID + probe.node_id, "SDO response in STOPPED")
@@ -138,12 +136,12 @@ def transitions(probe: Probe) -> None:
 def addressee(probe: Probe) -> None:
     """Whom a command is for."""
     _watch(probe)
-    probe.enter(ENTER_PRE_OPERATIONAL)
-    probe.nmt(START, 0)
+    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
+    probe.nmt(NMTCommand.START, 0)
     _expect_state(probe, _OPERATIONAL, "after start of all")
-    probe.nmt(STOP, probe.node_id % 127 + 1)
+    probe.nmt(NMTCommand.STOP, probe.node_id % 127 + 1)
     probe.nmt(0x55)
-    probe.send(NMT_ID, bytes((STOP,)))
+    probe.send(NMT_ID, bytes((NMTCommand.STOP,)))
     _expect_state(probe, _OPERATIONAL, "after commands that are not for it")
 
 
@@ -181,7 +179,7 @@ def reset_communication(probe: Probe) -> None:
         entry = _parameter(probe)
         written = None if entry is None else _change(probe, entry)
         probe.enter(command)
-        probe.reset(RESET_COMMUNICATION)
+        probe.reset(NMTCommand.RESET_COMMUNICATION)
         _expect_default_period(probe)
         if entry is not None and written is not None:
             got = upload(probe, entry.index, entry.subindex)
@@ -201,7 +199,7 @@ def reset_node(probe: Probe) -> None:
         entry = _parameter(probe)
         written = None if entry is None else _change(probe, entry)
         probe.enter(command)
-        probe.reset(RESET_NODE)
+        probe.reset(NMTCommand.RESET_NODE)
         _expect_default_period(probe)
         if entry is not None and written is not None:
             got = upload(probe, entry.index, entry.subindex)

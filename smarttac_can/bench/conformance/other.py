@@ -7,7 +7,7 @@ from functools import partial
 
 from smarttac_can.bench.conformance.case import Failure, NotApplicable, case
 from smarttac_can.bench.conformance.emcy_setup import lose_node, needs_consumer, needs_emcy
-from smarttac_can.bench.conformance.probe import RESET_NODE, START, Probe
+from smarttac_can.bench.conformance.probe import Probe
 from smarttac_can.bench.conformance.sdo_client import download, number, upload, write_number
 from smarttac_can.bench.conformance.sheet import COMMANDS, needs_object
 from smarttac_can.od.cia import (
@@ -29,6 +29,7 @@ from smarttac_can.od.cia import (
     VERIFY_CONFIGURATION,
     Abort,
     AbortCode,
+    NMTCommand,
 )
 from smarttac_can.od.data_types import pack
 
@@ -144,7 +145,7 @@ def store(probe: Probe) -> None:
     before = number(probe, HEARTBEAT_PRODUCER)
     write_number(probe, HEARTBEAT_PRODUCER, 0, before + 1000)
     _command(probe, STORE_PARAMETERS, _SAVE)
-    probe.reset(RESET_NODE)
+    probe.reset(NMTCommand.RESET_NODE)
     got = number(probe, HEARTBEAT_PRODUCER)
     write_number(probe, HEARTBEAT_PRODUCER, 0, before)
     _command(probe, STORE_PARAMETERS, _SAVE)
@@ -196,7 +197,7 @@ def restore(probe: Probe) -> None:
     _command(probe, STORE_PARAMETERS, _SAVE)
     _command(probe, RESTORE_DEFAULTS, _LOAD)
     at_once = number(probe, HEARTBEAT_PRODUCER)
-    probe.reset(RESET_NODE)
+    probe.reset(NMTCommand.RESET_NODE)
     after = number(probe, HEARTBEAT_PRODUCER)
     _put_back(probe, values)
     if at_once != stated + 1000:
@@ -276,10 +277,10 @@ def error_behaviour(probe: Probe) -> None:
     for value, state in ((0, _PRE_OPERATIONAL), (1, _OPERATIONAL), (2, _STOPPED)):
         write_number(probe, ERROR_BEHAVIOUR, 1, value)
         write_number(probe, HEARTBEAT_PRODUCER, 0, _PERIOD_MS)
-        probe.enter(START)
+        probe.enter(NMTCommand.START)
         lose_node(probe)
         probe.settle()
         got = probe.expect(probe.heartbeat_id, "heartbeat").data
         if got != bytes((state,)):
             raise Failure(f"error behaviour {value} leads to state {got.hex()}h, not {state:02X}h")
-        probe.reset(RESET_NODE)
+        probe.reset(NMTCommand.RESET_NODE)

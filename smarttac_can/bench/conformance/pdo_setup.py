@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from smarttac_can.bench.conformance.case import Failure, NotApplicable
-from smarttac_can.bench.conformance.probe import ENTER_PRE_OPERATIONAL, START, Probe
+from smarttac_can.bench.conformance.probe import Probe
 from smarttac_can.bench.conformance.sdo_client import download, number, upload, write_number
 from smarttac_can.bench.conformance.sheet import Pdo
 from smarttac_can.od.cia import (
@@ -19,6 +19,7 @@ from smarttac_can.od.cia import (
     PDO_SYNC_START,
     PDO_TRANSMISSION,
     Abort,
+    NMTCommand,
 )
 from smarttac_can.od.dictionary import Entry
 
@@ -124,12 +125,12 @@ def refuse_own_events(probe: Probe, pdo: Pdo) -> None:
     operational(probe)
     if len(probe.collect(can_id(probe, pdo))) > _OWN_EVENTS:
         raise NotApplicable("the application has events all the time")
-    probe.enter(ENTER_PRE_OPERATIONAL)
+    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
 
 
 def operational(probe: Probe) -> None:
     """Start the device and let the first event-driven TPDOs pass."""
-    probe.enter(START)
+    probe.enter(NMTCommand.START)
 
 
 def content(probe: Probe, mapped: Iterable[int]) -> bytes:

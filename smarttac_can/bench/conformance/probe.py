@@ -22,13 +22,8 @@ from smarttac_can.od.cia import (
     SYNC_ID,
     Abort,
     AbortCode,
+    NMTCommand,
 )
-
-START: Final = 0x01
-STOP: Final = 0x02
-ENTER_PRE_OPERATIONAL: Final = 0x80
-RESET_NODE: Final = 0x81
-RESET_COMMUNICATION: Final = 0x82
 
 _TRACE_LENGTH: Final = 24
 _BOOT_TIME_OUTS: Final = 10
@@ -143,7 +138,7 @@ class Probe:
         self.nmt(command)
         self.settle()
 
-    def reset(self, command: int = RESET_NODE) -> None:
+    def reset(self, command: int = NMTCommand.RESET_NODE) -> None:
         """Reset the device and wait for its boot-up message."""
         self.drain()
         self.nmt(command)

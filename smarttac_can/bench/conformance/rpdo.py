@@ -15,13 +15,14 @@ from smarttac_can.bench.conformance.pdo_setup import (
     reads,
     rpdo,
 )
-from smarttac_can.bench.conformance.probe import ENTER_PRE_OPERATIONAL, STOP, Probe
+from smarttac_can.bench.conformance.probe import Probe
 from smarttac_can.bench.conformance.sheet import needs_object, needs_rpdo
 from smarttac_can.od.cia import (
     EMCY_COB_ID,
     EVENT_MANUFACTURER,
     SYNC_COB_ID,
     EmergencyCode,
+    NMTCommand,
 )
 
 _has_sync = needs_object(SYNC_COB_ID)
@@ -69,13 +70,16 @@ def synchronous(probe: Probe) -> None:
 def rpdo_by_state(probe: Probe) -> None:
     """RPDO by NMT state."""
     pdo = rpdo(probe)
-    probe.enter(ENTER_PRE_OPERATIONAL)
+    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
     configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
     data, wanted = changed(probe, pdo)
-    for command, state in ((ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL"), (STOP, "STOPPED")):
+    for command, state in (
+        (NMTCommand.ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL"),
+        (NMTCommand.STOP, "STOPPED"),
+    ):
         probe.enter(command)
         probe.send(can_id(probe, pdo), data)
-        probe.enter(ENTER_PRE_OPERATIONAL)
+        probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
         if reads(probe, wanted):
             raise Failure(f"RPDO taken in {state}")
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 from smarttac_can.bench.conformance.case import Failure, NotApplicable, case
 from smarttac_can.bench.conformance.emcy_setup import expect_emcy, needs_emcy
 from smarttac_can.bench.conformance.pdo_setup import can_id, configure, operational, tpdo
-from smarttac_can.bench.conformance.probe import STOP, Arrival, Probe
+from smarttac_can.bench.conformance.probe import Arrival, Probe
 from smarttac_can.bench.conformance.sdo_client import number, write_number
 from smarttac_can.bench.conformance.sheet import needs_object, needs_tpdo
 from smarttac_can.bench.conformance.tpdo import SPREAD
@@ -22,6 +22,7 @@ from smarttac_can.od.cia import (
     Abort,
     AbortCode,
     EmergencyCode,
+    NMTCommand,
 )
 
 _PERIOD_MS = 50
@@ -126,7 +127,7 @@ def producer(probe: Probe) -> None:
     _produced(probe)
     operational(probe)
     _produced(probe)
-    probe.enter(STOP)
+    probe.enter(NMTCommand.STOP)
     probe.silence(probe.sync_id, "SYNC in STOPPED")
 
 

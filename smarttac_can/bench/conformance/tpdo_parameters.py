@@ -13,7 +13,7 @@ from smarttac_can.bench.conformance.pdo_setup import (
     operational,
     tpdo,
 )
-from smarttac_can.bench.conformance.probe import ENTER_PRE_OPERATIONAL, STOP, Probe
+from smarttac_can.bench.conformance.probe import Probe
 from smarttac_can.bench.conformance.sdo_client import number, write_number
 from smarttac_can.bench.conformance.sheet import needs_object, needs_tpdo
 from smarttac_can.od.cia import (
@@ -26,6 +26,7 @@ from smarttac_can.od.cia import (
     SYNC_COB_ID,
     SYNC_COUNTER,
     SYNC_PERIOD,
+    NMTCommand,
 )
 
 _has_sync = needs_object(SYNC_COB_ID)
@@ -162,13 +163,13 @@ def new_can_id(probe: Probe) -> None:
 def tpdo_by_state(probe: Probe) -> None:
     """TPDO by NMT state."""
     pdo = tpdo(probe)
-    probe.enter(ENTER_PRE_OPERATIONAL)
+    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
     configure(probe, pdo, 1)
     probe.sync()
     probe.silence(can_id(probe, pdo), "TPDO in PRE-OPERATIONAL")
     operational(probe)
     probe.sync()
     probe.expect(can_id(probe, pdo), "TPDO in OPERATIONAL")
-    probe.enter(STOP)
+    probe.enter(NMTCommand.STOP)
     probe.sync()
     probe.silence(can_id(probe, pdo), "TPDO in STOPPED")
