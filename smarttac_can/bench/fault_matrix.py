@@ -12,7 +12,8 @@ from zlib import crc32
 
 from smarttac_can.bench.errors import HeartbeatLostError
 from smarttac_can.bench.fault_cases import CASES, TOLERATED, FaultCase
-from smarttac_can.bench.rig import MasterTraffic, Rig
+from smarttac_can.bench.master_traffic import MasterTraffic
+from smarttac_can.bench.rig import Rig
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook

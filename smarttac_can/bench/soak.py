@@ -14,7 +14,8 @@ from zlib import crc32
 from smarttac_can.bench.errors import HeartbeatLostError
 from smarttac_can.bench.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
 from smarttac_can.bench.invariants import Invariants
-from smarttac_can.bench.rig import MasterTraffic, Rig
+from smarttac_can.bench.master_traffic import MasterTraffic
+from smarttac_can.bench.rig import Rig
 from smarttac_can.control.cascade import Mode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.watchdogs import Watchdog

@@ -3,8 +3,9 @@
 import pytest
 
 from smarttac_can.bench.errors import HeartbeatLostError
+from smarttac_can.bench.master_traffic import MasterTraffic
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.bench.rig import MasterTraffic, Rig
+from smarttac_can.bench.rig import Rig
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.state_machine import State
