@@ -20,13 +20,11 @@ from smarttac_can.bench.fault_cases import DRIVING, TOLERATED, TRACKED
 from smarttac_can.bench.fault_matrix import (
     ALL_TOLERATED,
     HOLD_CYCLES,
-    Row,
     cases,
     fault_matrix,
-    matrix_table,
-    mode_name,
     tolerated,
 )
+from smarttac_can.bench.fault_row import Row, matrix_table, mode_name
 from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "faults.md"
@@ -47,12 +45,11 @@ loop, 1 ms.
 - **EMCY**: codes of the emergency messages of both nodes, in order. Those that end in 30h and 50h
   among 81xxh and 82xxh are of the CiA 301 services, the others of [watchdogs](safety.md).
 - **State after**: state of the stimulator at 0 V. One that is paused still believes that it runs.
+- **Held**: the plate stays at 0 V for the cycles of `--hold`, 1000 in continuous integration,
+  {HOLD_CYCLES} unless told otherwise. The master reads, writes set-points and modes, arms, runs and
+  starts nodes at random then; all but resetting the fault. A stimulator that was restarted has no
+  fault to reset: there the master does not arm.
 - **Recovered**: cause gone, fault reset, armed and run again: it drives.
-
-Between 0 V and recovery the plate stays at 0 V for the cycles of `--hold`: 1000 in continuous
-integration, {HOLD_CYCLES} unless told otherwise. The master reads, writes set-points and modes,
-arms, runs and starts nodes at random then; all but resetting the fault. A stimulator that was
-restarted has no fault to reset: there the master does not arm.
 
 Every watchdog trips in every mode; that of the resonance only where the resonance is tracked. A
 plate process that is paused is paused with its plate: no time passes for either, and the cycles

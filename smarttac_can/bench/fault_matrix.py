@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from itertools import repeat
 from multiprocessing import get_context
-from typing import Any, Final
+from typing import Final
 from zlib import crc32
 
 from smarttac_can.bench.errors import HeartbeatLostError
 from smarttac_can.bench.fault_cases import CASES, TOLERATED, FaultCase
+from smarttac_can.bench.fault_row import Row, mode_name
 from smarttac_can.bench.master_traffic import MasterTraffic
 from smarttac_can.bench.rig import Rig
 from smarttac_can.control.cascade import Mode
@@ -20,7 +21,6 @@ from smarttac_can.host.bus import LogHook
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.od.object_reference import table
 
 HOLD_CYCLES: Final = 10_000
 """Cycles for which a plate has to stay at 0 V while the master does what it likes."""
@@ -38,41 +38,6 @@ _SETPOINTS: Final = {
     "Setpoint.COF left": 3500,
     "Setpoint.COF right": 3500,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """What became of one fault in one mode."""
-
-    fault: str
-    mode: str
-    voltage_before_v: float
-    """Voltage of the power stage in the cycle before the fault."""
-    detection_bound_cycles: int
-    cycles_to_zero: int | None
-    """Cycles from the fault to 0 V at the power stage; None if it was never reached."""
-    emcy_code: str | None
-    """Code of the first emergency message after the fault; None if there was none."""
-    emcy_codes: tuple[str, ...]
-    """All codes of both nodes until 50 cycles after the bound, in order, each once."""
-    state_after: str
-    """State of the stimulator once the plate is at 0 V."""
-    cycles_at_zero: int
-    """Cycles at 0 V afterwards under traffic of the master."""
-    recovered: bool
-    """Whether the run went on after cause and fault were cleared."""
-    injected_at_s: float
-    """Time stamp of the fault in the log."""
-
-    @property
-    def passed(self) -> bool:
-        """Whether the fault ended in 0 V in time, and for good until it was reset."""
-        return (
-            self.voltage_before_v > 0.0
-            and self.cycles_to_zero is not None
-            and self.cycles_to_zero <= self.detection_bound_cycles + 1
-            and self.recovered
-        )
 
 
 class _Log:
@@ -209,19 +174,14 @@ def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) 
         voltage_before_v=round(before, 2),
         detection_bound_cycles=case.bound,
         cycles_to_zero=cycles_to_zero,
-        emcy_code=codes[0] if codes else None,
         emcy_codes=codes,
         state_after=state.name.lower(),
         cycles_at_zero=at_zero,
-        recovered=recovered and at_zero == hold,
+        held=at_zero == hold,
+        recovered=recovered,
         injected_at_s=injected * 1e-6,
     )
     return row, log.frames, log.time
-
-
-def mode_name(mode: Mode) -> str:
-    """Name of a mode as the bench takes it."""
-    return mode.name.lower()
 
 
 def driving_rig(
@@ -290,31 +250,6 @@ def tolerated(case: FaultCase, mode: Mode) -> bool:
     case.inject(rig)
     rig.cycle(_GO_ON if mode is not Mode.IDENTIFY else _LOGGED_CYCLES)
     return rig.state is State.RUNNING and rig.stage.value > 0
-
-
-def rows_as_json(rows: Iterable[Row]) -> list[dict[str, Any]]:
-    """Return rows as JSON has them."""
-    return [asdict(row) for row in rows]
-
-
-def matrix_table(rows: Iterable[Row]) -> Iterator[str]:
-    """Return the matrix as lines of Markdown."""
-    return table(
-        ("Fault", "Mode", "Before [V]", "Bound", "To 0 V", "EMCY", "State after", "Recovered"),
-        *(
-            (
-                row.fault,
-                row.mode.replace("_", " "),
-                f"{row.voltage_before_v:.0f}",
-                str(row.detection_bound_cycles),
-                "never" if row.cycles_to_zero is None else str(row.cycles_to_zero),
-                ", ".join(row.emcy_codes) or "none",
-                row.state_after.replace("_", " "),
-                "yes" if row.recovered else "no",
-            )
-            for row in rows
-        ),
-    )
 
 
 _BY_NAME: Final = {case.name: case for case in CASES}

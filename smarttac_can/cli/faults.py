@@ -12,7 +12,8 @@ from pathlib import Path
 import click
 
 from smarttac_can.bench.fault_cases import CASES, DRIVING
-from smarttac_can.bench.fault_matrix import HOLD_CYCLES, Row, cases, fault_matrix, rows_as_json
+from smarttac_can.bench.fault_matrix import HOLD_CYCLES, cases, fault_matrix
+from smarttac_can.bench.fault_row import Row, rows_as_json
 from smarttac_can.bench.soak import CYCLES_PER_HOUR, Soak, SoakReport
 from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.control.cascade import Mode
@@ -173,7 +174,8 @@ def _line(row: Row) -> str:
     return (
         f"{verdict} {row.fault:<44} {row.mode:<20} {row.voltage_before_v:6.2f} V  {zero} "
         f"(bound {row.detection_bound_cycles})  EMCY {row.emcy_code or 'none'}  "
-        f"{row.state_after}{'' if row.recovered else ', did not recover'}"
+        f"{row.state_after}{'' if row.held else ', did not stay at 0 V'}"
+        f"{'' if row.recovered else ', did not recover'}"
     )
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from smarttac_can.bench.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
-from smarttac_can.bench.fault_matrix import Row, cases, fault_matrix, matrix_table, tolerated
+from smarttac_can.bench.fault_matrix import cases, fault_matrix, tolerated
+from smarttac_can.bench.fault_row import Row, matrix_table, rows_as_json
 from smarttac_can.bench.open_link import PLATE_ID
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
@@ -28,7 +29,7 @@ def test_fault_ends_in_0_v_in_time_and_recovers(case: FaultCase, mode: Mode) -> 
     assert row.voltage_before_v > 0.0
     assert row.cycles_to_zero is not None
     assert row.cycles_to_zero <= row.detection_bound_cycles + 1
-    assert row.cycles_at_zero == HOLD
+    assert row.held
     assert row.recovered
     assert row.passed
 
@@ -84,6 +85,8 @@ def test_fault_that_goes_unnoticed_fails_its_row() -> None:
     harmless = replace_inject(CASES[0])
     (row,) = fault_matrix([(harmless, Mode.OPEN_LOOP)], hold=HOLD)
     assert row.cycles_to_zero is None
+    assert not row.held
+    assert row.recovered
     assert not row.passed
 
 
@@ -97,11 +100,12 @@ def replace_inject(case: FaultCase) -> FaultCase:
         {"voltage_before_v": 0.0},
         {"cycles_to_zero": None},
         {"cycles_to_zero": 9},
+        {"held": False},
         {"recovered": False},
     ],
 )
 def test_what_makes_a_row_fail(change: dict[str, float]) -> None:
-    good = Row("it", "friction", 10.0, 5, 6, "5210h", ("5210h",), "fault", HOLD, True, 0.0)
+    good = Row("it", "friction", 10.0, 5, 6, ("5210h",), "fault", HOLD, True, True, 0.0)
     assert good.passed
     assert not replace(good, **change).passed  # type: ignore[arg-type]
 
@@ -114,6 +118,7 @@ def test_unknown_fault_and_empty_choice_are_refused() -> None:
 
 
 def test_table_says_never_and_none() -> None:
-    bad = Row("it", "open_loop", 10.0, 5, None, None, (), "not_ready", 0, False, 0.0)
+    bad = Row("it", "open_loop", 10.0, 5, None, (), "not_ready", 0, False, True, 0.0)
     line = list(matrix_table([bad]))[2]
-    assert line == "| it | open loop | 10 | 5 | never | none | not ready | no |"
+    assert line == "| it | open loop | 10 | 5 | never | none | not ready | no | yes |"
+    assert rows_as_json([bad])[0]["emcy_code"] is None

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from smarttac_can.bench import fault_matrix as matrix
+from smarttac_can.bench.fault_row import Row
 from smarttac_can.bench.soak import Soak
 from smarttac_can.cli import main
 from smarttac_can.host.candump import read_candump
@@ -39,6 +39,7 @@ def test_rows_as_json_have_the_agreed_keys() -> None:
         "cycles_to_zero",
         "emcy_code",
         "state_after",
+        "held",
         "recovered",
     } <= set(row)
     assert row["voltage_before_v"] > 0
@@ -95,7 +96,7 @@ def test_channel_that_is_not_there_is_one_clear_line() -> None:
 
 
 def test_row_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(matrix.Row, "passed", property(lambda row: False))
+    monkeypatch.setattr(Row, "passed", property(lambda row: False))
     result = run(*ONE)
     assert result.exit_code == 1
     assert result.stdout.startswith("FAILED measurements lost")
