@@ -2,18 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from struct import pack
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
+from smarttac_can.bench.fault_acts import (
+    SETPOINT_DEADLINE_MS,
+    Act,
+    another_plate,
+    befall,
+    bus_off,
+    bus_recovered,
+    calm,
+    control_rightly,
+    control_wrongly,
+    jump,
+    limit_amplitude,
+    lose,
+    lower_force_limit,
+    nothing,
+    pause_master,
+    pause_plate,
+    pause_stimulator,
+    put,
+    restart_plate,
+    restart_stimulator,
+    resume_master,
+    resume_stimulator,
+    send_setpoints,
+    skip_syncs,
+    start_clock,
+    stop_clock,
+    transmit_failed,
+)
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.bench.rig import (
     NODE_LOST_MS,
     Rig,
 )
-from smarttac_can.control.cascade import Cascade, Mode
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.faulty_bus import Disturbance, Mishap
+from smarttac_can.control.cascade import Mode
+from smarttac_can.host.faulty_bus import Mishap
 from smarttac_can.nodes.watchdogs import (
     AMPLITUDE_CYCLES,
     GAUGE_CYCLES,
@@ -26,14 +52,11 @@ from smarttac_can.nodes.watchdogs import (
 )
 from smarttac_can.od.cia import (
     HEARTBEAT_ID,
-    PDO_EVENT,
-    RPDO_COMMUNICATION,
     RPDO_IDS,
     TPDO_IDS,
     NMTCommand,
 )
 from smarttac_can.plant.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
-from smarttac_can.signals import Drive, Measurement, Setpoint
 
 DRIVING: Final = (
     Mode.OPEN_LOOP,
@@ -48,21 +71,18 @@ TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
 
 MEASUREMENTS: Final = tuple(base + PLATE_ID for base in TPDO_IDS[:3])
 DRIVE: Final = RPDO_IDS[0] + PLATE_ID
+AT_ONCE: Final = 1
+"""Acted on where it is noticed, which is by the end of the cycle."""
 PDO_DEADLINE_MS: Final = 3
 """Event timers of the drive at the plate, and of the measurements at the stimulator."""
-SETPOINT_DEADLINE_MS: Final = 5
+SYNC_IRREGULAR_CYCLES: Final = 2 * SYNC_WINDOW_CYCLES
+"""The window in which the fault comes may end too early to tell; the next one is enough."""
+HUNTING_CYCLES: Final = SILENT_CYCLES
+"""A loop that answers a wrong pick-up lets its excess come and go, but not for longer."""
 FORCE_PATH_CYCLES: Final = 6
 """What flexure and filter of 100 Hz take to show half of a sudden force, and a cycle."""
 RING_DOWN_CYCLES: Final = 3
 """Time constants of the plate, 1 ms each, until 5 % of its vibration is left."""
-PAUSE_CYCLES: Final = 2000
-_SETPOINT_RPDO: Final = 2
-_SETPOINT_PDO: Final = Frame(
-    RPDO_IDS[_SETPOINT_RPDO - 1] + STIMULATOR_ID, pack("<HI", 4000, 4_339_000)
-)
-"""Set-points of voltage and frequency, 40 V at the resonance."""
-
-Act = Callable[[Rig], None]
 
 
 class FaultCase(NamedTuple):
@@ -87,14 +107,6 @@ class FaultCase(NamedTuple):
     """Whether the controllers themselves are replaced."""
 
 
-def _nothing(rig: Rig) -> None:
-    """The cause is gone already."""
-
-
-def _mend(rig: Rig) -> None:
-    rig.mend()
-
-
 def _broken(
     name: str,
     bound: int,
@@ -107,159 +119,13 @@ def _broken(
     def inject(rig: Rig) -> None:
         rig.inject(kind, sensor, value)
 
-    return FaultCase(name, bound, inject, _mend, modes, plate_inside=plate_inside)
+    return FaultCase(name, bound, inject, Rig.mend, modes, plate_inside=plate_inside)
 
 
 def _nmt(name: str, command: int, node_id: int, bound: int, inside: bool = False) -> FaultCase:
     return FaultCase(
-        name, bound, lambda rig: rig.nmt(command, node_id), _nothing, plate_inside=inside
+        name, bound, lambda rig: rig.nmt(command, node_id), nothing, plate_inside=inside
     )
-
-
-def _set(name: str, value: object) -> Act:
-    return lambda rig: setattr(rig, name, value)
-
-
-def _befall(mishap: Mishap, *can_ids: int, share: float = 1.0, cycles: int = 1) -> Act:
-    disturbance = Disturbance(mishap, frozenset(can_ids), share, cycles)
-    return lambda rig: rig.bus.disturbances.append(disturbance)
-
-
-def _lose(can_ids: tuple[int, ...]) -> Act:
-    """Lose these frames of one cycle; a second in a row would be a fault."""
-
-    def act(rig: Rig) -> None:
-        _befall(Mishap.LOSS, *can_ids)(rig)
-        rig.cycle()
-        _calm(rig)
-
-    return act
-
-
-def _calm(rig: Rig) -> None:
-    rig.bus.disturbances.clear()
-
-
-def _jump(plate: bool) -> Act:
-    def act(rig: Rig) -> None:
-        port = rig.plate_port if plate else rig.stimulator_port
-        assert port is not None
-        rig.bus.jump(port, 2_000_000)
-
-    return act
-
-
-def _stop_clock(rig: Rig) -> None:
-    rig.bus.stop_clock(rig.stimulator_port)
-
-
-def _start_clock(rig: Rig) -> None:
-    rig.bus.start_clock(rig.stimulator_port)
-
-
-def _restart_stimulator(rig: Rig) -> None:
-    rig.bus.power_off(rig.stimulator_port)
-    rig.bus.power_on(rig.stimulator_port)
-
-
-def _restart_plate(rig: Rig) -> None:
-    assert rig.plate_port is not None
-    rig.bus.power_off(rig.plate_port)
-    rig.bus.power_on(rig.plate_port)
-
-
-def _pause_stimulator(rig: Rig) -> None:
-    rig.bus.pause(rig.stimulator_port)
-
-
-def _resume_stimulator(rig: Rig) -> None:
-    rig.cycle(PAUSE_CYCLES)
-    rig.bus.resume(rig.stimulator_port)
-
-
-def _pause_plate(rig: Rig) -> None:
-    """For the plate in its process no time passes, so the pause is over when the count begins."""
-    assert rig.plate_port is not None
-    rig.bus.pause(rig.plate_port)
-    rig.cycle(PAUSE_CYCLES)
-    rig.bus.resume(rig.plate_port)
-
-
-def _pause_master(rig: Rig) -> None:
-    rig.heartbeat, rig.syncs = False, 0
-
-
-def _resume_master(rig: Rig) -> None:
-    rig.heartbeat, rig.syncs = True, 1
-
-
-class _BrokenController:
-    """A cascade whose drive has another voltage than it should."""
-
-    def __init__(self, cascade: Cascade, voltage: float) -> None:
-        self._cascade = cascade
-        self._voltage = voltage
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._cascade, name)
-
-    def update(self, measurement: Measurement, setpoint: Setpoint) -> Drive:
-        drive = self._cascade.update(measurement, setpoint)
-        return Drive(self._voltage, drive.frequency)
-
-
-def _control_wrongly(voltage: float) -> Act:
-    def act(rig: Rig) -> None:
-        block = rig.stimulator.block
-        block.cascade = _BrokenController(block.cascade, voltage)  # type: ignore[assignment]
-
-    return act
-
-
-def _control_rightly(rig: Rig) -> None:
-    block = rig.stimulator.block
-    if isinstance(block.cascade, _BrokenController):
-        block.cascade = block.cascade._cascade
-
-
-def _another_plate(serial: int) -> Act:
-    def act(rig: Rig) -> None:
-        rig.plate_block.od["Plate serial number"].value = serial
-
-    return act
-
-
-def _lower_force_limit(rig: Rig) -> None:
-    """Have a lateral limit that lies well within the range of the gauges."""
-    rig.write("Limit.Lateral force", 1000)
-
-
-def _limit_amplitude(nm: int) -> Act:
-    """A run at 0.6 um and more is above 100 nm; an identification ends itself from 1500 nm on."""
-    return lambda rig: rig.write("Limit.Amplitude trip", nm)
-
-
-def _send_setpoints(rig: Rig) -> None:
-    """Have the master send set-points in each cycle, and the stimulator expect them."""
-    timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
-    rig.write_entry(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
-    rig.each_cycle.append(_SETPOINT_PDO)
-
-
-def _skip_syncs(rig: Rig) -> None:
-    rig.sync_counter += 5
-
-
-def _bus_off(rig: Rig) -> None:
-    rig.bus.answer(rig.stimulator_port, rig.stimulator.bus_off())
-
-
-def _bus_recovered(rig: Rig) -> None:
-    rig.bus.answer(rig.stimulator_port, rig.stimulator.bus_recovered())
-
-
-def _transmit_failed(rig: Rig) -> None:
-    rig.bus.answer(rig.stimulator_port, rig.stimulator.transmit_failed())
 
 
 def _gauges() -> list[FaultCase]:
@@ -291,90 +157,92 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _nmt("NMT pre-operational", NMTCommand.ENTER_PRE_OPERATIONAL, STIMULATOR_ID, PDO_DEADLINE_MS),
     _nmt("NMT reset node", NMTCommand.RESET_NODE, STIMULATOR_ID, PDO_DEADLINE_MS),
     _nmt("NMT reset communication", NMTCommand.RESET_COMMUNICATION, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT stop of the plate", NMTCommand.STOP, PLATE_ID, 1),
-    _nmt("NMT reset of the plate", NMTCommand.RESET_NODE, PLATE_ID, 1),
-    _nmt("NMT stop, plate inside", NMTCommand.STOP, STIMULATOR_ID, 1, inside=True),
+    _nmt("NMT stop of the plate", NMTCommand.STOP, PLATE_ID, AT_ONCE),
+    _nmt("NMT reset of the plate", NMTCommand.RESET_NODE, PLATE_ID, AT_ONCE),
+    _nmt("NMT stop, plate inside", NMTCommand.STOP, STIMULATOR_ID, AT_ONCE, inside=True),
     FaultCase(
-        "heartbeat of the master lost", NODE_LOST_MS, _set("heartbeat", False),
-        _set("heartbeat", True),
+        "heartbeat of the master lost", NODE_LOST_MS, put("heartbeat", False),
+        put("heartbeat", True),
     ),
     FaultCase(
-        "heartbeat of the master lost, plate inside", NODE_LOST_MS, _set("heartbeat", False),
-        _set("heartbeat", True), plate_inside=True,
+        "heartbeat of the master lost, plate inside", NODE_LOST_MS, put("heartbeat", False),
+        put("heartbeat", True), plate_inside=True,
     ),
     FaultCase("heartbeat of the plate lost", NODE_LOST_MS,
-              _befall(Mishap.LOSS, HEARTBEAT_ID + PLATE_ID), _calm),
+              befall(Mishap.LOSS, HEARTBEAT_ID + PLATE_ID), calm),
     FaultCase(
-        "measurements lost", PDO_DEADLINE_MS, _befall(Mishap.LOSS, *MEASUREMENTS), _calm
+        "measurements lost", PDO_DEADLINE_MS, befall(Mishap.LOSS, *MEASUREMENTS), calm
     ),
-    FaultCase("drives lost", PDO_DEADLINE_MS, _befall(Mishap.LOSS, DRIVE), _calm),
+    FaultCase("drives lost", PDO_DEADLINE_MS, befall(Mishap.LOSS, DRIVE), calm),
     FaultCase(
         "set-points lost", SETPOINT_DEADLINE_MS, lambda rig: rig.each_cycle.clear(),
-        _send_setpoints, prepare=_send_setpoints,
+        send_setpoints, prepare=send_setpoints,
     ),
-    FaultCase("SYNC lost", PDO_DEADLINE_MS, _set("syncs", 0), _set("syncs", 1)),
-    FaultCase("SYNC twice a cycle", 2 * SYNC_WINDOW_CYCLES, _set("syncs", 2), _set("syncs", 1)),
-    FaultCase("SYNC counter jumps", 1, _skip_syncs, _nothing, prepare=Rig.count_syncs),
-    FaultCase("bus-off", 1, _bus_off, _bus_recovered),
-    FaultCase("transmit queue full", 1, _transmit_failed, _nothing),
-    FaultCase("controller asks for 999 V", 1, _control_wrongly(999.0), _control_rightly,
+    FaultCase("SYNC lost", PDO_DEADLINE_MS, put("syncs", 0), put("syncs", 1)),
+    FaultCase("SYNC twice a cycle", SYNC_IRREGULAR_CYCLES, put("syncs", 2), put("syncs", 1)),
+    FaultCase("SYNC counter jumps", AT_ONCE, skip_syncs, nothing, prepare=Rig.count_syncs),
+    FaultCase("bus-off", AT_ONCE, bus_off, bus_recovered),
+    FaultCase("transmit queue full", AT_ONCE, transmit_failed, nothing),
+    FaultCase("controller asks for 999 V", AT_ONCE, control_wrongly(999.0), control_rightly,
               breaks_controller=True),
-    FaultCase("controller gives NaN", 1, _control_wrongly(float("nan")), _control_rightly,
+    FaultCase("controller gives NaN", AT_ONCE, control_wrongly(float("nan")), control_rightly,
               breaks_controller=True),
-    FaultCase("another plate", 1, _another_plate(2), _another_plate(1)),
-    FaultCase("plate without a serial number", 1, _another_plate(0), _another_plate(1)),
+    FaultCase("another plate", AT_ONCE, another_plate(2), another_plate(1)),
+    FaultCase("plate without a serial number", AT_ONCE, another_plate(0), another_plate(1)),
     *_gauges(),
     *_pickup(),
     _broken("S3 saturated, plate inside", SATURATED_CYCLES, FaultKind.SATURATED, 3,
             plate_inside=True),
-    _broken("pick-up reads too much", SILENT_CYCLES, FaultKind.GAIN, PICKUP_D, 6000),
+    _broken("pick-up reads too much", HUNTING_CYCLES, FaultKind.GAIN, PICKUP_D, 6000),
     _broken("thermometer stuck", STUCK_THERMOMETER_CYCLES, FaultKind.STUCK, THERMOMETER),
-    _broken("thermometer jumps", 1, FaultKind.OFFSET, THERMOMETER, 6000),
-    _broken("plate too hot", 1, FaultKind.TEMPERATURE, 1, 7500),
+    _broken("thermometer jumps", AT_ONCE, FaultKind.OFFSET, THERMOMETER, 6000),
+    _broken("plate too hot", AT_ONCE, FaultKind.TEMPERATURE, 1, 7500),
     _broken("finger slams", FORCE_PATH_CYCLES, FaultKind.SLAM, 1, 9000),
-    _broken("lateral force", 1, FaultKind.OFFSET, 1, 2000)._replace(prepare=_lower_force_limit),
+    _broken("lateral force", AT_ONCE, FaultKind.OFFSET, 1, 2000)._replace(
+        prepare=lower_force_limit
+    ),
     _broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES,
             FaultKind.RESONANCE_SHIFT, 1, -1500, TRACKED),
     _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -9000),
-    FaultCase("vibration above its limit", AMPLITUDE_CYCLES, _limit_amplitude(100),
-              _limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)),
+    FaultCase("vibration above its limit", AMPLITUDE_CYCLES, limit_amplitude(100),
+              limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)),
     _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, FaultKind.OFFSET, PICKUP_D,
-            500, (Mode.IDENTIFY,))._replace(prepare=_limit_amplitude(1000)),
-    _broken("power stage stuck", AMPLITUDE_CYCLES, FaultKind.STAGE_STUCK, 1, 14_000)._replace(
+            500, (Mode.IDENTIFY,))._replace(prepare=limit_amplitude(1000)),
+    _broken("power stage stuck", AT_ONCE, FaultKind.STAGE_STUCK, 1, 14_000)._replace(
         breaks_stage=True
     ),
-    FaultCase("measurements two cycles late", 2 * PDO_DEADLINE_MS,
-              _befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), _calm),
+    FaultCase("measurements two cycles late", PDO_DEADLINE_MS,
+              befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), calm),
     FaultCase("drives two cycles late", PDO_DEADLINE_MS,
-              _befall(Mishap.DELAY, DRIVE, cycles=2), _calm),
+              befall(Mishap.DELAY, DRIVE, cycles=2), calm),
     FaultCase("measurements swapped", PDO_DEADLINE_MS,
-              _befall(Mishap.REORDERING, *MEASUREMENTS), _calm),
-    FaultCase("drives corrupt", PDO_DEADLINE_MS, _befall(Mishap.CORRUPTION, DRIVE), _calm),
+              befall(Mishap.REORDERING, *MEASUREMENTS), calm),
+    FaultCase("drives corrupt", PDO_DEADLINE_MS, befall(Mishap.CORRUPTION, DRIVE), calm),
     FaultCase("measurements corrupt", PDO_DEADLINE_MS,
-              _befall(Mishap.CORRUPTION, *MEASUREMENTS), _calm),
-    FaultCase("a node babbles", 2 * PDO_DEADLINE_MS,
+              befall(Mishap.CORRUPTION, *MEASUREMENTS), calm),
+    FaultCase("a node babbles", PDO_DEADLINE_MS,
               lambda rig: rig.bus.babble(8), lambda rig: rig.bus.babble(0)),
-    FaultCase("stimulator restarts", PDO_DEADLINE_MS, _restart_stimulator, _nothing, forgets=True),
-    FaultCase("stimulator restarts, plate inside", 1, _restart_stimulator, _nothing,
+    FaultCase("stimulator restarts", PDO_DEADLINE_MS, restart_stimulator, nothing, forgets=True),
+    FaultCase("stimulator restarts, plate inside", AT_ONCE, restart_stimulator, nothing,
               plate_inside=True, forgets=True),
-    FaultCase("plate restarts", 1, _restart_plate, _nothing),
-    FaultCase("clock of the stimulator jumps", 1, _jump(plate=False), _nothing),
-    FaultCase("clock of the plate jumps", 1, _jump(plate=True), _nothing),
-    FaultCase("clock of the stimulator stops", 2 * SYNC_WINDOW_CYCLES, _stop_clock, _start_clock),
-    FaultCase("stimulator paused for 2 s", PDO_DEADLINE_MS, _pause_stimulator, _resume_stimulator,
+    FaultCase("plate restarts", AT_ONCE, restart_plate, nothing),
+    FaultCase("clock of the stimulator jumps", AT_ONCE, jump(plate=False), nothing),
+    FaultCase("clock of the plate jumps", AT_ONCE, jump(plate=True), nothing),
+    FaultCase("clock of the stimulator stops", SYNC_IRREGULAR_CYCLES, stop_clock, start_clock),
+    FaultCase("stimulator paused for 2 s", PDO_DEADLINE_MS, pause_stimulator, resume_stimulator,
               deaf=True),
-    FaultCase("plate paused for 2 s", PDO_DEADLINE_MS, _pause_plate, _nothing, deaf=True),
-    FaultCase("master paused", PDO_DEADLINE_MS, _pause_master, _resume_master),
+    FaultCase("plate paused for 2 s", PDO_DEADLINE_MS, pause_plate, nothing, deaf=True),
+    FaultCase("master paused", PDO_DEADLINE_MS, pause_master, resume_master),
 )  # fmt: skip
 """Faults that have to end in 0 V."""
 
 TOLERATED: Final[tuple[FaultCase, ...]] = (
-    FaultCase("measurements twice", 0, _befall(Mishap.DUPLICATION, *MEASUREMENTS), _calm),
-    FaultCase("drives twice", 0, _befall(Mishap.DUPLICATION, DRIVE), _calm),
+    FaultCase("measurements twice", 0, befall(Mishap.DUPLICATION, *MEASUREMENTS), calm),
+    FaultCase("drives twice", 0, befall(Mishap.DUPLICATION, DRIVE), calm),
     FaultCase("measurements late in their cycle", 0,
-              _befall(Mishap.DELAY, *MEASUREMENTS), _calm),
-    FaultCase("a cycle of measurements lost", 0, _lose(MEASUREMENTS), _nothing),
-    FaultCase("a drive lost", 0, _lose((DRIVE,)), _nothing),
+              befall(Mishap.DELAY, *MEASUREMENTS), calm),
+    FaultCase("a cycle of measurements lost", 0, lose(MEASUREMENTS), nothing),
+    FaultCase("a drive lost", 0, lose((DRIVE,)), nothing),
     FaultCase("a node babbles a little", 0,
               lambda rig: rig.bus.babble(2), lambda rig: rig.bus.babble(0)),
 )  # fmt: skip
