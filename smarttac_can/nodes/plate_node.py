@@ -105,7 +105,7 @@ class PlateNode(Application):
     def transmit_failed(self) -> list[Frame]:
         """Go to 0 V, the transmit queue being full: the controller lacks what was measured."""
         self.block.bar()
-        if self.block.barred:
+        if self.block.lost:
             self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
         return self.device.take()
 

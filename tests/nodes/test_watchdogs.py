@@ -20,11 +20,12 @@ from loop import (
     Loop,
 )
 
+from smarttac_can.bench.fault_cases import PDO_DEADLINE_MS, RING_DOWN_CYCLES
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import State
-from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
+from smarttac_can.nodes.watchdogs import STUCK_GAUGE_CYCLES, WATCHDOGS, Watchdog
 from smarttac_can.od.cia import EmergencyCode
 from smarttac_can.plant.faults import PICKUP_D, THERMOMETER, FaultKind
 from smarttac_can.signals import Drive, Measurement, Setpoint
@@ -38,12 +39,21 @@ Act = Callable[[Loop], object]
 class Case(NamedTuple):
     name: str
     watchdog: Watchdog
-    bound: int
     inject: Act
     remove: Act
     modes: tuple[int, ...] = tuple(DRIVING)
     stays: bool = True
     """Whether the fault can still be seen at 0 V."""
+    set_bound: int | None = None
+    """Bound in cycles where an object or another node sets it."""
+    to_show: int = 0
+    """Cycles until the cause is seen in the measurements."""
+
+    @property
+    def bound(self) -> int:
+        bound = WATCHDOGS[self.watchdog].bound if self.set_bound is None else self.set_bound
+        assert isinstance(bound, int)
+        return bound + self.to_show
 
 
 def put(name: str, value: object) -> Act:
@@ -80,38 +90,38 @@ def nmt(command: int) -> Act:
 mend = broken(FaultKind.NONE)
 W = Watchdog
 CASES = (
-    Case("NMT", W.NMT, 3, nmt(PREOP), nothing),
-    Case("heartbeat", W.HEARTBEAT, MASTER_LOST_MS + 3, put("heartbeat", False),
-         put("heartbeat", True)),
-    Case("measurements", W.MEASUREMENT, 3, lose(MEASUREMENT[1]), lambda loop: loop.lost.clear()),
-    Case("set-points", W.SETPOINT, SETPOINT_DEADLINE_MS, put("setpoints", False),
-         put("setpoints", True)),
-    Case("no SYNC", W.SYNC_LOST, 3, put("syncs", 0), put("syncs", 1)),
-    Case("two SYNCs", W.SYNC_IRREGULAR, 16, put("syncs", 2), put("syncs", 1)),
-    Case("SYNC counter", W.SYNC_COUNTER, 1, skip, nothing),
-    Case("bus-off", W.BUS_OFF, 3, lambda loop: loop.said(loop.node.bus_off()),
+    Case("NMT", W.NMT, nmt(PREOP), nothing, set_bound=PDO_DEADLINE_MS),
+    Case("heartbeat", W.HEARTBEAT, put("heartbeat", False), put("heartbeat", True),
+         set_bound=MASTER_LOST_MS + PDO_DEADLINE_MS),
+    Case("measurements", W.MEASUREMENT, lose(MEASUREMENT[1]), lambda loop: loop.lost.clear(),
+         set_bound=PDO_DEADLINE_MS),
+    Case("set-points", W.SETPOINT, put("setpoints", False), put("setpoints", True),
+         set_bound=SETPOINT_DEADLINE_MS),
+    Case("no SYNC", W.SYNC_LOST, put("syncs", 0), put("syncs", 1)),
+    Case("two SYNCs", W.SYNC_IRREGULAR, put("syncs", 2), put("syncs", 1)),
+    Case("SYNC counter", W.SYNC_COUNTER, skip, nothing),
+    Case("bus-off", W.BUS_OFF, lambda loop: loop.said(loop.node.bus_off()),
          lambda loop: loop.said(loop.node.bus_recovered())),
-    Case("queue", W.TRANSMIT_QUEUE, 1, lambda loop: loop.said(loop.node.transmit_failed()),
-         nothing),
-    Case("amplitude", W.AMPLITUDE, 5, limit("Amplitude trip", 100), limit("Amplitude trip", 3200),
+    Case("queue", W.TRANSMIT_QUEUE, lambda loop: loop.said(loop.node.transmit_failed()), nothing),
+    Case("amplitude", W.AMPLITUDE, limit("Amplitude trip", 100), limit("Amplitude trip", 3200),
          TOUCHED, stays=False),
-    Case("temperature", W.TEMPERATURE, 1, limit("Temperature", 1500), limit("Temperature", 6000)),
-    Case("normal force", W.NORMAL_FORCE, 1, limit("Normal force", 100),
-         limit("Normal force", 4000), TOUCHED),
-    Case("lateral force", W.LATERAL_FORCE, 1, limit("Lateral force", 100),
+    Case("temperature", W.TEMPERATURE, limit("Temperature", 1500), limit("Temperature", 6000)),
+    Case("normal force", W.NORMAL_FORCE, limit("Normal force", 100), limit("Normal force", 4000),
+         TOUCHED),
+    Case("lateral force", W.LATERAL_FORCE, limit("Lateral force", 100),
          limit("Lateral force", 3000), (OPEN_LOOP, FRICTION)),
-    Case("saturated", W.SATURATED, 2, broken(FaultKind.SATURATED, 1), mend),
-    Case("stuck", W.STUCK, 12, broken(FaultKind.STUCK, 1), mend),
-    Case("stuck thermometer", W.STUCK, 100, broken(FaultKind.STUCK, THERMOMETER), mend),
-    Case("gauges", W.GAUGES, 5, broken(FaultKind.OFFSET, 3, 600), mend),
-    Case("too much", W.PICKUP, 10, broken(FaultKind.GAIN, PICKUP_D, 4000), mend,
+    Case("saturated", W.SATURATED, broken(FaultKind.SATURATED, 1), mend),
+    Case("stuck", W.STUCK, broken(FaultKind.STUCK, 1), mend, set_bound=STUCK_GAUGE_CYCLES),
+    Case("stuck thermometer", W.STUCK, broken(FaultKind.STUCK, THERMOMETER), mend),
+    Case("gauges", W.GAUGES, broken(FaultKind.OFFSET, 3, 600), mend),
+    Case("too much", W.PICKUP, broken(FaultKind.GAIN, PICKUP_D, 4000), mend,
          (OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE), False),
-    Case("none", W.PICKUP, 16, broken(FaultKind.RESONANCE_SHIFT, 1, -20_000), mend,
-         (OPEN_LOOP, AMPLITUDE), False),
-    Case("resonance", W.RESONANCE, 110, broken(FaultKind.RESONANCE_SHIFT, 1, -1500), mend,
-         (AMPLITUDE_RESONANCE,), False),
-    Case("another plate", W.CALIBRATION, 1, serial(2), serial(1)),
-    Case("no serial number", W.CALIBRATION, 1, serial(0), serial(1)),
+    Case("none", W.PICKUP, broken(FaultKind.RESONANCE_SHIFT, 1, -20_000), mend,
+         (OPEN_LOOP, AMPLITUDE), False, to_show=RING_DOWN_CYCLES),
+    Case("resonance", W.RESONANCE, broken(FaultKind.RESONANCE_SHIFT, 1, -1500), mend,
+         (AMPLITUDE_RESONANCE,), False, to_show=RING_DOWN_CYCLES),
+    Case("another plate", W.CALIBRATION, serial(2), serial(1)),
+    Case("no serial number", W.CALIBRATION, serial(0), serial(1)),
 )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from smarttac_can.bench.rig import Rig
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.watchdogs import SATURATED_CYCLES, STUCK_GAUGE_CYCLES
 from smarttac_can.od.cia import EMCY_ID, SYNC_ID
 from smarttac_can.plant.faults import PICKUP_D, FaultKind
 
@@ -39,8 +40,8 @@ ROWS = [
     ("S3 saturated, plate inside", Mode.OPEN_LOOP),
 ]
 FAULTS = {
-    "pick-up saturated": (Mode.OPEN_LOOP, FaultKind.SATURATED, PICKUP_D, 2, 0x5210),
-    "gauge stuck": (Mode.AMPLITUDE_RESONANCE, FaultKind.STUCK, 5, 12, 0x5211),
+    "pick-up saturated": (Mode.OPEN_LOOP, FaultKind.SATURATED, PICKUP_D, SATURATED_CYCLES, 0x5210),
+    "gauge stuck": (Mode.AMPLITUDE_RESONANCE, FaultKind.STUCK, 5, STUCK_GAUGE_CYCLES, 0x5211),
 }
 """Mode; kind and sensor of the fault; bound in cycles; emergency code."""
 
