@@ -8,7 +8,9 @@ from typing import Final, NamedTuple
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 
 STUCK_GAUGE_CYCLES: Final = 12
+"""Noise alone makes that many samples equal 9e-10 times an hour, at the pick-up."""
 STUCK_THERMOMETER_CYCLES: Final = 100
+"""0.68 of the samples are equal with half a count of noise: 1e-10 false alarms an hour."""
 SATURATED_CYCLES: Final = 2
 AMPLITUDE_CYCLES: Final = 5
 GAUGE_CYCLES: Final = 5
