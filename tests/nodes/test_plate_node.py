@@ -111,7 +111,7 @@ def test_shutdown_is_0_v() -> None:
 
 
 def test_a_full_transmit_queue_is_0_v_until_told_0_v() -> None:
-    line, plate = running()
+    line, plate = ready_plate()
     assert plate.transmit_failed() == [], "at rest it is nothing to report"
     line.send(drive(2000, 0))
     assert stage(plate) == 2000
