@@ -65,7 +65,7 @@ def cases(faults: Sequence[str] = (), modes: Sequence[Mode] = ()) -> list[tuple[
     Raises
     ------
     ValueError
-        If there is no such fault, or none of them in these modes.
+        If there is no such fault, or it is injected in none of these modes.
     """
     known = {case.name for case in CASES}
     for name in faults:
@@ -77,8 +77,11 @@ def cases(faults: Sequence[str] = (), modes: Sequence[Mode] = ()) -> list[tuple[
         for mode in case.modes
         if (not faults or case.name in faults) and (not modes or mode in modes)
     ]
-    if not chosen:
-        raise ValueError("no fault is injected in these modes")
+    found = {case.name for case, _ in chosen}
+    absent = " or ".join(repr(name) for name in faults if name not in found)
+    if absent or not chosen:
+        what = f"fault {absent} is not" if absent else "no fault is"
+        raise ValueError(f"{what} injected in mode {' or '.join(map(mode_name, modes))}")
     return chosen
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Iterable
 from contextlib import ExitStack
 from math import isfinite
 from pathlib import Path
+from typing import TextIO
 
 import click
 
@@ -16,6 +18,7 @@ from smarttac_can.bench.fault_matrix import HOLD_CYCLES, cases, fault_matrix
 from smarttac_can.bench.fault_row import Row, rows_as_json
 from smarttac_can.bench.soak import CYCLES_PER_HOUR, Soak, SoakReport
 from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.result_file import result_file, result_path
 from smarttac_can.control.cascade import Mode
 from smarttac_can.host.candump import CandumpWriter
 
@@ -24,7 +27,7 @@ _MODES = [mode.name.lower() for mode in DRIVING]
 json_file_option = click.option(
     "--json",
     "json_file",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=result_path,
     help="File for the results; - is stdout.",
 )
 
@@ -44,7 +47,7 @@ def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...])
 @click.option(
     "--log",
     "log_file",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=result_path,
     help="File for the frames around each fault, as candump -L has them.",
 )
 @click.option(
@@ -72,7 +75,6 @@ def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...])
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    default=os.cpu_count() or 1,
     help="Processes that share the work.  [default: one for each processor]",
 )
 @click.option(
@@ -85,7 +87,7 @@ def faults(
     faults_: tuple[str, ...],
     modes: tuple[str, ...],
     hold: int,
-    jobs: int,
+    jobs: int | None,
     channel: str | None,
 ) -> None:
     """Inject every fault in every mode that drives, and show how soon the plate is at 0 V.
@@ -93,34 +95,31 @@ def faults(
     Everything is simulated: stimulator, plate and master, on a bus inside the process unless there
     is a --channel. Nothing else may send there. The rows are the same either way.
     """
+    try:
+        chosen = cases(faults_, [Mode[mode.upper()] for mode in modes])
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    if channel is not None and jobs not in (None, 1):
+        raise click.UsageError(f"--jobs {jobs}: with --channel there is one process")
+    if channel is not None or len(chosen) == 1:
+        jobs = 1
     with plain_errors(), ExitStack() as stack:
-        try:
-            chosen = cases(faults_, [Mode[mode.upper()] for mode in modes])
-        except ValueError as error:
-            raise click.UsageError(str(error)) from error
+        results = _opened(stack, json_file)
         log = None
         if log_file is not None:
-            file = stack.enter_context(log_file.open("w", encoding="ascii"))
-            log = CandumpWriter(file).write
-        if channel is not None or len(chosen) == 1:
-            jobs = 1
+            log = CandumpWriter(stack.enter_context(result_file(log_file))).write
         bar = stack.enter_context(
             click.progressbar(
-                fault_matrix(chosen, hold=hold, log=log, jobs=jobs, channel=channel),
+                fault_matrix(
+                    chosen, hold=hold, log=log, jobs=jobs or os.cpu_count() or 1, channel=channel
+                ),
                 length=len(chosen),
                 label="faults",
                 file=sys.stderr,
             )
         )
         rows = list(bar)
-        text = json.dumps(rows_as_json(rows), indent=2)
-        if json_file == Path("-"):
-            click.echo(text)
-        else:
-            if json_file is not None:
-                json_file.write_text(text + "\n", encoding="utf-8")
-            for row in rows:
-                click.echo(_line(row))
+        _report(rows_as_json(rows), map(_line, rows), results)
     failed = [row for row in rows if not row.passed]
     if failed:
         raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
@@ -149,23 +148,35 @@ def soak(hours: float, seed: int, json_file: Path | None) -> None:
     """
     if not isfinite(hours):
         raise click.BadParameter(f"{hours} is not a finite number", param_hint="--hours")
-    with plain_errors():
-        steps = 1000
+    steps = 1000
+    with plain_errors(), ExitStack() as stack:
+        results = _opened(stack, json_file)
         with click.progressbar(range(steps), label="soaking", file=sys.stderr) as bar:
             report = Soak(
                 max(1, round(hours * CYCLES_PER_HOUR)),
                 seed,
                 lambda share: bar.update(round(share * steps) - bar.pos),
             ).run()
-        text = json.dumps(report.as_json(), indent=2)
-        if json_file == Path("-"):
-            click.echo(text)
-        else:
-            if json_file is not None:
-                json_file.write_text(text + "\n", encoding="utf-8")
-            click.echo(_summary(report))
+        _report(report.as_json(), [_summary(report)], results)
     if not report.passed:
         raise click.ClickException(f"{report.violated} violated invariants")
+
+
+def _opened(stack: ExitStack, json_file: Path | None) -> TextIO | None:
+    """Open the file for the results before the run; None for none."""
+    if json_file is None:
+        return None
+    if json_file == Path("-"):
+        return sys.stdout
+    return stack.enter_context(result_file(json_file))
+
+
+def _report(results: object, lines: Iterable[str], file: TextIO | None) -> None:
+    """Write results to their file, and lines to stdout unless it has the results."""
+    if file is not None:
+        click.echo(json.dumps(results, indent=2), file)
+    if file is not sys.stdout:
+        click.echo("\n".join(lines))
 
 
 def _line(row: Row) -> str:

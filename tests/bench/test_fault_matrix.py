@@ -113,8 +113,13 @@ def test_what_makes_a_row_fail(change: dict[str, float]) -> None:
 def test_unknown_fault_and_empty_choice_are_refused() -> None:
     with pytest.raises(ValueError, match="fault 'rust' is none of"):
         cases(["rust"])
-    with pytest.raises(ValueError, match="no fault is injected in these modes"):
-        cases(["resonance out of reach"], [Mode.OPEN_LOOP])
+    with pytest.raises(
+        ValueError,
+        match="fault 'resonance out of reach' is not injected in mode open_loop or identify",
+    ):
+        cases(["resonance out of reach", "NMT stop"], [Mode.OPEN_LOOP, Mode.IDENTIFY])
+    with pytest.raises(ValueError, match="no fault is injected in mode off"):
+        cases([], [Mode.OFF])
 
 
 def test_table_says_never_and_none() -> None:

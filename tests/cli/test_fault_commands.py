@@ -77,7 +77,11 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
         (("faults", "--mode", "off"), "'off' is not one of"),
         (
             ("faults", "--fault", "resonance out of reach", "--mode", "open_loop"),
-            "no fault is injected in these modes",
+            "fault 'resonance out of reach' is not injected in mode open_loop",
+        ),
+        (
+            ("faults", "--jobs", "2", "--channel", "vcan0"),
+            "--jobs 2: with --channel there is one process",
         ),
         (("soak",), "Missing option '--hours'"),
         (("soak", "--hours", "0"), "0.0 is not in the range"),
@@ -87,6 +91,36 @@ def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -
     result = run(*arguments)
     assert result.exit_code == 2
     assert complaint in result.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (*ONE, "--json", "nowhere/result"),
+        (*ONE, "--log", "nowhere/result"),
+        ("soak", "--hours", "1000", "--json", "nowhere/result"),
+    ],
+)
+def test_file_that_cannot_be_written_is_refused_before_the_run(arguments: tuple[str, ...]) -> None:
+    result = run(*arguments)
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("Error: ")
+    assert line.endswith("nowhere/result: No such file or directory")
+
+
+def test_old_files_stay_when_a_run_fails(tmp_path: Path) -> None:
+    table, log = tmp_path / "faults.json", tmp_path / "faults.log"
+    table.write_text("old")
+    result = run(*ONE, "--channel", "vcan9", "--json", str(table), "--log", str(log))
+    assert result.exit_code == 1
+    assert table.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [table]
+
+
+def test_results_may_go_to_a_device() -> None:
+    assert run(*ONE, "--json", "/dev/null").exit_code == 0
+    assert not Path("/dev/null").is_file()
 
 
 def test_channel_that_is_not_there_is_one_clear_line() -> None:
