@@ -97,7 +97,7 @@ class LocalBus:
             raise ValueError(f"bit_rate {bit_rate} is not above 0")
         self._sync_id = sync_id
         self._log = log
-        self._carrier = wire
+        self._wire = wire
         # Rounded up: a time stamp is a worst case.
         self._durations = [
             -(-frame_bits(n) * 1_000_000 // bit_rate) for n in range(_MAX_DATA_BYTES + 1)
@@ -164,18 +164,18 @@ class LocalBus:
 
     def _add(self, port: Port) -> None:
         self._ports.append(port)
-        if self._carrier is not None:
-            self._carrier.connect(port)
-        self._wire()
+        if self._wire is not None:
+            self._wire.connect(port)
+        self._link_ports()
 
     def _remove(self, port: Port) -> None:
         if port in self._ports:
             self._ports.remove(port)
-            if self._carrier is not None:
-                self._carrier.disconnect(port)
-            self._wire()
+            if self._wire is not None:
+                self._wire.disconnect(port)
+            self._link_ports()
 
-    def _wire(self) -> None:
+    def _link_ports(self) -> None:
         # Who hears whom is settled here, once, to keep it out of every delivery.
         for port in self._ports:
             port._others = tuple((p, p._receive) for p in self._ports if p is not port)
@@ -225,7 +225,7 @@ class LocalBus:
 
     def _deliver(self, sender: Port, frame: Frame, is_tick: bool) -> None:
         queue = self._queue
-        wire = self._carrier
+        wire = self._wire
         if wire is not None:
             wire.put(sender, frame)
         for port, receive in sender._others:
