@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from smarttac_can.bench.errors import RefusedError
 from smarttac_can.bench.link import PUBLISHED, RECORDED, Row, Snapshot
+from smarttac_can.bench.refusal import refused_write
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
 
@@ -37,12 +38,13 @@ class LocalLink:
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object."""
+        entry = self._block.od[name]
         try:
-            if not self._block.od[name].writable:
+            if not entry.writable:
                 raise Abort(AbortCode.READ_ONLY)
             self._block.write(name, raw)
         except Abort as error:
-            raise RefusedError(f"cannot write {raw} to {name}: {error}") from error
+            raise refused_write(entry, raw, error) from error
 
     def snapshot(self) -> Snapshot:
         """Return the present values."""

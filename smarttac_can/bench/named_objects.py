@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from math import isfinite
 from typing import Final
 
-from smarttac_can.bench.errors import BenchError, RefusedError
+from smarttac_can.bench.errors import BenchError
 from smarttac_can.bench.link import Link
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
@@ -38,14 +38,7 @@ class NamedObjects:
         entry = self._number(name)
         if not isfinite(value):
             raise ValueError(f"{name} {value} is not a finite number")
-        raw = round(value / entry.factor)
-        try:
-            self._link.write(name, raw)
-        except RefusedError as error:
-            if entry.low <= raw <= entry.high:
-                raise
-            low, high = (f"{limit * entry.factor:g}" for limit in (entry.low, entry.high))
-            raise RefusedError(f"{error}: {low} to {high} {entry.unit}".rstrip()) from error
+        self._link.write(name, round(value / entry.factor))
 
     def _number(self, name: str) -> Entry:
         entry = self._od.find(name)

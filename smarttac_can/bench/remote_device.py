@@ -18,6 +18,7 @@ from smarttac_can.bench.errors import (
     RefusedError,
     WrongDeviceError,
 )
+from smarttac_can.bench.refusal import refused_write, write_action
 from smarttac_can.od.cia import (
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
@@ -89,15 +90,17 @@ class RemoteDevice:
 
     def write(self, entry: Entry, raw: int) -> None:
         """Write an entry over SDO."""
-        action = f"write {raw} to {entry.name}"
         try:
             data = pack(entry.data_type, raw)
         except OverflowError as error:
             # What the type cannot carry is refused here, in the words of the device.
             code = AbortCode.TOO_LOW if raw < 0 else AbortCode.TOO_HIGH
-            raise RefusedError(f"cannot {action}: {Abort(code)}") from error
-        with self._explained(action):
-            self._sdo.download(entry.index, entry.subindex, data)
+            raise refused_write(entry, raw, Abort(code)) from error
+        with self._explained(write_action(entry, raw)):
+            try:
+                self._sdo.download(entry.index, entry.subindex, data)
+            except SdoAbortedError as error:
+                raise refused_write(entry, raw, Abort(error.code)) from error
 
     def start(self) -> None:
         """Command it into the NMT state operational."""

@@ -111,6 +111,16 @@ def test_refused_with_the_reason_and_nothing_changed(
     assert bench.get(name) == before
 
 
+def test_a_raw_value_is_refused_with_value_and_bounds_too(bench: Stimulator) -> None:
+    for name, raw, text in (
+        ("Setpoint.Voltage", 20_001, "200010 mV to .* too high: 0 to 200000 mV$"),
+        ("Setpoint.Voltage", -1, "-10 mV to .* too low: 0 to 200000 mV$"),
+        ("Mode", 9, "9 to Mode: abort 06090031: value written too high: 0 to 5$"),
+    ):
+        with pytest.raises(RefusedError, match=f"^cannot write {text}"):
+            bench._link.write(name, raw)
+
+
 def test_reading_what_cannot_be_read(bench: Stimulator) -> None:
     with pytest.raises(RefusedError, match=r"cannot read Simulation.Start run: abort 06010001"):
         bench.get("Simulation.Start run")
