@@ -196,9 +196,14 @@ class Stimulator:
         running = self.state is State.RUNNING
         if not running:
             self.arm()
-        self._link.write("Mode", number)
-        if not running:
-            self._link.write(_CONTROLWORD, Control.ARM | Control.RUN)
+        try:
+            self._link.write("Mode", number)
+            if not running:
+                self._link.write(_CONTROLWORD, Control.ARM | Control.RUN)
+        except RefusedError:
+            # A watchdog that trips in between is the reason, not the state that it leads to.
+            self._require_no_fault(self.state)
+            raise
 
     @property
     def state(self) -> State:
@@ -218,16 +223,16 @@ class Stimulator:
         state = self.state
         if state is State.ARMED:
             return
-        if state is State.FAULT:
-            raise FaultError(
-                f"a fault is latched ({self.message}): remove the cause, then reset_fault()"
-            )
+        self._require_no_fault(state)
         self._link.write(_CONTROLWORD, 0)
         if self.state is State.NOT_READY:
             self._link.run(_READY_CYCLES)
         if self.state is not State.READY:
-            raise NotReadyError(f"the stimulator is not ready: {self._lack()}")
-        self._link.write(_CONTROLWORD, Control.ARM)
+            raise self._not_ready()
+        try:
+            self._link.write(_CONTROLWORD, Control.ARM)
+        except RefusedError as error:
+            raise self._not_ready() from error
 
     def disarm(self) -> None:
         """Go to 0 V and mode OFF; allowed in every state."""
@@ -255,6 +260,15 @@ class Stimulator:
         except RefusedError as error:
             raise FaultError(f"the fault cannot be reset: {self._lack()}") from error
         self._link.write(_CONTROLWORD, 0)
+
+    def _require_no_fault(self, state: State) -> None:
+        if state is State.FAULT:
+            raise FaultError(
+                f"a fault is latched ({self.message}): remove the cause, then reset_fault()"
+            )
+
+    def _not_ready(self) -> NotReadyError:
+        return NotReadyError(f"the stimulator is not ready: {self._lack()}")
 
     def _lack(self) -> str:
         present = watchdogs_in(self._link.read("Diagnosis.Present"))

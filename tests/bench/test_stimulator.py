@@ -4,10 +4,19 @@ from collections.abc import Iterator
 
 import pytest
 
-from smarttac_can.bench import Law, Mode, NotRunningError, RefusedError, Stimulator
-from smarttac_can.bench.errors import BenchError
+from smarttac_can.bench import (
+    BenchError,
+    FaultError,
+    Law,
+    Mode,
+    NotReadyError,
+    NotRunningError,
+    RefusedError,
+    Stimulator,
+)
 from smarttac_can.bench.link import Row, Snapshot
 from smarttac_can.bench.open_link import stimulator_od
+from smarttac_can.nodes.watchdogs import Watchdog
 
 
 @pytest.fixture(params=["local", "bus", "inside", "virtual"])
@@ -312,3 +321,30 @@ def test_presets_are_those_of_the_power_on(inside: bool) -> None:
         one, other = local.run(0.2), bus.run(0.2)
         assert one.normal_force_n.tolist() == other.normal_force_n.tolist()
         assert abs(one.normal_force_n[-1]) > 0.03, "not tared"
+
+
+@pytest.mark.parametrize(
+    ("before", "error"),
+    [
+        (("Controlword", 1), NotReadyError),
+        (("Mode", 1), FaultError),
+        (("Controlword", 3), FaultError),
+    ],
+)
+def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
+    before: tuple[str, int], error: type[BenchError], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Stimulator.simulate("local") as bench:
+        bench.run(0.1)
+        link = bench._link
+        write = link.write
+
+        def trip_and_write(name: str, raw: int) -> None:
+            if (name, raw) == before:
+                link._block.interlock.trip(Watchdog.HEARTBEAT)  # type: ignore[attr-defined]
+            write(name, raw)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(link, "write", trip_and_write)
+            with pytest.raises(error, match="the heartbeat of a watched node is lost"):
+                bench.mode = "open_loop"
