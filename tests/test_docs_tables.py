@@ -1,0 +1,56 @@
+"""Tables of the guides beside what the code does."""
+
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+from smarttac_can.host.faulty_bus import FaultyBus, Mishap
+from smarttac_can.nodes.read_back import STATE_SHIFT, Status
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.plant.faults import SENSOR_KINDS, Fault, FaultKind
+
+GUIDES = Path(__file__).parents[1] / "docs" / "how-to"
+
+
+def table(guide: str, header: str) -> list[list[str]]:
+    """Cells of the table with that header."""
+    lines = (GUIDES / guide).read_text(encoding="utf-8").splitlines()
+    start = lines.index(header) + 2
+    end = next(n for n in range(start, len(lines)) if not lines[n].startswith("|"))
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[start:end]]
+
+
+def test_kinds_of_faults_of_the_plate_and_their_ranges() -> None:
+    rows = table("break-things.md", "| Kind | | Sensor | Value | Range |")
+    assert [int(row[0]) for row in rows] == [kind for kind in FaultKind if kind]
+    for number, _, sensor, meaning, bounds in rows:
+        kind = FaultKind(int(number))
+        assert (sensor == "1..9") == (kind in SENSOR_KINDS)
+        assert bool(meaning) == bool(bounds)
+        if bounds:
+            low, high = map(int, bounds.split(".."))
+            for value in (low, high):
+                Fault(kind, 9, value).require_sense()
+            for value in (low - 1, high + 1):
+                with pytest.raises(ValueError, match=str(value)):
+                    Fault(kind, 9, value).require_sense()
+
+
+def test_faults_of_the_bus() -> None:
+    rows = table("break-things.md", "| Fault | By | Range |")
+    ways = " ".join(row[1] for row in rows)
+    assert re.findall(r"Mishap\.(\w+)", ways) == [mishap.name for mishap in Mishap]
+    for name, arguments in re.findall(r"`(\w+)\((port.*?|frames.*?)\)`", ways):
+        parameters = list(inspect.signature(getattr(FaultyBus, name)).parameters)
+        assert parameters == ["self", *arguments.split(", ")]
+
+
+def test_bits_of_the_statusword() -> None:
+    rows = table("integrate-with-a-master.md", "| Bit | Statusword | 1 means |")
+    flags = {int(bit): name for bit, name, _ in rows if bit.isdigit()}
+    assert flags == {flag.bit_length() - 1: (flag.name or "").lower() for flag in Status}
+    (states,) = [meaning for bit, _, meaning in rows if bit == f"{STATE_SHIFT} to 10"]
+    named = {int(n): name for n, name in re.findall(r"(\d) ([a-z ]+)", states)}
+    assert named == {state: state.name.lower().replace("_", " ") for state in State}
