@@ -24,17 +24,36 @@ class NamedObjects:
         Its EDS.
     """
 
+    # A misspelt property is an error, not a new attribute.
+    __slots__ = ("_link", "_od")
+
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         self._link = link
         self._od = od
 
     def get(self, name: str) -> float:
-        """Read an object; errors as `Stimulator.get`."""
+        """Read an object of the stimulator or the simulation by name, in its displayed unit.
+
+        Raises
+        ------
+        BenchError
+            If there is no such object, or it is no number.
+        """
         entry = self._number(name)
         return self._link.read(name) * entry.factor
 
     def set(self, name: str, value: float) -> None:
-        """Write an object; errors as `Stimulator.set`."""
+        """Write an object by name, in its displayed unit; refused, not clipped, outside its limits.
+
+        Raises
+        ------
+        RefusedError
+            If the device refuses the value; nothing has changed then.
+        BenchError
+            If there is no such object, or it is no number.
+        ValueError
+            If the value is not finite.
+        """
         entry = self._number(name)
         if not isfinite(value):
             raise ValueError(f"{name} {value} is not a finite number")

@@ -1,15 +1,14 @@
-"""The bench's stimulator: set-points and read-backs in a person's units, over any link."""
+"""The bench's stimulator: states, recordings and read-backs, over any link."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, Final, Self
 
 from smarttac_can.bench.errors import BenchError, FaultError, NotReadyError, RefusedError
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import Link, Row
-from smarttac_can.bench.named_objects import NamedObjects
 from smarttac_can.bench.open_link import (
     STIMULATOR_ID,
     LinkName,
@@ -17,10 +16,10 @@ from smarttac_can.bench.open_link import (
     open_simulated_link,
 )
 from smarttac_can.bench.reading import Reading
+from smarttac_can.bench.set_points import SetPoints, by_name
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control import identification
 from smarttac_can.control.cascade import Mode
-from smarttac_can.control.friction import Law
 from smarttac_can.control.model import PlateModel
 from smarttac_can.host.bus import LogHook
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
@@ -39,7 +38,7 @@ _IDENTIFY_CYCLES: Final = 100
 _IDENTIFY_LIMIT: Final = 50
 
 
-class Stimulator:
+class Stimulator(SetPoints):
     """A SMARTTAC stimulator at the bench; a context manager that leaves it at 0 V.
 
     `connect` and `simulate` make one.
@@ -57,13 +56,10 @@ class Stimulator:
         The finger of a simulated plate.
     """
 
-    # A misspelt property is an error, not a new attribute.
-    __slots__ = ("_link", "_objects", "_od", "finger")
+    __slots__ = ("finger",)
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
-        self._link = link
-        self._od = od
-        self._objects = NamedObjects(link, od)
+        super().__init__(link, od)
         self.finger = SimulatedFinger(self.set)
 
     @classmethod
@@ -155,30 +151,6 @@ class Stimulator:
         finally:
             self._link.close()
 
-    def get(self, name: str) -> float:
-        """Read an object of the stimulator or the simulation by name, in its displayed unit.
-
-        Raises
-        ------
-        BenchError
-            If there is no such object, or it is no number.
-        """
-        return self._objects.get(name)
-
-    def set(self, name: str, value: float) -> None:
-        """Write an object by name, in its displayed unit; refused, not clipped, outside its limits.
-
-        Raises
-        ------
-        RefusedError
-            If the device refuses the value; nothing has changed then.
-        BenchError
-            If there is no such object, or it is no number.
-        ValueError
-            If the value is not finite.
-        """
-        self._objects.set(name, value)
-
     @property
     def mode(self) -> Mode:
         """Mode asked for; setting one arms the stimulator and runs it, OFF disarms it.
@@ -189,7 +161,7 @@ class Stimulator:
 
     @mode.setter
     def mode(self, mode: Mode | str) -> None:
-        number = _by_name(Mode, mode)
+        number = by_name(Mode, mode)
         if number == Mode.OFF:
             self.disarm()
             return
@@ -277,62 +249,6 @@ class Stimulator:
         return "it has to be tared, and its nodes have to be operational and give cycles"
 
     @property
-    def law(self) -> Law:
-        """Friction law."""
-        return Law(self._link.read("Friction law"))
-
-    @law.setter
-    def law(self, law: Law | str) -> None:
-        self._link.write("Friction law", _by_name(Law, law))
-
-    @property
-    def voltage(self) -> float:
-        """Set-point of mode OPEN_LOOP in V."""
-        return self.get("Setpoint.Voltage") * 1e-3
-
-    @voltage.setter
-    def voltage(self, volts: float) -> None:
-        self.set("Setpoint.Voltage", volts * 1e3)
-
-    @property
-    def frequency(self) -> float:
-        """Excitation frequency in Hz: fixed, or where the resonance loop starts from."""
-        return self.get("Setpoint.Frequency")
-
-    @frequency.setter
-    def frequency(self, hertz: float) -> None:
-        self.set("Setpoint.Frequency", hertz)
-
-    @property
-    def amplitude(self) -> float:
-        """Set-point of the amplitude in um peak-to-peak."""
-        return self.get("Setpoint.Amplitude") * 1e-3
-
-    @amplitude.setter
-    def amplitude(self, micrometres: float) -> None:
-        self.set("Setpoint.Amplitude", micrometres * 1e3)
-
-    @property
-    def cof(self) -> tuple[float, float]:
-        """Set-points of the COF left and right of the boundary; a number sets both."""
-        return self.get("Setpoint.COF left"), self.get("Setpoint.COF right")
-
-    @cof.setter
-    def cof(self, cof: float | Sequence[float]) -> None:
-        left, right = cof if isinstance(cof, Sequence) else (cof, cof)
-        self.set("Setpoint.COF left", left)
-        self.set("Setpoint.COF right", right)
-
-    @property
-    def boundary(self) -> float:
-        """Position of the boundary in mm from the middle of the plate."""
-        return self.get("Setpoint.Boundary") * 1e-3
-
-    @boundary.setter
-    def boundary(self, millimetres: float) -> None:
-        self.set("Setpoint.Boundary", millimetres * 1e3)
-
-    @property
     def message(self) -> str:
         """Why the stimulator turned itself off; empty if it did not."""
         return self._link.text("Message")
@@ -412,16 +328,6 @@ class Stimulator:
             f"the plate could not be identified ({reason}): lift the "
             "finger, tare, and set the frequency within 300 Hz of the resonance"
         )
-
-
-def _by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:
-    if not isinstance(choice, str):
-        return int(choices(choice))
-    name = choice.upper().replace("-", "_").replace(" ", "_").replace("+", "_")
-    if name not in choices.__members__:
-        known = ", ".join(member.lower() for member in choices.__members__)
-        raise ValueError(f"{choices.__name__.lower()} {choice!r} is none of {known}")
-    return int(choices[name])
 
 
 def _unwrapped(rows: list[Row]) -> list[Row]:
