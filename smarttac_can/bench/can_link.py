@@ -147,6 +147,11 @@ class CanLink:
             )
         return rows
 
+    @property
+    def only_read(self) -> bool:
+        """Whether the stimulator may be driven by another bench, and is not by this one."""
+        return self._presence is not None and not self._presence.begun
+
     def close(self) -> None:
         """Leave the bus; may be called twice."""
         presence, self._presence = self._presence, None

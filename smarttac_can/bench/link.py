@@ -48,6 +48,11 @@ class Link(Protocol):
     Every method raises a `BenchError` if the other side is gone or refuses.
     """
 
+    @property
+    def only_read(self) -> bool:
+        """Whether the stimulator may be driven by somebody else, and is not by this bench."""
+        ...
+
     def read(self, name: str) -> int:
         """Read the raw value of an object of the stimulator, or of the simulation."""
         ...

@@ -25,6 +25,11 @@ class LocalLink:
         self._block = block
         self._recorded = [block.od[name] for name in RECORDED]
 
+    @property
+    def only_read(self) -> bool:
+        """Never: nobody else can reach it."""
+        return False
+
     def read(self, name: str) -> int:
         """Read the raw value of an object."""
         entry = self._block.od[name]

@@ -143,7 +143,8 @@ class Stimulator(SetPoints):
         trace: TracebackType | None,
     ) -> None:
         try:
-            self.disarm()
+            if not self._link.only_read:
+                self.disarm()
         except BenchError:
             # The first failure is the one to report.
             if kind is None:

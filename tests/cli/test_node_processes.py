@@ -123,6 +123,7 @@ def test_a_bench_that_reads_leaves_the_watch_to_the_driver(multicast: dict[str, 
         with Stimulator.connect(**multicast) as reader:
             assert watched(reader).count(WATCH) == 1
         assert watched(bench).count(WATCH) == 1
+        assert bench.state is State.RUNNING, "the end of a bench that reads disarms nobody"
 
 
 def test_a_second_driver_is_refused(multicast: dict[str, Any]) -> None:
