@@ -105,6 +105,8 @@ class FaultCase(NamedTuple):
     """Whether the power stage ignores what is asked for."""
     breaks_controller: bool = False
     """Whether the controllers themselves are replaced."""
+    needs_voltage: bool = False
+    """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
 
 
 def _broken(
@@ -202,8 +204,9 @@ CASES: Final[tuple[FaultCase, ...]] = (
         prepare=lower_force_limit
     ),
     _broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES,
-            FaultKind.RESONANCE_SHIFT, 1, -1500, TRACKED),
-    _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1, -9000),
+            FaultKind.RESONANCE_SHIFT, 1, -1500, TRACKED)._replace(needs_voltage=True),
+    _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1,
+            -9000)._replace(needs_voltage=True),
     FaultCase("vibration above its limit", AMPLITUDE_CYCLES, limit_amplitude(100),
               limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)),
     _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, FaultKind.OFFSET, PICKUP_D,

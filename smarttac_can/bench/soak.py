@@ -28,6 +28,9 @@ _PAGE: Final = 4096
 RSS_GROWTH_MIB: Final = 8.0
 """How much the process may grow after its first two simulated minutes."""
 _READY_CYCLES: Final = 5
+_SHOWING_V: Final = 20.0
+"""Voltage from which a plate out of resonance vibrates enough to be judged."""
+_PATIENCE_CYCLES: Final = 2000
 _TOO_MUCH: Final = 1 << Watchdog.AMPLITUDE | 1 << Watchdog.SATURATED
 _USED: Final = tuple(
     case for case in CASES
@@ -237,13 +240,25 @@ class Soak:
         invariants.stage_is_broken = case.breaks_stage
         invariants.deaf = case.deaf
         case.inject(self._rig)
-        self._cycle(case.bound + 1)
+        self._wait(case)
         if self._rig.stage.value:
             invariants.violate(f"{case.name}: {self._rig.stage.value * 1e-2:g} V too late")
         self._cycle(self._random.randint(20, 400), traffic=0.2)
         if self._rig.state is State.FAULT:
             self._report.latched += 1
         self._mend(case)
+
+    def _wait(self, case: FaultCase) -> None:
+        """Let a fault have the time that it may take until 0 V."""
+        rig, left = self._rig, case.bound + 1
+        if not case.needs_voltage:
+            self._cycle(left)
+            return
+        for _ in range(_PATIENCE_CYCLES):
+            if not left or rig.state is not State.RUNNING:
+                return
+            self._cycle(1)
+            left -= rig.stage.value * rig.stage.si >= _SHOWING_V
 
     def _mend(self, case: FaultCase) -> None:
         case.remove(self._rig)

@@ -161,7 +161,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.RESONANCE: Row(
         "the resonance is lost",
         EmergencyCode.RESONANCE, _MANUFACTURER, RESONANCE_CYCLES,
-        "from the end of its range the loop takes 50 ms to the resonance",
+        "from the end of its range the loop takes 50 ms to the resonance; cycles with a vibration "
+        "count",
     ),
     Watchdog.CONTROLLER: Row(
         "the controllers gave no finite drive",

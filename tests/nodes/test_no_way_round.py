@@ -144,3 +144,14 @@ def test_nobody_else_produces_the_sync_of_a_producer() -> None:
     line.run(node, 1)
     line.advance(50)
     assert plate.od["Stage.Voltage"].value == 2000
+
+
+def test_a_loop_that_pauses_does_not_hide_a_lost_resonance() -> None:
+    loop = Loop(AMPLITUDE_RESONANCE)
+    loop.break_plate(FaultKind.RESONANCE_SHIFT, 1, -1500)
+    for amplitude in (0, 1000) * 10:
+        if loop.state is State.RUNNING:
+            assert loop.line.write(loop.node, "Setpoint.Amplitude", amplitude) == 0
+        loop.cycle(40)
+    assert latched(loop, Watchdog.RESONANCE)
+    assert loop.voltage == 0
