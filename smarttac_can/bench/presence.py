@@ -8,7 +8,7 @@ from typing import Final
 import can
 import canopen
 
-from smarttac_can.bench.errors import BenchError
+from smarttac_can.bench.errors import BenchError, BusLostError
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.od.cia import HEARTBEAT_CONSUMER, HEARTBEAT_ID
 from smarttac_can.od.dictionary import Entry
@@ -65,7 +65,7 @@ class Presence:
         Raises
         ------
         BenchError
-            If another bench drives this stimulator.
+            If another bench drives this stimulator, or the bus has failed.
         """
         watches = self._watches()
         own = [entry for entry, value in watches.items() if value >> 16 & 0x7F == self._id]
@@ -76,10 +76,15 @@ class Presence:
             )
         free = [entry for entry, value in watches.items() if value == 0]
         for entry in (own + free)[:1]:
-            # One that was left behind by a killed bench is written again, which ends that fault.
-            if not self.begun or watches[entry] != self._watch:
+            if watches[entry] != self._watch:
                 self._stimulator.write(entry, self._watch)
         if not self.begun:
+            # The first one is on the bus before the bench goes on: it is watched from there, and a
+            # fault that a killed bench has left behind is over.
+            try:
+                self._send()
+            except can.CanError as error:
+                raise BusLostError(f"cannot be watched: the bus has failed: {error}") from error
             self._thread.start()
 
     def end(self, at_rest: bool) -> None:
@@ -98,13 +103,14 @@ class Presence:
 
     def _beat(self) -> None:
         try:
-            while True:
-                self._network.send_message(HEARTBEAT_ID + self._id, _OPERATIONAL)
-                if self._over.wait(_PERIOD_S):
-                    return
+            while not self._over.wait(_PERIOD_S):
+                self._send()
         except can.CanError:
             # A bus that has failed stops the plate, and the bench finds out by its next transfer.
             return
+
+    def _send(self) -> None:
+        self._network.send_message(HEARTBEAT_ID + self._id, _OPERATIONAL)
 
     def _watches(self) -> dict[Entry, int]:
         device = self._stimulator
