@@ -18,6 +18,7 @@ class LastingBus:
     """Opens its bus again, at growing intervals, whenever it has failed.
 
     While there is no bus, frames are dropped: they are about a moment that is over when it is back.
+    It is back when it has been heard or sent to: SocketCAN opens an interface that is still down.
 
     Parameters
     ----------
@@ -53,6 +54,7 @@ class LastingBus:
         self._wait = FIRST_WAIT_S
         self._next_try = 0.0
         self._owed: list[Frame] = []
+        self._on_trial = False
         self._bus: Bus | None = open_bus()
 
     def send(self, frame: Frame) -> None:
@@ -68,6 +70,8 @@ class LastingBus:
             self._owed += self._full(error)
         except BusError as error:
             self._lose(error)
+        else:
+            self._end_trial()
 
     def receive(self, timeout: float) -> Frame | None:
         """Return the next frame of another party, or None after timeout s; tries to get back."""
@@ -77,10 +81,12 @@ class LastingBus:
             self._pause(min(timeout, _NAP_S))
             return None
         try:
-            return self._bus.receive(timeout)
+            frame = self._bus.receive(timeout)
         except BusError as error:
             self._lose(error)
             return None
+        self._end_trial()
+        return frame
 
     def close(self) -> None:
         """Leave the bus."""
@@ -93,6 +99,9 @@ class LastingBus:
             self.close()
         self._bus = None
         self._owed.clear()
+        if self._on_trial:
+            self._wait_longer()
+            return
         self._wait = FIRST_WAIT_S
         self._next_try = self._clock() + self._wait
         self._lost(reason)
@@ -100,11 +109,19 @@ class LastingBus:
     def _try_again(self) -> None:
         if self._clock() < self._next_try:
             return
+        self._on_trial = True
         try:
             self._bus = self._open()
         except BusError:
-            self._wait = min(2.0 * self._wait, LONGEST_WAIT_S)
-            self._next_try = self._clock() + self._wait
+            self._wait_longer()
+
+    def _wait_longer(self) -> None:
+        self._wait = min(2.0 * self._wait, LONGEST_WAIT_S)
+        self._next_try = self._clock() + self._wait
+
+    def _end_trial(self) -> None:
+        if not self._on_trial:
             return
+        self._on_trial = False
         for frame in self._back():
             self.send(frame)

@@ -18,6 +18,7 @@ class Interface:
     def __init__(self) -> None:
         self.now = 0.0
         self.plugged = True
+        self.down = False
         self.full = False
         self.tries: list[float] = []
         self.sent: list[Frame] = []
@@ -50,7 +51,7 @@ class Connection:
         return None
 
     def check(self) -> None:
-        if not self.interface.plugged:
+        if not self.interface.plugged or self.interface.down:
             raise BusError("network is down")
 
     def close(self) -> None:
@@ -154,6 +155,22 @@ def test_what_was_to_say_of_a_full_queue_ends_with_the_bus():
     interface.sleep(LONGEST_WAIT_S)
     bus.receive(0.001)
     assert interface.sent == [HELLO]
+
+
+def test_an_interface_that_opens_while_it_is_down_is_not_back():
+    interface = Interface()
+    bus, said = lasting(interface)
+    interface.down = True
+    while interface.now < 30.0:
+        bus.receive(0.1)
+    assert said == ["lost: network is down"]
+    waits = [b - a for a, b in pairwise(interface.tries)]
+    assert waits[-1] == pytest.approx(LONGEST_WAIT_S, abs=0.2)
+    assert interface.open == 0
+    interface.down = False
+    interface.sleep(LONGEST_WAIT_S)
+    bus.receive(0.1)
+    assert (said[1:], interface.sent) == (["back"], [HELLO])
 
 
 def test_the_first_connection_must_be_there():

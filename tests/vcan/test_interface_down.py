@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import time
 
 import pytest
 from processes import CHANNEL, NodeProcess
@@ -34,6 +35,8 @@ def test_the_node_goes_to_0_v_lives_on_and_comes_back() -> None:
                 while "lost socketcan:vcan0, at 0 V" not in said[-1]:
                     said.append(node.process.stdout.readline())
                     assert said[-1], said
+                # SocketCAN lets it be opened meanwhile: that is not being back.
+                time.sleep(1.5)
             finally:
                 switch("up")
             bench.run(0.01)
@@ -44,3 +47,6 @@ def test_the_node_goes_to_0_v_lives_on_and_comes_back() -> None:
             assert bench.run(0.02).voltage_v.max() == 0.0
             assert bench.message == "the CAN controller is bus-off"
         assert node.terminate() == 0
+        said += node.said
+        assert sum("lost" in line for line in said) == 1
+        assert sum("back" in line for line in said) == 1
