@@ -208,7 +208,8 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1,
             -9000)._replace(needs_voltage=True),
     FaultCase("vibration above its limit", AMPLITUDE_CYCLES, limit_amplitude(100),
-              limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)),
+              limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY),
+              needs_voltage=True),
     _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, FaultKind.OFFSET, PICKUP_D,
             500, (Mode.IDENTIFY,))._replace(prepare=limit_amplitude(1000)),
     _broken("power stage stuck", AT_ONCE, FaultKind.STAGE_STUCK, 1, 14_000)._replace(

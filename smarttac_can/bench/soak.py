@@ -29,7 +29,7 @@ RSS_GROWTH_MIB: Final = 8.0
 """How much the process may grow after its first two simulated minutes."""
 _READY_CYCLES: Final = 5
 _SHOWING_V: Final = 20.0
-"""Voltage from which a plate out of resonance vibrates enough to be judged."""
+"""Voltage from which any plate vibrates enough to be judged."""
 _PATIENCE_CYCLES: Final = 2000
 _TOO_MUCH: Final = 1 << Watchdog.AMPLITUDE | 1 << Watchdog.SATURATED
 _USED: Final = tuple(
