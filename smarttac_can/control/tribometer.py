@@ -14,6 +14,8 @@ TARE_SAMPLES = 64
 """Samples a tare is the mean of: the noise of the zero is an eighth of that of a sample."""
 RELEASE = 0.7
 """A touch ends below this fraction of the contact force, so that noise does not chop it up."""
+DETERMINANT_MIN = 0.1
+"""Smallest determinant of the cross-talk, or of its inverse, by which two loads are told apart."""
 MEMORY = 0.95
 """Fading memory of the position filter: a sample counts half after 14 ms."""
 
@@ -33,7 +35,7 @@ def calibration(crosstalk: Matrix) -> Matrix:
     """
     (xx, xy), (yx, yy) = crosstalk
     determinant = xx * yy - xy * yx
-    if not abs(determinant) >= 0.1:
+    if not abs(determinant) >= DETERMINANT_MIN:
         raise ValueError(f"crosstalk determinant {determinant:g} is inside -0.1..0.1")
     return (
         (yy / determinant, -xy / determinant),

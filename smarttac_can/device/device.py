@@ -38,7 +38,7 @@ from smarttac_can.od.cia import (
     EmergencyCode,
     ErrorRegister,
 )
-from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _NO_AUTOSTART = 4
 
@@ -186,6 +186,11 @@ class Device:
     def take(self) -> list[Frame]:
         """Frames caused by `trigger` and `emergency` outside of the hooks."""
         return self._port.take()
+
+    def carries(self, rpdo: int, entry: Entry) -> bool:
+        """Whether an RPDO, from 1, has the entry in its mapping."""
+        mapping = self._rpdos[rpdo].mapping
+        return mapping is not None and entry in mapping.entries
 
     def trigger(self, tpdo: int) -> None:
         """Tell a TPDO, from 1, of an event: see `TPDO` for what each type makes of it."""

@@ -123,7 +123,9 @@ class HeartbeatConsumer(Service):
         self._monitors = {e.subindex: Monitor(port, self._lost, self._found) for e in entries}
 
     def check(self, entry: Entry, value: Any) -> None:
-        """A node is watched by one entry only."""
+        """A node is watched by one entry only; the reserved bits are 0."""
+        if value >> 24:
+            raise Abort(AbortCode.VALUE)
         node_id, period = value >> 16 & 0xFF, value & 0xFFFF
         others = [m for s, m in self._monitors.items() if s != entry.subindex and m.period]
         if period and 1 <= node_id <= 127 and node_id in [other.node_id for other in others]:

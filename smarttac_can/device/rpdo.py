@@ -27,7 +27,8 @@ class RPDO(PDO):
     8200h (protocol error) with the PDO number, the index and the sub-index. A frame too short is
     ignored and reported as 8210h, of one too long the first bytes are used and 8220h is reported.
     Each error is taken back by the next PDO without it. A synchronous PDO that comes after the SYNC
-    window has closed is dropped. Only a PDO whose values were taken keeps its deadline.
+    window has closed is dropped. A deadline is kept by values that are in force, not by frames:
+    those of a synchronous PDO are at SYNC.
     """
 
     direction: ClassVar = Direction.RECEIVE
@@ -60,17 +61,23 @@ class RPDO(PDO):
         return self.alive and self.valid and self.transmission <= CYCLIC_LAST
 
     def apply(self, entry: Entry) -> None:
-        """Take the new parameters; a deadline that is watched, or was missed, runs anew."""
-        watched = self._deadline.running or self._late
-        super().apply(entry)
-        if watched and self.alive and self.valid and self.event_time:
+        """Take the new parameters; a deadline runs anew, and one that was missed stays missed."""
+        watched = self._deadline.running
+        self._drop()
+        self.configure()
+        if not (self.alive and self.valid and self.event_time):
+            self._in_time()
+        elif watched:
             self._deadline.start(self.event_time)
 
     def cease(self) -> None:
         """Drop what was latched; without monitoring there is no time-out either."""
+        self._drop()
+        self._in_time()
+
+    def _drop(self) -> None:
         self._latch = None
         self._deadline.stop()
-        self._in_time()
         for code in sorted(self._faults):
             self._settle(code)
 
@@ -102,7 +109,10 @@ class RPDO(PDO):
             return
         if self._faults:
             self._settle(EmergencyCode.PROTOCOL)
-        self._take(values)
+        if self.transmission > CYCLIC_LAST:
+            self._deliver(values)
+        elif self._sync.window_open:
+            self._latch = values
 
     def on_sync(self) -> None:
         """Put what was latched into the object dictionary."""
@@ -110,22 +120,14 @@ class RPDO(PDO):
         if values is not None:
             self._deliver(values)
 
-    def _take(self, values: tuple[Any, ...]) -> None:
-        synchronous = self.transmission <= CYCLIC_LAST
-        if synchronous and not self._sync.window_open:
+    def _deliver(self, values: tuple[Any, ...]) -> None:
+        if self.mapping is None:
             return
         if self.event_time:
             self._deadline.start(self.event_time)
             self._in_time()
-        if synchronous:
-            self._latch = values
-        else:
-            self._deliver(values)
-
-    def _deliver(self, values: tuple[Any, ...]) -> None:
-        if self.mapping is not None:
-            self.mapping.write(values)
-            self._application.on_rpdo(self.number)
+        self.mapping.write(values)
+        self._application.on_rpdo(self.number)
 
     def _report(self, code: EmergencyCode, vendor: bytes) -> None:
         if code not in self._faults:

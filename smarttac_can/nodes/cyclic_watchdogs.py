@@ -8,7 +8,9 @@ from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.control.model import TICK
+from smarttac_can.control.tribometer import DETERMINANT_MIN
 from smarttac_can.control.vibration import AMPLITUDE_MIN
+from smarttac_can.nodes.settings import lateral_calibration
 from smarttac_can.nodes.watchdogs import (
     AMPLITUDE_CYCLES,
     EXCESS_CYCLES,
@@ -41,6 +43,7 @@ _SILENCE: Final = 0.05
 """Vibration over that of the model, at least; at the ends of the frequency range it is 0.2."""
 _SILENCE_FROM: Final = 200e-9
 """Vibration of the model in m from which silence is looked for."""
+_NO_PLATE: Final = 0
 _TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
 _BITS: Final = {watchdog: 1 << watchdog for watchdog in Watchdog}
 _VOLTAGE = _BITS[Watchdog.VOLTAGE]
@@ -103,7 +106,10 @@ class CyclicWatchdogs:
         self._mismatch = od["Limit.Gauge mismatch"].si_value
         self._gain = od["Model.Gain per volt"].si_value
         self._decay = exp(-TICK / od["Model.Tau"].si_value)
-        self._serial = od["Calibration.Plate serial number"].value
+        (xx, xy), (yx, yy) = lateral_calibration(od)
+        told_apart = abs(xx * yy - xy * yx) >= DETERMINANT_MIN
+        # By another one a lateral force may read as none.
+        self._serial = od["Calibration.Plate serial number"].value if told_apart else _NO_PLATE
 
     def reset(self) -> None:
         """Forget what was seen: the plate is at rest."""
@@ -147,7 +153,7 @@ class CyclicWatchdogs:
             Faults that are present, as bits.
         """
         faults = 0
-        if serial != self._serial or not serial:
+        if serial != self._serial or serial == _NO_PLATE:
             faults |= _CALIBRATION
         if temperature > self._temperature_max:
             faults |= _TEMPERATURE

@@ -2,11 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Final
+
 from smarttac_can.control.friction import Law
 from smarttac_can.control.model import PlateModel
 from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.tribometer import Matrix
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+CALIBRATION: Final = "Calibration"
+DESIGN: Final = ("Friction law", "Controller", "Limit", CALIBRATION)
+"""Records with the parameters of the cascade."""
+
+
+def mend_settings(od: ObjectDictionary) -> bool:
+    """Put parameters of the cascade that contradict each other back; whether there were any."""
+    try:
+        cascade_parameters(od)
+    except Abort:
+        for entry in od:
+            if entry.name.partition(".")[0] in DESIGN:
+                entry.value = entry.default
+        return True
+    return False
 
 
 def cascade_parameters(
@@ -47,14 +67,23 @@ def cascade_parameters(
             W_max=si("Limit.Amplitude"),
             f_min=si("Limit.Lowest frequency"),
             f_max=si("Limit.Highest frequency"),
-            lateral=(
-                (si("Calibration.Fx from S1"), si("Calibration.Fx from S2")),
-                (si("Calibration.Fy from S1"), si("Calibration.Fy from S2")),
-            ),
+            lateral=_lateral(si),
             gauge_positions=(x3, x4, x5, x6),
         )
     except ValueError as error:
         raise Abort(AbortCode.VALUE) from error
+
+
+def lateral_calibration(od: ObjectDictionary) -> Matrix:
+    """Return the calibration of the lateral gauges that the object dictionary holds."""
+    return _lateral(lambda name: od[name].si_value)
+
+
+def _lateral(si: Callable[[str], float]) -> Matrix:
+    return (
+        (si("Calibration.Fx from S1"), si("Calibration.Fx from S2")),
+        (si("Calibration.Fy from S1"), si("Calibration.Fy from S2")),
+    )
 
 
 def plate_model(od: ObjectDictionary) -> PlateModel:

@@ -12,7 +12,13 @@ from smarttac_can.nodes.cyclic_watchdogs import CyclicWatchdogs
 from smarttac_can.nodes.interlock import Interlock
 from smarttac_can.nodes.plate_block import FAULT_KIND, START_RUN, PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
-from smarttac_can.nodes.settings import cascade_parameters, keep_model, plate_model
+from smarttac_can.nodes.settings import (
+    CALIBRATION,
+    DESIGN,
+    cascade_parameters,
+    keep_model,
+    plate_model,
+)
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort, AbortCode
@@ -23,7 +29,6 @@ from smarttac_can.signals import Drive, Measurement, Setpoint
 
 SIMULATION: Final = ("Simulation", "Finger", "Fault")
 """Records that belong to the simulated plate."""
-_DESIGN: Final = ("Friction law", "Controller", "Limit", "Calibration")
 _MODEL: Final = "Model"
 _ZERO: Final = "Gauge zero"
 
@@ -165,7 +170,7 @@ class StimulatorBlock:
             self._raw_setpoint = raw
             self._setpoint = Setpoint(*[entry.si_value for entry in self._setpoint_entries])
         drive = cascade.update(measurement, self._setpoint)
-        if self._awaits_tare and self._cycles.value >= TARE_SAMPLES:
+        if self._awaits_tare and self._cycles.value >= TARE_SAMPLES and not interlock.tare_barred:
             self._tare()
         watchdogs = self._watchdogs
         sensors = (*counts[5:11], counts[0], counts[1], counts[4])
@@ -220,10 +225,10 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            STATE for an auto-zero without 64 samples, while armed or running, or to hide a force
-            that has latched a fault; for simulation objects without the plate inside,
-            or an illegal controlword; VALUE for a wrong signature, unknown bits of the controlword,
-            or limits that contradict each other.
+            STATE for an auto-zero without 64 samples, zeros and calibration while armed or running
+            or to hide a force that has latched a fault, simulation objects without the plate
+            inside, or an illegal controlword; VALUE for a wrong signature, unknown bits of the
+            controlword, or limits that contradict each other.
         """
         record = entry.name.partition(".")[0]
         if entry is self._controlword:
@@ -244,10 +249,11 @@ class StimulatorBlock:
                 self._tare()
             except RuntimeError as error:
                 raise Abort(AbortCode.STATE) from error
-        elif record in _DESIGN:
+        elif record in (*DESIGN, _MODEL, _ZERO):
+            barred = record in (CALIBRATION, _ZERO) and self.interlock.tare_barred
+            if barred and value != entry.value:
+                raise Abort(AbortCode.STATE)
             cascade_parameters(self.od, (entry, value))
-            self._redesign = True
-        elif record in (_MODEL, _ZERO):
             self._redesign = True
 
     def _tare(self) -> None:
@@ -266,6 +272,7 @@ class StimulatorBlock:
         if any((s1, s2, s3, s4, s5, s6)):
             self.cascade.tribometer.offsets = (s1, s2, s3, s4, s5, s6)
             self.interlock.tared = True
+            self._awaits_tare = False
 
     def _reconfigure(self) -> None:
         self._redesign = False

@@ -14,34 +14,27 @@ from smarttac_can.nodes.check import DRIVEN, Check
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod
 from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_link import DRIVE_TPDO, MEASUREMENT_RPDOS, link_to_plate
+from smarttac_can.nodes.settings import mend_settings
 from smarttac_can.nodes.state_machine import Event, State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.sync_watch import SyncWatch
 from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 from smarttac_can.od.cia import (
-    COB_SYNC_PRODUCER,
     EVENT_MANUFACTURER,
-    HEARTBEAT_CONSUMER,
-    PDO_COB_ID,
+    PDO_EVENT,
     PDO_TRANSMISSION,
     RPDO_COMMUNICATION,
-    RPDO_IDS,
-    SYNC_COB_ID,
-    SYNC_PERIOD,
     TPDO_COMMUNICATION,
-    TPDO_IDS,
     Abort,
     AbortCode,
+    EmergencyCode,
+    ErrorRegister,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _STATUS_TPDO: Final = 1
 _PUBLIC_TPDOS: Final = (2, 3, 4)
-_DRIVE_TPDO: Final = 5
-_MEASUREMENT_RPDOS: Final = (5, 6, 7)
-"""The plate's TPDOs 1 to 3."""
-_PLATE_HEARTBEAT_MS: Final = 2000
-"""Two heartbeats of a plate that has not been configured."""
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
@@ -96,13 +89,19 @@ class StimulatorNode(Application):
         self.device = Device(od, self, storage=storage, node_id=node_id)
         self._period = LoopPeriod(self.device)
         self._elapsed = 0
-        self._pairing = Pairing(od, _MEASUREMENT_RPDOS, lambda: self._trip(Watchdog.MEASUREMENT))
+        self._unfit = False
+        self._pairing = Pairing(od, MEASUREMENT_RPDOS, lambda: self._trip(Watchdog.MEASUREMENT))
         self._absent: set[int] = set()
         self._late: set[int] = set()
         self._sync_watch = SyncWatch(od, self._trip, self.block.interlock.settle)
+        self._deadlines = [
+            od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT) for rpdo in MEASUREMENT_RPDOS
+        ]
+        self._unanswered_us = 0
         self._missed = od["Cycle.Missed deadlines"]
         self._sent = Check([od[name] for name in DRIVEN], od["Drive.Check"])
         self._mode = od["Mode"]
+        self._controlword = od["Controlword"]
         self._types = [
             (number, od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
             for number in _PUBLIC_TPDOS
@@ -114,9 +113,16 @@ class StimulatorNode(Application):
         return self.device.start()
 
     def advance(self, microseconds: int) -> list[Frame]:
-        """Let time pass; with the plate inside the loop has at most one cycle, however long."""
+        """Let time pass; with the plate inside the loop has at most one cycle, however long.
+
+        A plate node has to be answered within the deadlines of its PDOs, whatever these are set to.
+        """
         if self._plate_node_id:
             self._sync_watch.advance(microseconds)
+            self._unanswered_us += microseconds
+            late = self._unanswered_us >= 1000 * min(entry.value for entry in self._deadlines)
+            if late and self.block.interlock.live:
+                self._trip(Watchdog.MEASUREMENT)
         else:
             self._elapsed += microseconds
             if self._elapsed >= TICK_US:
@@ -145,15 +151,18 @@ class StimulatorNode(Application):
         self._missed.count(ticks)
 
     def shutdown(self) -> list[Frame]:
-        """Leave the plate at 0 V."""
+        """Leave the plate at 0 V, and tell the bus."""
         self.block.interlock.handle(Event.DISARM)
         self.block.cut()
         self._send_drive()
+        for number in (_STATUS_TPDO, *_PUBLIC_TPDOS):
+            self.device.trigger(number)
         return self.device.take()
 
     def on_state(self, state: NMTState) -> None:
         """Start from rest at power-on, link to the plate node; only OPERATIONAL drives."""
         if state is NMTState.RESET_APPLICATION:
+            self._unfit = mend_settings(self.od)
             self.block.power_on()
             for name, raw in self._presets.items():
                 self.block.write(name, raw)
@@ -161,7 +170,7 @@ class StimulatorNode(Application):
             self._elapsed = 0
             self.block.start_run()
         elif state is NMTState.RESET_COMMUNICATION and self._plate_node_id:
-            self._link()
+            link_to_plate(self.od, self._plate_node_id, self._produce_sync)
         interlock = self.block.interlock
         if state is NMTState.OPERATIONAL:
             interlock.enter()
@@ -179,29 +188,29 @@ class StimulatorNode(Application):
             interlock.settle(Watchdog.HEARTBEAT)
         else:
             # What was latched in a reset, or before it, is reported when there is a device again.
+            if self._unfit:
+                self.device.emergency(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
             for watchdog in watchdogs_in(interlock.latched):
                 self._report(watchdog)
 
     def on_sync(self) -> None:
         """Look at when the SYNC comes, at its counter, and whose it is."""
-        if not self._plate_node_id:
-            return
-        if self.device.sync_own:
-            self._sync_watch.produced()
-        else:
+        if self._plate_node_id and not self.device.sync_own:
             self._sync_watch.heard(self.device.sync_counter)
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Stop when a watched node falls silent."""
-        self._absent ^= {node_id}
         if lost:
+            self._absent.add(node_id)
             self._trip(Watchdog.HEARTBEAT)
-        elif not self._absent:
+            return
+        self._absent.discard(node_id)
+        if not self._absent:
             self.block.interlock.settle(Watchdog.HEARTBEAT)
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Stop when the plate's measurements or the master's set-points stay away."""
-        if number in _MEASUREMENT_RPDOS:
+        if number in MEASUREMENT_RPDOS:
             if late:
                 self._trip(Watchdog.MEASUREMENT)
         elif late:
@@ -214,10 +223,11 @@ class StimulatorNode(Application):
 
     def on_rpdo(self, number: int) -> None:
         """Obey a controlword; answer a measurement that is complete."""
-        if number not in _MEASUREMENT_RPDOS:
-            before = self.block.interlock.state
-            self.block.take_controlword()
-            self._show_change(before)
+        if number not in MEASUREMENT_RPDOS:
+            if self.device.carries(number, self._controlword):
+                before = self.block.interlock.state
+                self.block.take_controlword()
+                self._show_change(before)
             return
         if not self._plate_node_id:
             return
@@ -226,6 +236,7 @@ class StimulatorNode(Application):
                 self._trip(Watchdog.MEASUREMENT)
                 return
             self._pairing.answered()
+            self._unanswered_us = 0
             self.block.interlock.settle(Watchdog.MEASUREMENT)
             self.block.cycle()
             self._send_drive()
@@ -233,7 +244,7 @@ class StimulatorNode(Application):
 
     def _send_drive(self) -> None:
         self._sent.write()
-        self.device.trigger(_DRIVE_TPDO)
+        self.device.trigger(DRIVE_TPDO)
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
@@ -273,23 +284,3 @@ class StimulatorNode(Application):
         for number, transmission in self._types:
             if transmission.value == EVENT_MANUFACTURER:
                 trigger(number)
-
-    def _watch_plate(self) -> None:
-        """Watch the plate's heartbeat by the last entry, unless that or another is taken."""
-        members = self.od.objects[HEARTBEAT_CONSUMER].entries
-        watched = [entry for subindex, entry in members.items() if subindex]
-        if watched[-1].value == 0 and self._plate_node_id not in [e.value >> 16 for e in watched]:
-            watched[-1].value = self._plate_node_id << 16 | _PLATE_HEARTBEAT_MS
-
-    def _link(self) -> None:
-        """Give the PDOs of the loop the plate's COB-IDs, and SYNC the period of the loop."""
-        od = self.od
-        plate = self._plate_node_id
-        for rpdo, base in zip(_MEASUREMENT_RPDOS, TPDO_IDS, strict=False):
-            od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_COB_ID).value = base + plate
-        drive = od.entry(TPDO_COMMUNICATION + _DRIVE_TPDO - 1, PDO_COB_ID)
-        drive.value = RPDO_IDS[0] + plate
-        od.entry(SYNC_PERIOD).value = TICK_US
-        self._watch_plate()
-        if self._produce_sync:
-            od.entry(SYNC_COB_ID).value |= COB_SYNC_PRODUCER

@@ -7,7 +7,7 @@ from typing import Final
 
 from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.nodes.watchdogs import SYNC_LOST_CYCLES, SYNC_WINDOW_CYCLES, Watchdog
-from smarttac_can.od.cia import SYNC_COUNTER
+from smarttac_can.od.cia import COB_SYNC_PRODUCER, SYNC_COB_ID, SYNC_COUNTER
 from smarttac_can.od.dictionary import ObjectDictionary
 
 _TOLERANCE: Final = 2
@@ -36,13 +36,18 @@ class SyncWatch:
         settle: Callable[[Watchdog], None],
     ) -> None:
         self._overflow = od.entry(SYNC_COUNTER)
+        self._cob_id = od.entry(SYNC_COB_ID)
         self._trip = trip
         self._settle = settle
         self.restart()
 
+    @property
+    def _own(self) -> bool:
+        return bool(self._cob_id.value & COB_SYNC_PRODUCER)
+
     def restart(self) -> None:
         """Wait for a first SYNC."""
-        self._running = self._own = False
+        self._running = False
         self._silence = self._elapsed = self._count = self._counter = 0
         self._settle(Watchdog.SYNC_LOST)
         self._settle(Watchdog.SYNC_IRREGULAR)
@@ -52,22 +57,17 @@ class SyncWatch:
         if not self._running:
             return
         self._elapsed += microseconds
-        self._silence += microseconds
-        if self._silence >= SYNC_LOST_CYCLES * TICK_US and not self._own:
+        own = self._own
+        self._silence = 0 if own else self._silence + microseconds
+        if self._silence >= SYNC_LOST_CYCLES * TICK_US:
             self._trip(Watchdog.SYNC_LOST)
         if self._elapsed >= SYNC_WINDOW_CYCLES * TICK_US:
-            right, tolerance = (0, 0) if self._own else (self._elapsed // TICK_US, _TOLERANCE)
+            right, tolerance = (0, 0) if own else (self._elapsed // TICK_US, _TOLERANCE)
             if abs(self._count - right) > tolerance:
                 self._trip(Watchdog.SYNC_IRREGULAR)
             else:
                 self._settle(Watchdog.SYNC_IRREGULAR)
             self._elapsed = self._count = 0
-
-    def produced(self) -> None:
-        """Take a SYNC of the node itself: from now on there is to be no other."""
-        if not self._own:
-            self.restart()
-            self._running = self._own = True
 
     def heard(self, counter: int) -> None:
         """Take a SYNC of another node with its counter, 0 where it has none."""

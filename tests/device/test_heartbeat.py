@@ -98,6 +98,10 @@ def test_one_node_cannot_be_watched_twice() -> None:
     assert download(device, 0x1016, 1, 0x60030, 4) == 0x06040043
 
 
+def test_reserved_bits_are_0() -> None:
+    assert download(started(), 0x1016, 1, 0x0105_0014, 4) == 0x06090030
+
+
 def test_switching_the_watch_off_takes_the_error_back() -> None:
     device = started()
     play(

@@ -139,12 +139,16 @@ def test_deadlines_are_latched_per_rpdo_and_reset_when_all_are_clear() -> None:
         device,
         """
         > 220 01 00 A0 35 42 00 07 00
+        > 320 01                                # synchronous: in force at SYNC
+        > 080
+        + 5ms
         > 320 01
-        + 10ms
+        + 5ms
         < 0A0 50 82 11 01 00 00 00 00
         < 0A0 50 82 11 02 00 00 00 00
         > 320 01
         > 320 01
+        > 080
         > 220 01 00 A0 35 42 00 07 00
         < 0A0 00 00 00 00 00 00 00 00
         """,
@@ -213,6 +217,25 @@ def test_a_deadline_that_runs_goes_on_with_new_parameters(
     play(device, f"> {DRIVE}\n+ 19ms")
     assert download(device, 0x1400, subindex, value, size) == 0
     play(device, f"+ {1000 * left - 1}us\n+ 1us\n< {LATE}")
+    assert application.calls == ["rpdo 1", "late 1"]
+
+
+def test_new_parameters_do_not_make_a_late_pdo_come() -> None:
+    application = Log()
+    device = started(application)
+    assert download(device, 0x1400, 5, 10, 2) == 0
+    play(device, f"> {DRIVE}\n+ 10ms\n< {LATE}")
+    assert download(device, 0x1400, 2, 254, 1) == 0
+    assert download(device, 0x1400, 5, 500, 2) == 0
+    assert application.calls == ["rpdo 1", "late 1"]
+
+
+def test_a_synchronous_pdo_is_late_without_sync() -> None:
+    application = Log()
+    device = started(application)
+    assert download(device, 0x1400, 2, 1, 1) == 0
+    assert download(device, 0x1400, 5, 10, 2) == 0
+    play(device, f"> {DRIVE}\n> 080\n+ 9ms\n> {DRIVE}\n+ 1ms\n< {LATE}")
     assert application.calls == ["rpdo 1", "late 1"]
 
 

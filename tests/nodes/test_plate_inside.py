@@ -90,7 +90,9 @@ def test_leaving_operational_is_0_v_at_once(command: int) -> None:
 
 def test_shutdown_is_0_v() -> None:
     _, node = driving()
-    node.shutdown()
+    *_, vibration = said = node.shutdown()
+    assert ids(said) == [*PUBLIC]
+    assert struct.unpack_from("<H", vibration.data) == (0,), "the voltage"
     assert node.od["Drive.Voltage"].value == node.od["Mode"].value == 0
 
 

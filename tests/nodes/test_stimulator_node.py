@@ -172,7 +172,7 @@ def test_stopping_all_is_0_v_at_once(command: int) -> None:
 def test_shutdown_tells_the_plate_0_v() -> None:
     line, plate, _ = driving()
     line.bus.shutdown()
-    ((voltage, _, _),) = driven(line.frames[-1:])
+    ((voltage, _, _),) = driven(line.frames[-5:])
     assert voltage == plate.od["Stage.Voltage"].value == 0
 
 

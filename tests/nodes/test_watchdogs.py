@@ -445,6 +445,7 @@ def test_plate_without_sync_is_not_fed_by_drives_that_do_not_count(kind: str) ->
 @pytest.mark.parametrize("record", ["Model", "Controller", "Calibration", "Limit"])
 def test_the_node_takes_any_value_that_its_eds_allows(record: str) -> None:
     loop = Loop()
+    assert loop.line.write(loop.node, "Controlword", 0) == 0
     for entry in loop.node.od:
         if not entry.name.startswith(f"{record}.") or not entry.writable:
             continue

@@ -1,0 +1,55 @@
+"""How a stimulator finds its plate node: COB-IDs, SYNC and heartbeat in its object dictionary."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from smarttac_can.nodes.loop_period import TICK_US
+from smarttac_can.od.cia import (
+    COB_SYNC_PRODUCER,
+    HEARTBEAT_CONSUMER,
+    PDO_COB_ID,
+    RPDO_COMMUNICATION,
+    RPDO_IDS,
+    SYNC_COB_ID,
+    SYNC_PERIOD,
+    TPDO_COMMUNICATION,
+    TPDO_IDS,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+
+DRIVE_TPDO: Final = 5
+"""The plate's RPDO 1."""
+MEASUREMENT_RPDOS: Final = (5, 6, 7)
+"""The plate's TPDOs 1 to 3."""
+_PLATE_HEARTBEAT_MS: Final = 2000
+"""Two heartbeats of a plate that has not been configured."""
+
+
+def link_to_plate(od: ObjectDictionary, plate: int, produce_sync: bool) -> None:
+    """Give the PDOs of the loop the plate's COB-IDs, SYNC the loop's period, and watch the plate.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    plate
+        Node-ID of the plate node, 1..127.
+    produce_sync
+        Whether the stimulator produces SYNC.
+    """
+    for rpdo, base in zip(MEASUREMENT_RPDOS, TPDO_IDS, strict=False):
+        od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_COB_ID).value = base + plate
+    od.entry(TPDO_COMMUNICATION + DRIVE_TPDO - 1, PDO_COB_ID).value = RPDO_IDS[0] + plate
+    od.entry(SYNC_PERIOD).value = TICK_US
+    _watch_heartbeat(od, plate)
+    if produce_sync:
+        od.entry(SYNC_COB_ID).value |= COB_SYNC_PRODUCER
+
+
+def _watch_heartbeat(od: ObjectDictionary, plate: int) -> None:
+    """Watch the plate by the last entry, unless that or the plate is taken."""
+    members = od.objects[HEARTBEAT_CONSUMER].entries
+    watched = [entry for subindex, entry in members.items() if subindex]
+    if watched[-1].value == 0 and plate not in [e.value >> 16 & 0xFF for e in watched]:
+        watched[-1].value = plate << 16 | _PLATE_HEARTBEAT_MS
