@@ -67,6 +67,7 @@ class ReadBack:
         self._quantiser = Quantiser(self._published)
         self._touching = od["Contact.Touching"]
         self._mode = od["Mode display"]
+        self._voltage = od["Vibration.Voltage"]
         self._statusword = od["Statusword"]
         self._tick = od["Contact.Tick"]
         self._cycles = od["Cycle.Cycles"]
@@ -91,6 +92,7 @@ class ReadBack:
     def show_off(self) -> None:
         """Show that nothing drives, before the next cycle does."""
         self._mode.value = 0
+        self._voltage.value = 0
         self._statusword.value &= ~Status.DRIVING.value
 
     def publish(
