@@ -3,6 +3,7 @@
 import inspect
 import re
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ from smarttac_can.bench import Stimulator
 from smarttac_can.bench.local_link import LocalLink
 from smarttac_can.bench.open_link import plate_od, stimulator_od
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.plant.finger import Trajectory
 
 ROOT = Path(__file__).parents[1]
@@ -84,20 +87,60 @@ def test_page(
         assert printed.endswith(shown)
 
 
-def test_a_master_of_python_canopen(
+@pytest.fixture
+def master_page(
     virtual: dict[str, Any],
     request: pytest.FixtureRequest,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    capsys: pytest.CaptureFixture[str],  # before the page prints
+) -> Iterator[tuple[StimulatorNode, dict[str, Any]]]:
+    """Run the page of a master beside a node; yield the node and the names of the page."""
     connect = canopen.Network.connect
     monkeypatch.setattr(canopen.Network, "connect", lambda self, **_: connect(self, **virtual))
     monkeypatch.chdir(ROOT)
     node = stimulator_with_plate()
     with in_threads(virtual, node, lockstep=False):
-        guard = time.monotonic() + GUARD_S
-        while not node.block.interlock.tared:
-            assert time.monotonic() < guard, "it was not tared"
-            time.sleep(0.005)
-        run(MASTER, {}, request)
+        until(lambda: node.block.interlock.tared)
+        names: dict[str, Any] = {}
+        run(MASTER, names, request)
+        yield node, names
+
+
+def until(holds: Callable[[], bool]) -> None:
+    guard = time.monotonic() + GUARD_S
+    while not holds():
+        assert time.monotonic() < guard, "it did not come"
+        time.sleep(0.005)
+
+
+def test_a_master_of_python_canopen_leaves_the_plate_at_0_V(
+    master_page: tuple[StimulatorNode, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    node, _ = master_page
     assert re.match(r"Contact.Tangential force \[mN\] -?\d+\nContact.Nor", capsys.readouterr().out)
+    assert node.block.interlock.state is State.READY
+    assert node.od["Consumer heartbeat time.Consumer heartbeat time 1"].value == 0
+
+
+def test_a_master_of_python_canopen_resets_a_fault(
+    master_page: tuple[StimulatorNode, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    node, names = master_page
+    network = canopen.Network()
+    network.connect()
+    try:
+        master = network.add_node(32, "eds/stimulator.eds")
+        master.sdo["Consumer heartbeat time"][1].raw = names["MASTER"] << 16 | 50
+        for controlword in (0, 1, 3):
+            master.sdo["Controlword"].raw = controlword
+        network.send_message(0x700 + names["MASTER"], [5])
+        until(lambda: node.block.interlock.state is State.FAULT)
+        master.sdo["Consumer heartbeat time"][1].raw = 0
+        capsys.readouterr()
+        names["reset_fault"](master)
+        until(lambda: node.block.interlock.state is State.READY)
+    finally:
+        network.disconnect()
+    assert capsys.readouterr().out == (
+        "8131h: the heartbeat of a watched node is lost\npresent 0h, latched 2h\n"
+    )
