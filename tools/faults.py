@@ -43,7 +43,9 @@ loop, 1 ms.
 - **To 0 V**: cycles from the fault until the power stage is at 0 V; never more than the bound and
   one. It is the stage that is looked at, not what the controller asks for.
 - **EMCY**: codes of the emergency messages of both nodes, in order. Those that end in 30h and 50h
-  among 81xxh and 82xxh are of the CiA 301 services, the others of [watchdogs](safety.md).
+  among 81xxh and 82xxh are of the CiA 301 services, 8253h is of the
+  [plate](safety.md#watchdogs-of-the-plate), the others of the
+  [stimulator](safety.md#watchdogs-of-the-stimulator).
 - **State after**: state of the stimulator at 0 V. One that is paused still believes that it runs.
 - **Held**: the plate stays at 0 V for the cycles of `--hold`, 1000 in continuous integration,
   {HOLD_CYCLES} unless told otherwise. The master reads, writes set-points and modes, arms, runs and

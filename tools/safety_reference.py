@@ -4,9 +4,41 @@ from __future__ import annotations
 
 from smarttac_can.nodes.state_machine import TRANSITIONS, Control, Guard, State
 from smarttac_can.nodes.watchdogs import WATCHDOGS
+from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.od.object_reference import table
 
 _WITHOUT_GUARD = ""
+_OF_THE_PLATE = (
+    (
+        EmergencyCode.RPDO_TIME_OUT,
+        ErrorRegister.COMMUNICATION,
+        "no RPDO 1 within its deadline, 1400h sub-index 5, 3 ms by default",
+        "an RPDO 1 arrives",
+    ),
+    (
+        EmergencyCode.DRIVE_LOST,
+        ErrorRegister.COMMUNICATION,
+        "a plate that was driven has gone to 0 V by itself: within the deadline no drive that "
+        "counts (none, corrupt, out of range, of another tick), OPERATIONAL left, a watched "
+        "heartbeat lost, transmit queue full, 1006h not 1000 us. Sent in OPERATIONAL, unless one "
+        "of the two below was",
+        "a drive of 0 V",
+    ),
+    (
+        EmergencyCode.VOLTAGE,
+        ErrorRegister.VOLTAGE,
+        "a drive above `Limit.Voltage` of the plate, or a power stage whose output is more than "
+        "1 V from what it was told",
+        "a drive of 0 V",
+    ),
+    (
+        EmergencyCode.TEMPERATURE,
+        ErrorRegister.TEMPERATURE,
+        "a sample above `Limit.Temperature` of the plate",
+        "a drive of 0 V, after a sample that is not",
+    ),
+)
+"""What `smarttac_can/nodes/plate_node.py` and its RPDO 1 report: code, register, cause and end."""
 
 
 def _title(name: str | None) -> str:
@@ -88,6 +120,24 @@ def safety() -> str:
                     row.limit,
                 )
                 for watchdog, row in WATCHDOGS.items()
+            ),
+        ),
+        "The reset, once the cause is gone: 0, 80h, 0 in the controlword. [With frames]"
+        "(../how-to/integrate-with-a-master.md#emergencies), [with python-canopen]"
+        "(../how-to/integrate-with-a-master.md#with-python-canopen); a bench script has "
+        "`reset_fault()`.",
+        "",
+        "## Watchdogs of the plate",
+        "",
+        "The plate protects itself, whatever the stimulator says. Each of these puts it at 0 V at "
+        "once, and there it takes no voltage before a drive of 0 V, which a stimulator in FAULT "
+        "sends by itself. It has no state machine and needs no reset.",
+        "",
+        *table(
+            ("EMCY", "Error register", "What trips it", "Over with"),
+            *(
+                (f"{code:04X}h", f"{int(register):02X}h", cause, end)
+                for code, register, cause, end in _OF_THE_PLATE
             ),
         ),
     ]
