@@ -15,7 +15,7 @@ from smarttac_can.bench.conformance.report import as_json, line, markdown, summa
 from smarttac_can.bench.conformance.run import failed, run_cases
 from smarttac_can.bench.conformance.sheet import Sheet
 from smarttac_can.bench.conformance.table import CASES
-from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.options import NODE_ID, SECONDS, BusChoice, bus_options
 from smarttac_can.cli.refusal import plain_errors
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
@@ -48,7 +48,7 @@ def _chosen(
 @bus_options
 @click.option(
     "--time-out",
-    type=click.FloatRange(min=0, min_open=True),
+    type=SECONDS,
     default=0.3,
     show_default=True,
     help="Longest time for an answer in s; all other times are multiples of it.",

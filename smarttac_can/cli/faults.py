@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
-from math import isfinite
 from pathlib import Path
 from typing import TextIO
 
@@ -17,6 +16,7 @@ from smarttac_can.bench.fault_cases import CASES, DRIVING
 from smarttac_can.bench.fault_matrix import HOLD_CYCLES, cases, fault_matrix
 from smarttac_can.bench.fault_row import Row, rows_as_json
 from smarttac_can.bench.soak import CYCLES_PER_HOUR, Soak, SoakReport
+from smarttac_can.cli.options import FiniteRange
 from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.cli.result_file import result_file, result_path
 from smarttac_can.control.cascade import Mode
@@ -128,7 +128,7 @@ def faults(
 @click.command(epilog="Example: smarttac soak --hours 0.1 --seed 7 --json soak.json")
 @click.option(
     "--hours",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FiniteRange(min=0.0, min_open=True),
     required=True,
     help="Simulated time.",
 )
@@ -146,8 +146,6 @@ def soak(hours: float, seed: int, json_file: Path | None) -> None:
     Modes, set-points, fingers, SDO traffic, faults and restarts come at random. The same seed and
     time give the same run.
     """
-    if not isfinite(hours):
-        raise click.BadParameter(f"{hours} is not a finite number", param_hint="--hours")
     steps = 1000
     with plain_errors(), ExitStack() as stack:
         results = _opened(stack, json_file)

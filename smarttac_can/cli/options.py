@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import reduce, wraps
+from math import isfinite
 from typing import Any, NamedTuple
 
 import canopen
@@ -16,7 +17,23 @@ from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.od.cia import UNCONFIGURED
 
 Command = Callable[..., Any]
+
+
+class FiniteRange(click.FloatRange):
+    """Range of floats without nan, which passes click's comparisons, and inf."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the number; refuse one that is not finite, or outside the range."""
+        number = float(super().convert(value, param, ctx))
+        if not isfinite(number):
+            self.fail(f"{number} is not a finite number", param, ctx)
+        return number
+
+
 NODE_ID = click.IntRange(1, 127)
+SECONDS = FiniteRange(min=0.01, max=3600)
 _OWN_OPTIONS = ("interface", "channel", "bitrate")
 _INTEGER = re.compile(r"-?[0-9]+")
 
@@ -24,7 +41,7 @@ _INTEGER = re.compile(r"-?[0-9]+")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of lines.")
 timeout_option = click.option(
     "--timeout",
-    type=click.FloatRange(min=0.01),
+    type=SECONDS,
     default=0.5,
     show_default=True,
     help="Longest wait for an answer in s.",

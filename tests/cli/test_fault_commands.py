@@ -85,6 +85,8 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
         ),
         (("soak",), "Missing option '--hours'"),
         (("soak", "--hours", "0"), "0.0 is not in the range"),
+        (("soak", "--hours", "nan"), "nan is not a finite number"),
+        (("soak", "--hours", "inf"), "inf is not a finite number"),
     ],
 )
 def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -> None:

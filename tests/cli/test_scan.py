@@ -85,6 +85,19 @@ def test_nobody_there() -> None:
     assert result.stderr.splitlines()[-1] == "Error: no device answers on virtual:empty"
 
 
+@pytest.mark.parametrize("command", [("scan",), ("lss", "5")])
+@pytest.mark.parametrize(
+    ("timeout", "complaint"),
+    [("nan", "nan is not a finite number"), ("inf", "inf is not in the range 0.01<=x<=3600.")],
+)
+def test_timeout_without_end_is_refused(
+    command: tuple[str, ...], timeout: str, complaint: str
+) -> None:
+    result = run(*command, "--timeout", timeout)
+    assert result.exit_code == 2
+    assert complaint in result.stderr
+
+
 def test_an_eds_of_another_revision_comes_second() -> None:
     od = load_eds(RICH.read_text(), 1)
     identity = Identity(0x123, 7, 0x20000, 1)

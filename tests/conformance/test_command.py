@@ -67,6 +67,7 @@ def test_no_device_is_a_failed_case() -> None:
     [
         (("--case", "SDO-99"), "'SDO-99' is neither a case nor a group of cases"),
         (("--time-out", "0"), "0.0 is not in the range"),
+        (("--time-out", "nan"), "nan is not a finite number"),
     ],
 )
 def test_wrong_options_are_refused(arguments: tuple[str, ...], said: str) -> None:
