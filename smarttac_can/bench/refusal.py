@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from smarttac_can.bench.errors import RefusedError
-from smarttac_can.od.cia import Abort
+from smarttac_can.nodes.plate_block import FAULT_KIND
+from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry
+from smarttac_can.plant.faults import FaultKind, value_range
 
 
 def write_action(entry: Entry, raw: float) -> str:
@@ -17,6 +19,10 @@ def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
     text = f"cannot {write_action(entry, raw)}: {reason}"
     if not entry.low <= raw <= entry.high:
         text += f": {_number(entry, entry.low)} to {_shown(entry, entry.high)}"
+    elif entry.name == FAULT_KIND and reason.code == AbortCode.VALUE:
+        kind = FaultKind(round(raw))
+        low, high = value_range(kind)
+        text += f": Fault.Value of {kind.name.lower()} is {low} to {high}"
     return RefusedError(text)
 
 

@@ -65,6 +65,11 @@ _RANGES: Final = {
 _MOST: Final = 1_000_000
 
 
+def value_range(kind: FaultKind) -> tuple[int, int]:
+    """Return the lowest and the highest value that make sense for a kind."""
+    return _RANGES.get(kind, (-_MOST, _MOST))
+
+
 class Fault(NamedTuple):
     """A fault of the plate."""
 
@@ -77,7 +82,7 @@ class Fault(NamedTuple):
     def require_sense(self) -> None:
         """Raise ValueError if there is no such sensor, or the value makes no sense for the kind."""
         require("sensor", self.sensor, 1, THERMOMETER)
-        require(self.kind.name.lower(), self.value, *_RANGES.get(self.kind, (-_MOST, _MOST)))
+        require(self.kind.name.lower(), self.value, *value_range(self.kind))
 
 
 class SensorFault:

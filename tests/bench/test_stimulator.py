@@ -15,8 +15,9 @@ from smarttac_can.bench import (
     Stimulator,
 )
 from smarttac_can.bench.link import Row, Snapshot
-from smarttac_can.bench.open_link import stimulator_od
+from smarttac_can.bench.open_link import LinkName, stimulator_od
 from smarttac_can.nodes.watchdogs import Watchdog
+from smarttac_can.plant.faults import FaultKind
 
 
 @pytest.fixture(params=["local", "bus", "inside", "virtual"])
@@ -128,6 +129,16 @@ def test_a_raw_value_is_refused_with_value_and_bounds_too(bench: Stimulator) -> 
     ):
         with pytest.raises(RefusedError, match=f"^cannot write {text}"):
             bench._link.write(name, raw)
+
+
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_a_fault_without_sense_is_refused_with_the_range_of_its_value(link: LinkName) -> None:
+    with Stimulator.simulate(link, plate_inside=True) as bench:
+        bench.set("Fault.Value", 20_001)
+        with pytest.raises(RefusedError, match=r": Fault\.Value of gain is -10000 to 10000$"):
+            bench.set("Fault.Kind", FaultKind.GAIN)
+        with pytest.raises(RefusedError, match=r"too high: 0 to 12$"):
+            bench.set("Fault.Kind", 13)
 
 
 def test_reading_what_cannot_be_read(bench: Stimulator) -> None:
