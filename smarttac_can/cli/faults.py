@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TextIO
 
@@ -35,8 +36,21 @@ json_file_option = click.option(
 def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
         if name not in _NAMES:
-            raise click.BadParameter(f"{name!r} is none of {', '.join(_NAMES)}")
+            near = get_close_matches(name, _NAMES)
+            hint = f"perhaps {_quoted(near, ' or ')}" if near else _quoted(_NAMES, ", ")
+            raise click.BadParameter(f"there is no fault {name!r}: {hint}")
     return names
+
+
+def _quoted(names: Iterable[str], separator: str) -> str:
+    """Join names that hold commas themselves."""
+    return separator.join(map(repr, names))
+
+
+def _log_file(_ctx: click.Context, _param: click.Parameter, path: Path | None) -> Path | None:
+    if path == Path("-"):
+        raise click.BadParameter("'-' is no file: stdout is for the rows")
+    return path
 
 
 @click.command(
@@ -48,6 +62,7 @@ def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...])
     "--log",
     "log_file",
     type=result_path,
+    callback=_log_file,
     help="File for the frames around each fault, as candump -L has them.",
 )
 @click.option(

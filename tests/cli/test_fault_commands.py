@@ -73,7 +73,9 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("faults", "--fault", "rust"), "'rust' is none of"),
+        (("faults", "--fault", "rust"), "there is no fault 'rust': 'NMT pre-operational', '"),
+        (("faults", "--fault", "s3 stuck"), "no fault 's3 stuck': perhaps 'S3 stuck' or '"),
+        (("faults", "--json", "-", "--log", "-"), "'--log': '-' is no file"),
         (("faults", "--mode", "off"), "'off' is not one of"),
         (
             ("faults", "--fault", "resonance out of reach", "--mode", "open_loop"),
