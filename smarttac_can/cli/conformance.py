@@ -16,7 +16,7 @@ from smarttac_can.bench.conformance.run import failed, run_cases
 from smarttac_can.bench.conformance.sheet import Sheet
 from smarttac_can.bench.conformance.table import CASES
 from smarttac_can.cli.options import NODE_ID, SECONDS, BusChoice, bus_options
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.refusal import naming, plain_errors
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -78,7 +78,8 @@ def conform(
     writable is written: disconnect what must not move.
     """
     with plain_errors():
-        sheet = Sheet(eds.read_text(encoding="latin-1"), node_id)
+        with naming(eds):
+            sheet = Sheet(eds.read_text(encoding="latin-1"), node_id)
         with closing(bus.open()) as connection:
             probe = Probe(connection, sheet, timeout=time_out)
             results = run_cases(probe, cases, lambda result: click.echo(line(result)))

@@ -13,7 +13,7 @@ from smarttac_can.cli.options import (
     own_node_id,
     unconfigured_option,
 )
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.refusal import naming, plain_errors
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.device.device import Device
 from smarttac_can.host.eds_files import read_eds_file
@@ -69,7 +69,8 @@ def device(
     """
     with plain_errors():
         fixed = own_node_id(node_id, unconfigured)
-        od = load_eds(read_eds_file(eds), _DEFAULT_ID if node_id is None else node_id)
+        with naming(eds):
+            od = load_eds(read_eds_file(eds), _DEFAULT_ID if node_id is None else node_id)
         for warning in od.warnings:
             click.echo(f"{eds}: {warning}", err=True)
         file = None if storage is None else StorageFile(storage)

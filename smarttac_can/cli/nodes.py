@@ -19,7 +19,7 @@ from smarttac_can.cli.options import (
     unconfigured_option,
     with_options,
 )
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.refusal import naming, plain_errors
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.finger_file import read_finger
@@ -225,7 +225,8 @@ def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) 
 
 def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
     text = read_eds(packaged) if other is None else read_eds_file(other)
-    od = load_eds(text, node_id)
+    with naming(other or packaged):
+        od = load_eds(text, node_id)
     for warning in od.warnings:
         click.echo(f"{other or packaged}: {warning}", err=True)
     return od

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import click
 
@@ -22,6 +23,15 @@ def plain_errors() -> Iterator[None]:
     except OSError as error:
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
         raise click.ClickException(what) from error
+
+
+@contextmanager
+def naming(file: str | Path) -> Iterator[None]:
+    """Tell what is wrong with an EDS with the name of its file."""
+    try:
+        yield
+    except EDSError as error:
+        raise click.ClickException(f"{file}: {_one_line(error)}") from error
 
 
 def _one_line(error: Exception) -> str:

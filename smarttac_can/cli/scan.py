@@ -17,11 +17,10 @@ from smarttac_can.cli.options import (
     json_option,
     timeout_option,
 )
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.refusal import naming, plain_errors
 from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
-from smarttac_can.od.ini import EDSError
 
 PACKAGED = ("stimulator.eds", "plate.eds")
 _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "EDS")
@@ -65,10 +64,8 @@ def scan(bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], as_json: b
 
 
 def _load(name: str, text: str) -> ObjectDictionary:
-    try:
+    with naming(name):
         return load_eds(text, 1)
-    except EDSError as error:
-        raise click.ClickException(f"{name}: {error}") from error
 
 
 def _row(device: FoundDevice) -> dict[str, object]:

@@ -79,7 +79,10 @@ def test_broken_finger(text: str, message: str, tmp_path: Path) -> None:
 def test_broken_eds(tmp_path: Path) -> None:
     path = tmp_path / "broken.eds"
     path.write_text("this is no EDS\n")
-    assert "the file has no objects" in refusal("node", *VIRTUAL, "--eds", str(path))
+    told = f"{path}: the file has no objects"
+    assert refusal("node", *VIRTUAL, "--eds", str(path)) == told
+    assert refusal("device", *VIRTUAL, "--eds", str(path)) == told
+    assert refusal("conform", *VIRTUAL, "--eds", str(path), "--node-id", "5") == told
     path.write_bytes(bytes(range(256)))
     refusal("node", *VIRTUAL, "--eds", str(path))
 
