@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from typing import Any, Final, Literal, get_args
 
 import canopen
@@ -29,6 +30,9 @@ STIMULATOR_ID = 32
 PLATE_ID = 33
 """Node-ID of the plate node unless another is given."""
 _CLOSING_S: Final = 0.02
+_OWN_ARGUMENTS: Final = ("node_id", "plate_node_id", "lockstep")
+_NEAR: Final = 0.7
+"""Likeness of a misspelt argument to what was meant, at least; 1 is the same."""
 
 
 def stimulator_od(node_id: int = STIMULATOR_ID) -> ObjectDictionary:
@@ -64,7 +68,10 @@ def open_can_link(
     ------
     BenchError
         If the bus cannot be opened, no node answers, or it is another device.
+    TypeError
+        If an option is a misspelt argument: some interfaces ignore what they do not know.
     """
+    _refuse_misspelt(options)
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
     network = canopen.Network()
     # How long closing the bus may take; python-canopen waits for up to 1 s.
@@ -76,6 +83,12 @@ def open_can_link(
     return _over_can(
         network, node_id, plate_node_id, where=where, lockstep=lockstep, timeout=timeout
     )
+
+
+def _refuse_misspelt(options: Iterable[str]) -> None:
+    for option in options:
+        if near := get_close_matches(option, _OWN_ARGUMENTS, 1, _NEAR):
+            raise TypeError(f"connect has no argument {option!r}, perhaps {near[0]!r}")
 
 
 def open_simulated_link(

@@ -39,6 +39,17 @@ def test_no_such_interface() -> None:
         Stimulator.connect(interface="nonsense", channel="x")
 
 
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [("plate_node", "plate_node_id"), ("nodeid", "node_id"), ("lock_step", "lockstep")],
+)
+def test_a_misspelt_argument_is_no_option_of_the_bus(
+    virtual: dict[str, Any], given: str, meant: str
+) -> None:
+    with pytest.raises(TypeError, match=f"no argument '{given}', perhaps '{meant}'"):
+        Stimulator.connect(**virtual, **{given: 33})
+
+
 def test_no_node_answers(virtual: dict[str, Any]) -> None:
     with pytest.raises(NodeNotFoundError, match=r"no node 32 answers on virtual:.*: is it running"):
         Stimulator.connect(**virtual, timeout=0.05)
