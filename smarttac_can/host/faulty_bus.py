@@ -12,7 +12,7 @@ from smarttac_can.host.bus import LogHook
 from smarttac_can.host.local_bus import LocalBus, Port, Wire
 from smarttac_can.host.node import Node
 from smarttac_can.nodes.loop_period import TICK_US
-from smarttac_can.od.cia import SYNC_ID
+from smarttac_can.od.cia import CAN_ID_MASK, SYNC_ID
 
 
 class Mishap(Enum):
@@ -28,6 +28,11 @@ class Mishap(Enum):
     """It is sent some cycles later, before the sender's own frames of that cycle."""
     CORRUPTION = "corruption"
     """One bit of its data is another, as from a bad memory: the CAN controller's CRC is right."""
+
+
+def _require_can_id(can_id: int) -> None:
+    if not 0 <= can_id <= CAN_ID_MASK:
+        raise ValueError(f"identifier {can_id:X}h is outside 0h..{CAN_ID_MASK:X}h")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +52,8 @@ class Disturbance:
             raise ValueError(f"share {self.share} is outside 0..1")
         if self.cycles < 1:
             raise ValueError(f"cycles {self.cycles} is below 1")
+        for can_id in self.can_ids:
+            _require_can_id(can_id)
 
 
 class _Transmitter:
@@ -278,10 +285,13 @@ class FaultyBus(LocalBus):
         Frames of a lower priority that no longer fit into a cycle wait for the next one. SYNC
         always passes here: that it does not is `Mishap.LOSS`.
         """
+        if frames < 0:
+            raise ValueError(f"frames {frames} is below 0")
+        _require_can_id(can_id)
         if self._babbler is not None:
             self._babbler.close()
             self._babbler = None
-        if frames < 1:
+        if not frames:
             return
         self._babble = Frame(can_id, bytes(8))
         self._babble_time = frames * self._durations[8]

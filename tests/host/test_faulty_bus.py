@@ -187,3 +187,10 @@ def test_settings_out_of_range_are_refused() -> None:
         Disturbance(Mishap.LOSS, share=1.5)
     with pytest.raises(ValueError, match="cycles 0 is below 1"):
         Disturbance(Mishap.DELAY, cycles=0)
+    with pytest.raises(ValueError, match=r"identifier 900h is outside 0h\.\.7FFh"):
+        Disturbance(Mishap.LOSS, frozenset({0x900}))
+    bus = FaultyBus()
+    with pytest.raises(ValueError, match="frames -1 is below 0"):
+        bus.babble(-1, 5)
+    with pytest.raises(ValueError, match=r"identifier 900h is outside 0h\.\.7FFh"):
+        bus.babble(1, 0x900)
