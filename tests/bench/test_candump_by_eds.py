@@ -94,7 +94,9 @@ def cycles(folder: Path, tpdos: list[Tpdo]) -> list[list[dict[str, Decimal]]]:
             if can_id == tpdos[-1].can_id:
                 if row["Contact.Tick"] == 0:
                     runs.append([])
-                runs[-1].append(row)
+                # A node that ends repeats its last tick, to say how it left the plate.
+                if not runs[-1] or row["Contact.Tick"] != runs[-1][-1]["Contact.Tick"]:
+                    runs[-1].append(row)
                 row = {}
     return runs
 

@@ -46,7 +46,8 @@ def cycles(log: Path, database: Database) -> list[dict[str, Any]]:
     for _, frames in groupby(numbered, key=lambda item: item[0]):
         row: dict[str, Any] = {}
         for _, frame in frames:
-            row.update(database.decode_message(frame.can_id, frame.data))
+            # The first is the cycle's; a node that ends says once more how it left the plate.
+            row = {**database.decode_message(frame.can_id, frame.data), **row}
         rows.append(row)
     return rows
 
