@@ -85,6 +85,11 @@ class CanLink:
         # In lockstep the nodes' time stands still without the bench.
         self._presence = None if lockstep else Presence(network, self._stimulator)
 
+    def drive(self) -> None:
+        """Have this bench watched from now on, in real time; refused while another one drives."""
+        if self._presence is not None:
+            self._presence.begin()
+
     def read(self, name: str) -> int:
         """Read the raw value of an object over SDO."""
         device = self._owner(name)
@@ -96,8 +101,8 @@ class CanLink:
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object over SDO; a bench that drives is watched from then on."""
-        if self._presence is not None and _drives(name, raw):
-            self._presence.begin()
+        if _drives(name, raw):
+            self.drive()
         device = self._owner(name)
         device.write(device.od[name], raw)
 

@@ -53,6 +53,10 @@ class Link(Protocol):
         """Whether the stimulator may be driven by somebody else, and is not by this bench."""
         ...
 
+    def drive(self) -> None:
+        """Become the bench that drives; refused while another one does."""
+        ...
+
     def read(self, name: str) -> int:
         """Read the raw value of an object of the stimulator, or of the simulation."""
         ...

@@ -30,6 +30,9 @@ class LocalLink:
         """Never: nobody else can reach it."""
         return False
 
+    def drive(self) -> None:
+        """Nobody else can."""
+
     def read(self, name: str) -> int:
         """Read the raw value of an object."""
         entry = self._block.od[name]

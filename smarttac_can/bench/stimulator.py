@@ -193,6 +193,9 @@ class Stimulator(SetPoints):
         NotReadyError
             If something is missing, or a fault is present.
         """
+        # The heartbeat that a killed bench leaves missing is a fault that is present; this one's
+        # ends it.
+        self._link.drive()
         state = self.state
         if state is State.ARMED:
             return
@@ -225,9 +228,10 @@ class Stimulator(SetPoints):
         FaultError
             If its cause is still there.
         """
-        self._link.write(_CONTROLWORD, 0)
+        self._link.drive()
         if self.state is not State.FAULT:
             return
+        self._link.write(_CONTROLWORD, 0)
         try:
             self._link.write(_CONTROLWORD, Control.FAULT_RESET)
         except RefusedError as error:
@@ -288,10 +292,12 @@ class Stimulator(SetPoints):
 
     def start_run(self) -> None:
         """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
+        self._link.drive()
         self._link.start_run()
 
     def tare(self) -> None:
         """Take the present gauge readings, without a finger, as zero."""
+        self._link.drive()
         self._link.run(_TARE_CYCLES)
         self._link.write(AUTO_ZERO[0], ZERO)
 

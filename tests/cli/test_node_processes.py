@@ -71,6 +71,7 @@ bench = Stimulator.connect(
 bench.run(0.3)
 bench.voltage = 20
 bench.mode = "open_loop"
+exec(sys.argv[4])
 print("drives", flush=True)
 input()
 """
@@ -80,9 +81,9 @@ WATCH = 0x7F0000 + 1000
 
 
 @contextmanager
-def driver(bus: dict[str, Any]) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a bench script that drives, for the block to kill."""
-    arguments = [str(bus[key]) for key in ("interface", "channel", "port")]
+def driver(bus: dict[str, Any], then: str = "") -> Iterator[subprocess.Popen[bytes]]:
+    """Run a bench script that drives, and does something more, for the block to kill."""
+    arguments = [*(str(bus[key]) for key in ("interface", "channel", "port")), then]
     with subprocess.Popen(
         [sys.executable, "-c", KILLED, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as bench:
@@ -104,6 +105,28 @@ def test_a_killed_bench_leaves_0_v_and_the_next_one_resets_that(multicast: dict[
             bench.reset_fault()
             bench.mode = "open_loop"
             assert watched(bench).count(WATCH) == 1
+
+
+@pytest.mark.parametrize(
+    ("then", "state"),
+    [
+        ("bench.mode = 'off'", State.NOT_READY),
+        ("bench.quick_stop()", State.NOT_READY),
+        ("bench.mode = 'off'; bench.arm()", State.FAULT),
+    ],
+    ids=["ready", "quick stop", "armed"],
+)
+def test_a_bench_killed_at_0_v_locks_nobody_out(
+    then: str, state: State, multicast: dict[str, Any]
+) -> None:
+    with processes(multicast, "node"), Stimulator.connect(**multicast) as reader:
+        with driver(multicast, then) as killed:
+            killed.kill()
+        until(lambda: reader.state is state)
+        with Stimulator.connect(**multicast) as bench:
+            bench.reset_fault()
+            bench.mode = "open_loop"
+            assert bench.state is State.RUNNING
 
 
 def test_a_bench_that_reads_does_not_stand_in_for_a_driver_that_was_killed(
@@ -134,10 +157,22 @@ def test_a_second_driver_is_refused(multicast: dict[str, Any]) -> None:
         with Stimulator.connect(**multicast) as second:
             with pytest.raises(BenchError, match=refusal):
                 second.mode = "friction"
+            for act in (second.start_run, second.tare, second.reset_fault):
+                with pytest.raises(BenchError, match=refusal):
+                    act()
+            assert bench.state is State.RUNNING
             bench.disarm()
             with pytest.raises(BenchError, match=refusal):
                 second.arm()
         bench.mode = "open_loop"
+
+
+def test_a_bench_that_has_no_fault_to_reset_goes_on_driving(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
+        bench.run(0.3)
+        bench.mode = "open_loop"
+        bench.reset_fault()
+        assert bench.state is State.RUNNING
 
 
 def test_a_bench_that_leaves_is_not_missed(multicast: dict[str, Any]) -> None:
