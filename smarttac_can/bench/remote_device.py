@@ -12,6 +12,7 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from smarttac_can.bench.errors import (
+    BenchError,
     BusLostError,
     HeartbeatLostError,
     NodeNotFoundError,
@@ -19,6 +20,7 @@ from smarttac_can.bench.errors import (
     WrongDeviceError,
 )
 from smarttac_can.bench.refusal import refused_write, write_action
+from smarttac_can.bench.sdo_client import OtherClientError, SharedSdoClient
 from smarttac_can.od.cia import (
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
@@ -64,8 +66,7 @@ class RemoteDevice:
         self.od = od
         self._network = network
         self._name = od.info.get("productname", "device")
-        self._sdo = network.add_node(od.node_id, canopen.ObjectDictionary()).sdo
-        self._sdo.RESPONSE_TIMEOUT = timeout
+        self._sdo = SharedSdoClient(network, od.node_id, timeout)
         self.heartbeat_at: float | None = None
         self.operational = False
         network.subscribe(HEARTBEAT_ID + od.node_id, self._on_heartbeat)
@@ -131,6 +132,10 @@ class RemoteDevice:
         except SdoCommunicationError as error:
             raise HeartbeatLostError(
                 f"cannot {action}: node {self.od.node_id} does not answer"
+            ) from error
+        except OtherClientError as error:
+            raise BenchError(
+                f"cannot {action}: another SDO client talks to node {self.od.node_id} all the time"
             ) from error
         except can.CanError as error:
             raise BusLostError(f"cannot {action}: the bus has failed: {error}") from error

@@ -1,0 +1,121 @@
+"""An SDO client that shares the server with clients of other processes."""
+
+from __future__ import annotations
+
+from time import sleep
+from typing import Final
+
+import canopen
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
+
+from smarttac_can.od.cia import SDO_RX_ID, SDO_TX_ID
+
+_ABORT: Final = 4
+_ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
+"""Command specifier of the server by that of the client, segmented and expedited."""
+_INITIATES: Final = (1, 2)
+_INITIATED: Final = (3, 2)
+_PAUSES_S: Final = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16)
+_NO_TRANSFER: Final = bytes((_ABORT << 5, *bytes(7)))
+
+
+class NoAnswerError(SdoCommunicationError):  # type: ignore[misc]  # python-canopen is untyped
+    """The server is silent."""
+
+
+class OtherClientError(SdoError):  # type: ignore[misc]  # python-canopen is untyped
+    """Another client keeps breaking the transfer."""
+
+
+class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-canopen is untyped
+    """Client of a server whose answers to others are heard as well.
+
+    CiA 301 has one client for each SDO, but any number of bench scripts may read. An expedited
+    transfer is one request and one answer that names the object, so those of several clients do
+    not mix; a segmented one, that of a string, ends when another client begins, and is begun anew.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen.
+    node_id
+        Node-ID of the server.
+    timeout
+        Longest wait for an answer in s.
+    """
+
+    def __init__(self, network: canopen.Network, node_id: int, timeout: float) -> None:
+        super().__init__(SDO_RX_ID + node_id, SDO_TX_ID + node_id, canopen.ObjectDictionary())
+        self.network = network
+        self.RESPONSE_TIMEOUT = timeout
+        self._request = _NO_TRANSFER
+        self._answered = False
+        self._dropped = False
+        network.subscribe(self.tx_cobid, self.on_response)
+
+    def upload(self, index: int, subindex: int) -> bytes:
+        """Read an object.
+
+        Raises
+        ------
+        SdoAbortedError
+            If the server refuses.
+        NoAnswerError
+            If it is silent.
+        OtherClientError
+            If another client breaks the transfer again and again.
+        """
+        for pause in _PAUSES_S:
+            sleep(pause)
+            try:
+                return bytes(super().upload(index, subindex))
+            except NoAnswerError:
+                raise
+            except SdoCommunicationError:
+                continue
+            except SdoAbortedError:
+                if self._initiating:
+                    raise
+        raise OtherClientError
+
+    def send_request(self, request: bytes) -> None:
+        """Send a request, whose answer alone is awaited from then on."""
+        self._request = bytes(request)
+        if self._initiating:
+            self._answered = self._dropped = False
+        self._require_transfer()
+        super().send_request(request)
+
+    def read_response(self) -> bytes:
+        """Wait for the answer."""
+        try:
+            response = bytes(super().read_response())
+        except SdoCommunicationError as error:
+            raise NoAnswerError(*error.args) from error
+        self._require_transfer()
+        return response
+
+    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Take an answer, unless it is that to another client."""
+        response = bytes(data)
+        # A server has one transfer: it drops this one when it begins another client's.
+        self._dropped |= self._answered and response[0] >> 5 in _INITIATED
+        if _answers(response, self._request):
+            self._answered = True
+            super().on_response(can_id, data, timestamp)
+
+    @property
+    def _initiating(self) -> bool:
+        return self._request[0] >> 5 in _INITIATES
+
+    def _require_transfer(self) -> None:
+        if self._dropped and not self._initiating:
+            raise SdoCommunicationError("another client has begun a transfer")
+
+
+def _answers(response: bytes, request: bytes) -> bool:
+    """Whether a response is one to a request; those to segments do not name the object."""
+    asked, answered = request[0] >> 5, response[0] >> 5
+    if answered not in (_ANSWERS.get(asked), _ABORT) or asked not in _ANSWERS:
+        return False
+    return asked not in _INITIATES or response[1:4] == request[1:4]
