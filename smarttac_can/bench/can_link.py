@@ -16,7 +16,7 @@ from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.presence import Presence
 from smarttac_can.bench.published import PublishedPdo, published_pdos
-from smarttac_can.bench.remote_device import RemoteDevice
+from smarttac_can.bench.remote_device import OPERATIONAL, RemoteDevice
 from smarttac_can.control.cascade import Mode
 from smarttac_can.nodes.state_machine import Control
 from smarttac_can.nodes.stimulator_block import SIMULATION
@@ -109,6 +109,8 @@ class CanLink:
     def snapshot(self) -> Snapshot:
         """Return what the public TPDOs carried last."""
         self._check()
+        if not self._lockstep:
+            self._stimulator.check_operational()
         values: dict[str, int] = {}
         oldest = now = self._clock()
         for pdo in self._pdos:
@@ -202,7 +204,9 @@ class CanLink:
         before = []
         for number in sorted({pdo.number for pdo, _ in self._columns}):
             entry = device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION)
-            before.append((entry, device.read(entry)))
+            kind = device.read(entry)
+            # A recording that was killed, or one that another bench makes, has left it so.
+            before.append((entry, entry.default if kind == EVENT_MANUFACTURER else kind))
             device.write(entry, EVENT_MANUFACTURER)
 
         def restore() -> None:
@@ -228,6 +232,8 @@ class CanLink:
         def on_pdo(_can_id: int, data: bytearray, _timestamp: float) -> None:
             if not pdo.take(bytes(data), self._clock()):
                 return
+            # PDOs are OPERATIONAL's alone; the next heartbeat may be a second away.
+            self._stimulator.state = OPERATIONAL
             come.add(pdo.number)
             if pdo.number == last:
                 # A row with a lost frame would mix two cycles.

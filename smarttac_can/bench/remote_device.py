@@ -16,10 +16,12 @@ from smarttac_can.bench.errors import (
     BusLostError,
     HeartbeatLostError,
     NodeNotFoundError,
+    NotRunningError,
     RefusedError,
     WrongDeviceError,
 )
 from smarttac_can.bench.refusal import refused_write, write_action
+from smarttac_can.bench.scan import STATES, UNKNOWN
 from smarttac_can.bench.sdo_client import OtherClientError, SharedSdoClient
 from smarttac_can.od.cia import (
     HEARTBEAT_ID,
@@ -34,7 +36,7 @@ from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _HEARTBEATS_MISSED: Final = 3
-_OPERATIONAL: Final = 5
+OPERATIONAL: Final = 5
 _PRODUCT_CODE: Final = 2
 
 
@@ -68,7 +70,7 @@ class RemoteDevice:
         self._name = od.info.get("productname", "device")
         self._sdo = SharedSdoClient(network, od.node_id, timeout)
         self.heartbeat_at: float | None = None
-        self.operational = False
+        self.state = 0
         network.subscribe(HEARTBEAT_ID + od.node_id, self._on_heartbeat)
         expected = od.entry(IDENTITY, _PRODUCT_CODE)
         try:
@@ -106,7 +108,20 @@ class RemoteDevice:
     def start(self) -> None:
         """Command it into the NMT state operational."""
         self._network.send_message(NMT_ID, [NMTCommand.START, self.od.node_id])
-        self.operational = True
+        self.state = OPERATIONAL
+
+    @property
+    def operational(self) -> bool:
+        """Whether its last heartbeat, or a PDO since then, says so."""
+        return self.state == OPERATIONAL
+
+    def check_operational(self) -> None:
+        """Raise NotRunningError if it says that it is in another NMT state."""
+        if not self.operational:
+            raise NotRunningError(
+                f"node {self.od.node_id} is {STATES.get(self.state, UNKNOWN)}: a master, or the "
+                "loss of a driver that it watches, has stopped it; connect again, which starts it"
+            )
 
     def check_heartbeat(self) -> None:
         """Raise HeartbeatLostError if heartbeats have come and then stayed away."""
@@ -121,7 +136,7 @@ class RemoteDevice:
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
         self.heartbeat_at = monotonic()
-        self.operational = bytes(data) == bytes([_OPERATIONAL])
+        self.state = data[0] & 0x7F if data else 0
 
     @contextmanager
     def _explained(self, action: str) -> Iterator[None]:

@@ -6,7 +6,13 @@ from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, Final, Self
 
-from smarttac_can.bench.errors import BenchError, FaultError, NotReadyError, RefusedError
+from smarttac_can.bench.errors import (
+    BenchError,
+    FaultError,
+    NotReadyError,
+    NotRunningError,
+    RefusedError,
+)
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import Link, Row
 from smarttac_can.bench.open_link import (
@@ -36,6 +42,7 @@ _CONTROLWORD: Final = "Controlword"
 _STATE_MASK: Final = 0b111
 _IDENTIFY_CYCLES: Final = 100
 _IDENTIFY_LIMIT: Final = 50
+_LEAST_RECORDED: Final = 0.5
 
 
 class Stimulator(SetPoints):
@@ -264,7 +271,7 @@ class Stimulator(SetPoints):
         Raises
         ------
         NotRunningError
-            If it has published nothing yet.
+            If it has published nothing yet, or is no longer OPERATIONAL.
         HeartbeatLostError
             If a node has fallen silent.
         """
@@ -283,12 +290,18 @@ class Stimulator(SetPoints):
         Raises
         ------
         NotRunningError
-            If the loop gives no cycles.
+            If the loop gives no cycles, or most of them were lost.
         """
         cycles = round(seconds * CYCLES_PER_SECOND)
         if cycles < 1:
             raise ValueError(f"seconds {seconds} is below 0.001")
-        return Trace.from_rows(experiment, subject, _unwrapped(self._link.run(cycles)))
+        rows = self._link.run(cycles)
+        if len(rows) < cycles * _LEAST_RECORDED:
+            raise NotRunningError(
+                f"{cycles - len(rows)} of {cycles} cycles were lost: does another bench script "
+                "record, or is the bus too slow for it?"
+            )
+        return Trace.from_rows(experiment, subject, _unwrapped(rows))
 
     def start_run(self) -> None:
         """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""

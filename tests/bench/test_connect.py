@@ -227,6 +227,40 @@ def test_the_types_of_the_tpdos_are_put_back_after_a_run(virtual: dict[str, Any]
         assert [node.od.entry(0x1800 + n, 2).value for n in range(4)] == [255] * 4
 
 
+def test_types_that_a_killed_recording_left_behind_are_put_back(virtual: dict[str, Any]) -> None:
+    node = stimulator_with_plate()
+    with in_threads(virtual, node), Stimulator.connect(**virtual, lockstep=True) as bench:
+        device = bench._link._stimulator  # type: ignore[attr-defined]
+        types = [device.od.entry(0x1800 + n, 2) for n in range(1, 4)]
+        for entry in types:
+            device.write(entry, 254)
+        bench.run(0.01)
+        assert [device.read(entry) for entry in types] == [255] * 3
+
+
+def test_nothing_is_read_of_a_stimulator_that_is_not_operational(virtual: dict[str, Any]) -> None:
+    def state() -> int:
+        return bench._link._stimulator.state  # type: ignore[attr-defined, no-any-return]
+
+    def nmt(command: int) -> None:
+        master.send(can.Message(arbitration_id=0, data=[command, 32], is_extended_id=False))
+
+    with (
+        in_threads(virtual, stimulator_with_plate(), lockstep=False),
+        can.Bus(**virtual) as master,
+        Stimulator.connect(**virtual) as bench,
+    ):
+        bench.run(0.1)
+        assert bench.read().age < 1.0
+        nmt(0x80)
+        until(lambda: state() == 0x7F)
+        with pytest.raises(NotRunningError, match=r"node 32 is pre-operational: a master, or"):
+            bench.read()
+        nmt(0x01)
+        until(lambda: state() == 5)
+        assert bench.read().age < 1.0
+
+
 def test_closing_twice() -> None:
     bench = Stimulator.simulate("bus")
     bench._link.close()

@@ -236,7 +236,14 @@ def test_ticks_go_on_rising_beyond_16_bits() -> None:
     ticks = [65_533, 65_535, 0, 1, 40_000, 65_535, 3]
     bench = Stimulator(ScriptedLink(ticks), stimulator_od())
     expected = [65_533, 65_535, 65_536, 65_537, 105_536, 131_071, 131_075]
-    assert bench.run(1.0).tick.tolist() == expected
+    assert bench.run(0.007).tick.tolist() == expected
+
+
+def test_a_run_of_which_most_is_lost() -> None:
+    bench = Stimulator(ScriptedLink([0, 1, 2]), stimulator_od())
+    assert bench.run(0.006).lost == 0
+    with pytest.raises(NotRunningError, match=r"4 of 7 cycles were lost: does another bench"):
+        bench.run(0.007)
 
 
 def test_a_run_across_the_end_of_the_tick_count() -> None:
