@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from difflib import get_close_matches
 from math import isfinite
+from numbers import Real
 from typing import Final
 
 from smarttac_can.bench.errors import BenchError
@@ -11,6 +12,19 @@ from smarttac_can.bench.link import Link
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _HINTS: Final = 3
+
+
+def finite(name: str, value: object) -> float:
+    """Return what a person gave for a number.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or not finite.
+    """
+    if not isinstance(value, Real) or not isfinite(value):
+        raise ValueError(f"{name} {value!r} is not a finite number")
+    return float(value)
 
 
 class NamedObjects:
@@ -55,9 +69,7 @@ class NamedObjects:
             If the value is not finite.
         """
         entry = self._number(name)
-        if not isfinite(value):
-            raise ValueError(f"{name} {value} is not a finite number")
-        self._link.write(name, round(value / entry.factor))
+        self._link.write(name, round(finite(name, value) / entry.factor))
 
     def _number(self, name: str) -> Entry:
         entry = self._od.find(name)

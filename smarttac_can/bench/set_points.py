@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from smarttac_can.bench.named_objects import NamedObjects
+from smarttac_can.bench.named_objects import NamedObjects, finite
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
 
@@ -30,7 +30,7 @@ class SetPoints(NamedObjects):
 
     @voltage.setter
     def voltage(self, volts: float) -> None:
-        self.set("Setpoint.Voltage", volts * 1e3)
+        self.set("Setpoint.Voltage", finite("voltage", volts) * 1e3)
 
     @property
     def frequency(self) -> float:
@@ -39,7 +39,7 @@ class SetPoints(NamedObjects):
 
     @frequency.setter
     def frequency(self, hertz: float) -> None:
-        self.set("Setpoint.Frequency", hertz)
+        self.set("Setpoint.Frequency", finite("frequency", hertz))
 
     @property
     def amplitude(self) -> float:
@@ -48,7 +48,7 @@ class SetPoints(NamedObjects):
 
     @amplitude.setter
     def amplitude(self, micrometres: float) -> None:
-        self.set("Setpoint.Amplitude", micrometres * 1e3)
+        self.set("Setpoint.Amplitude", finite("amplitude", micrometres) * 1e3)
 
     @property
     def cof(self) -> tuple[float, float]:
@@ -57,7 +57,10 @@ class SetPoints(NamedObjects):
 
     @cof.setter
     def cof(self, cof: float | Sequence[float]) -> None:
-        left, right = cof if isinstance(cof, Sequence) else (cof, cof)
+        pair = list(cof) if isinstance(cof, Sequence) and not isinstance(cof, str) else [cof] * 2
+        if len(pair) != 2:
+            raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
+        left, right = (finite("cof", one) for one in pair)
         self.set("Setpoint.COF left", left)
         self.set("Setpoint.COF right", right)
 
@@ -68,7 +71,7 @@ class SetPoints(NamedObjects):
 
     @boundary.setter
     def boundary(self, millimetres: float) -> None:
-        self.set("Setpoint.Boundary", millimetres * 1e3)
+        self.set("Setpoint.Boundary", finite("boundary", millimetres) * 1e3)
 
 
 def by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:
@@ -79,10 +82,12 @@ def by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:
     ValueError
         If there is no such choice.
     """
-    if not isinstance(choice, str):
+    try:
+        if isinstance(choice, str):
+            name = choice.upper().replace("-", "_").replace(" ", "_").replace("+", "_")
+            return int(choices[name])
         return int(choices(choice))
-    name = choice.upper().replace("-", "_").replace(" ", "_").replace("+", "_")
-    if name not in choices.__members__:
+    except (KeyError, ValueError):
         known = ", ".join(member.lower() for member in choices.__members__)
-        raise ValueError(f"{choices.__name__.lower()} {choice!r} is none of {known}")
-    return int(choices[name])
+        what = choices.__name__.lower()
+        raise ValueError(f"{what} {choice!r} is none of {known}") from None

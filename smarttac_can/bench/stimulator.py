@@ -15,6 +15,7 @@ from smarttac_can.bench.errors import (
 )
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import Link, Row
+from smarttac_can.bench.named_objects import finite
 from smarttac_can.bench.open_link import (
     STIMULATOR_ID,
     LinkName,
@@ -289,10 +290,12 @@ class Stimulator(SetPoints):
 
         Raises
         ------
+        ValueError
+            If `seconds` is not a finite number, or too short.
         NotRunningError
             If the loop gives no cycles, or most of them were lost.
         """
-        cycles = round(seconds * CYCLES_PER_SECOND)
+        cycles = round(finite("seconds", seconds) * CYCLES_PER_SECOND)
         if cycles < 1:
             raise ValueError(f"seconds {seconds} is below 0.001")
         rows = self._link.run(cycles)

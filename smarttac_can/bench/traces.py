@@ -108,7 +108,7 @@ class Trace:
 
     @property
     def time_s(self) -> Floats:
-        """Time of each row in s from the beginning of the run: its tick."""
+        """Time of each row in s of the simulation run or the node's start, not of the recording."""
         return np.asarray(self.tick * 1e-3, dtype=np.float64)
 
     @property

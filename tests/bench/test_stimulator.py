@@ -1,6 +1,6 @@
 """The bench's client: the same over every link, in a person's units."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -366,3 +366,27 @@ def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
             patch.setattr(link, "write", trip_and_write)
             with pytest.raises(error, match="the heartbeat of a watched node is lost"):
                 bench.mode = "open_loop"
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda bench: bench.run(float("nan")), "seconds nan is not a finite number"),
+        (lambda bench: bench.run("1"), "seconds '1' is not a finite number"),
+        (lambda bench: setattr(bench, "voltage", "20"), "voltage '20' is not a finite number"),
+        (lambda bench: setattr(bench, "voltage", None), "voltage None is not a finite number"),
+        (lambda bench: setattr(bench, "cof", None), "cof None is not a finite number"),
+        (lambda bench: setattr(bench, "cof", (0.2, "x")), "cof 'x' is not a finite number"),
+        (
+            lambda bench: setattr(bench, "cof", (1, 2, 3)),
+            r"cof \(1, 2, 3\) is neither a",
+        ),
+        (lambda bench: setattr(bench, "mode", 9), "mode 9 is none of off, open_loop"),
+        (lambda bench: setattr(bench, "law", None), "law None is none of measured"),
+    ],
+)
+def test_arguments_that_make_no_sense(
+    act: Callable[[Stimulator], object], message: str, bench: Stimulator
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        act(bench)
