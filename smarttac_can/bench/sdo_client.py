@@ -15,7 +15,7 @@ _ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
 """Command specifier of the server by that of the client, segmented and expedited."""
 _INITIATES: Final = (1, 2)
 _INITIATED: Final = (3, 2)
-_PAUSES_S: Final = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16)
+_PAUSES_S: Final = tuple(2e-3 * attempt for attempt in range(20))
 _NO_TRANSFER: Final = bytes((_ABORT << 5, *bytes(7)))
 
 
