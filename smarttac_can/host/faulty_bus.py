@@ -6,6 +6,7 @@ import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Final
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
@@ -54,6 +55,10 @@ class Disturbance:
             raise ValueError(f"cycles {self.cycles} is below 1")
         for can_id in self.can_ids:
             _require_can_id(can_id)
+
+
+QUEUE_FRAMES: Final = 1000
+"""Frames of a party that wait at most while the bus has no room; an assumption."""
 
 
 class _Transmitter:
@@ -113,12 +118,15 @@ class _Transmitter:
         return [frame]
 
     def _fitting(self, frames: list[Frame]) -> list[Frame]:
-        """Leave for the next cycle what a babbling node leaves no room for in this one."""
+        """Leave for the next cycle what a babbling node leaves no room for in this one.
+
+        What the queue of a party has no room for, either, is lost.
+        """
         out = []
         for frame in frames:
             if self._bus.has_room(frame):
                 out.append(frame)
-            else:
+            elif len(self._held) < QUEUE_FRAMES:
                 self._held.append((self._bus.cycle + 1, frame))
         return out
 

@@ -4,7 +4,7 @@ import pytest
 from toy_node import AT_SYNC, BOOT_UP, OFF, REPLY, REQUEST, SYNC, TICKER, ToyNode
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.faulty_bus import Disturbance, FaultyBus, Mishap
+from smarttac_can.host.faulty_bus import QUEUE_FRAMES, Disturbance, FaultyBus, Mishap
 from smarttac_can.host.local_bus import LocalBus, Port
 
 
@@ -167,6 +167,15 @@ def test_babble_that_fills_the_bus_delays_what_has_less_priority() -> None:
     assert REPORT not in bench.ids(1), "7 frames of 135 us leave 55 us"
     bench.bus.babble(0)
     assert bench.ids(1).count(REPORT) == 2
+
+
+def test_a_queue_that_waits_for_the_bus_has_an_end() -> None:
+    bench = Bench()
+    bench.bus.babble(8)
+    bench.cycles(QUEUE_FRAMES + 100)
+    bench.bus.babble(0)
+    waited = len(bench.cycles(1)) - len(bench.cycles(1))
+    assert waited == pytest.approx(QUEUE_FRAMES, abs=2), "the ticker does not say something always"
 
 
 def test_more_urgent_frames_pass_the_babble() -> None:
