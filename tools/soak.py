@@ -46,7 +46,7 @@ def page(report: dict[str, Any]) -> str:
     lines = [
         "# Soak",
         "",
-        f"`smarttac soak --hours {hours:g} --seed {report['seed']}`; this page is made of its "
+        f"`smarttac soak --hours {hours:.3g} --seed {report['seed']}`; this page is made of its "
         "`--json` by `tools/soak.py`.",
         "",
         *table(("", "Result"), *rows),
