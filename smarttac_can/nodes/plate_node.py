@@ -165,11 +165,6 @@ class PlateNode(Application):
                 self.device.clear_emergency(code)
             self._protecting.clear()
 
-    def on_rpdo_timeout(self, number: int, late: bool) -> None:
-        """Go to 0 V when the drives stay away."""
-        if late and number == _DRIVE_RPDO:
-            self.block.bar()
-
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Go to 0 V when a watched node falls silent, whatever the error behaviour says."""
         if lost:
