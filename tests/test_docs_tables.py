@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.host.faulty_bus import FaultyBus, Mishap
+from smarttac_can.host.faulty_bus import FaultyBus
+from smarttac_can.host.mishaps import Mishap
 from smarttac_can.nodes.read_back import STATE_SHIFT, Status
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.plant.faults import SENSOR_KINDS, Fault, FaultKind

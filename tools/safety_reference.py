@@ -13,7 +13,7 @@ _OF_THE_PLATE = (
         EmergencyCode.RPDO_TIME_OUT,
         ErrorRegister.COMMUNICATION,
         "no RPDO 1 within its deadline, 1400h sub-index 5, 3 ms by default",
-        "an RPDO 1 arrives",
+        "an RPDO 1 whose values are within their limits",
     ),
     (
         EmergencyCode.DRIVE_LOST,

@@ -16,8 +16,9 @@ from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.presence import Presence
 from smarttac_can.bench.published import PublishedPdo, published_pdos
-from smarttac_can.bench.remote_device import OPERATIONAL, RemoteDevice
+from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.control.cascade import Mode
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.nodes.state_machine import Control
 from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.od.cia import (
@@ -101,7 +102,7 @@ class CanLink:
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object over SDO; a bench that drives is watched from then on."""
-        if _drives(name, raw):
+        if self.only_read and _drives(name, raw):
             self.drive()
         device = self._owner(name)
         device.write(device.od[name], raw)
@@ -233,7 +234,7 @@ class CanLink:
             if not pdo.take(bytes(data), self._clock()):
                 return
             # PDOs are OPERATIONAL's alone; the next heartbeat may be a second away.
-            self._stimulator.state = OPERATIONAL
+            self._stimulator.state = NMTState.OPERATIONAL
             come.add(pdo.number)
             if pdo.number == last:
                 # A row with a lost frame would mix two cycles.

@@ -10,7 +10,7 @@ from smarttac_can.bench.open_link import STIMULATOR_ID
 from smarttac_can.bench.rig import Rig
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.faulty_bus import Disturbance, Mishap
+from smarttac_can.host.mishaps import Disturbance, Mishap
 from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS
 from smarttac_can.signals import Drive, Measurement, Setpoint
@@ -42,7 +42,7 @@ def befall(mishap: Mishap, *can_ids: int, cycles: int = 1) -> Act:
     return lambda rig: rig.bus.disturbances.append(disturbance)
 
 
-def lose(can_ids: tuple[int, ...]) -> Act:
+def lose(*can_ids: int) -> Act:
     """Lose these frames of one cycle; a second in a row would be a fault."""
 
     def act(rig: Rig) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.fault_acts import (
     SETPOINT_DEADLINE_MS,
@@ -34,12 +34,9 @@ from smarttac_can.bench.fault_acts import (
     transmit_failed,
 )
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.bench.rig import (
-    NODE_LOST_MS,
-    Rig,
-)
+from smarttac_can.bench.rig import NODE_LOST_MS, Rig
 from smarttac_can.control.cascade import Mode
-from smarttac_can.host.faulty_bus import Mishap
+from smarttac_can.host.mishaps import Mishap
 from smarttac_can.nodes.watchdogs import (
     AMPLITUDE_CYCLES,
     GAUGE_CYCLES,
@@ -50,12 +47,7 @@ from smarttac_can.nodes.watchdogs import (
     STUCK_THERMOMETER_CYCLES,
     SYNC_WINDOW_CYCLES,
 )
-from smarttac_can.od.cia import (
-    HEARTBEAT_ID,
-    RPDO_IDS,
-    TPDO_IDS,
-    NMTCommand,
-)
+from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
 from smarttac_can.plant.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
 
 DRIVING: Final = (
@@ -115,13 +107,12 @@ def _broken(
     kind: FaultKind,
     sensor: int = 1,
     value: int = 0,
-    modes: tuple[Mode, ...] = DRIVING,
-    plate_inside: bool = False,
+    **more: Any,
 ) -> FaultCase:
     def inject(rig: Rig) -> None:
         rig.inject(kind, sensor, value)
 
-    return FaultCase(name, bound, inject, Rig.mend, modes, plate_inside=plate_inside)
+    return FaultCase(name, bound, inject, Rig.mend, **more)
 
 
 def _nmt(name: str, command: int, node_id: int, bound: int, inside: bool = False) -> FaultCase:
@@ -200,21 +191,17 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _broken("thermometer jumps", AT_ONCE, FaultKind.OFFSET, THERMOMETER, 6000),
     _broken("plate too hot", AT_ONCE, FaultKind.TEMPERATURE, 1, 7500),
     _broken("finger slams", FORCE_PATH_CYCLES, FaultKind.SLAM, 1, 9000),
-    _broken("lateral force", AT_ONCE, FaultKind.OFFSET, 1, 2000)._replace(
-        prepare=lower_force_limit
-    ),
+    _broken("lateral force", AT_ONCE, FaultKind.OFFSET, 1, 2000, prepare=lower_force_limit),
     _broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES,
-            FaultKind.RESONANCE_SHIFT, 1, -1500, TRACKED)._replace(needs_voltage=True),
+            FaultKind.RESONANCE_SHIFT, 1, -1500, modes=TRACKED, needs_voltage=True),
     _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1,
-            -9000)._replace(needs_voltage=True),
+            -9000, needs_voltage=True),
     FaultCase("vibration above its limit", AMPLITUDE_CYCLES, limit_amplitude(100),
               limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY),
               needs_voltage=True),
     _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, FaultKind.OFFSET, PICKUP_D,
-            500, (Mode.IDENTIFY,))._replace(prepare=limit_amplitude(1000)),
-    _broken("power stage stuck", AT_ONCE, FaultKind.STAGE_STUCK, 1, 14_000)._replace(
-        breaks_stage=True
-    ),
+            500, modes=(Mode.IDENTIFY,), prepare=limit_amplitude(1000)),
+    _broken("power stage stuck", AT_ONCE, FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True),
     FaultCase("measurements two cycles late", PDO_DEADLINE_MS,
               befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), calm),
     FaultCase("drives two cycles late", PDO_DEADLINE_MS,
@@ -245,8 +232,8 @@ TOLERATED: Final[tuple[FaultCase, ...]] = (
     FaultCase("drives twice", 0, befall(Mishap.DUPLICATION, DRIVE), calm),
     FaultCase("measurements late in their cycle", 0,
               befall(Mishap.DELAY, *MEASUREMENTS), calm),
-    FaultCase("a cycle of measurements lost", 0, lose(MEASUREMENTS), nothing),
-    FaultCase("a drive lost", 0, lose((DRIVE,)), nothing),
+    FaultCase("a cycle of measurements lost", 0, lose(*MEASUREMENTS), nothing),
+    FaultCase("a drive lost", 0, lose(DRIVE), nothing),
     FaultCase("a node babbles a little", 0,
               lambda rig: rig.bus.babble(2), lambda rig: rig.bus.babble(0)),
 )  # fmt: skip

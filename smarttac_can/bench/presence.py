@@ -10,6 +10,7 @@ import canopen
 
 from smarttac_can.bench.errors import BenchError, BusLostError
 from smarttac_can.bench.remote_device import RemoteDevice
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.cia import HEARTBEAT_CONSUMER, HEARTBEAT_ID
 from smarttac_can.od.dictionary import Entry
 
@@ -19,7 +20,7 @@ _PERIOD_S: Final = 0.1
 _LISTEN_MS: Final = 250
 """Two heartbeats of another bench, and some delay."""
 _LOST_MS: Final = 1000
-_OPERATIONAL: Final = b"\x05"
+_OPERATIONAL: Final = bytes((NMTState.OPERATIONAL,))
 
 
 def bench_id(stimulator_id: int) -> int:

@@ -23,6 +23,7 @@ from smarttac_can.bench.errors import (
 from smarttac_can.bench.refusal import refused_write, write_action
 from smarttac_can.bench.scan import STATES, UNKNOWN
 from smarttac_can.bench.sdo_client import OtherClientError, SharedSdoClient
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.cia import (
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
@@ -36,7 +37,6 @@ from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _HEARTBEATS_MISSED: Final = 3
-OPERATIONAL: Final = 5
 _PRODUCT_CODE: Final = 2
 
 
@@ -108,12 +108,12 @@ class RemoteDevice:
     def start(self) -> None:
         """Command it into the NMT state operational."""
         self._network.send_message(NMT_ID, [NMTCommand.START, self.od.node_id])
-        self.state = OPERATIONAL
+        self.state = int(NMTState.OPERATIONAL)
 
     @property
     def operational(self) -> bool:
         """Whether its last heartbeat, or a PDO since then, says so."""
-        return self.state == OPERATIONAL
+        return self.state == NMTState.OPERATIONAL
 
     def check_operational(self) -> None:
         """Raise NotRunningError if it says that it is in another NMT state."""

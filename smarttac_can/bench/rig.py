@@ -9,6 +9,7 @@ from smarttac_can.bench.errors import HeartbeatLostError
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
 from smarttac_can.host.local_bus import Port, Wire
@@ -47,7 +48,7 @@ _PLATE_WATCH: Final = 4
 SYNC_OVERFLOW: Final = 240
 """Highest counter of a SYNC with one."""
 _SYNC: Final = Frame(SYNC_ID)
-_OPERATIONAL: Final = b"\x05"
+_OPERATIONAL: Final = bytes((NMTState.OPERATIONAL,))
 _ABORT: Final = 0x80
 _EXPEDITED: Final = 4
 TARE_CYCLES: Final = 70

@@ -12,6 +12,7 @@ from canopen.sdo.exceptions import SdoError
 
 from smarttac_can.bench.commissioning import Identity, unconfigured
 from smarttac_can.bench.errors import BenchError
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.cia import (
     DEVICE_NAME,
     DEVICE_TYPE,
@@ -22,7 +23,13 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 
-STATES: Final = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
+STATES: Final[dict[int, str]] = {
+    NMTState.INITIALISING: "boot-up",
+    NMTState.STOPPED: "stopped",
+    NMTState.OPERATIONAL: "operational",
+    NMTState.PRE_OPERATIONAL: "pre-operational",
+}
+"""What a heartbeat says."""
 UNKNOWN: Final = "unknown"
 UNCONFIGURED: Final = "unconfigured"
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Final
+from typing import Final
 from zlib import crc32
 
 from smarttac_can.bench.errors import HeartbeatLostError
@@ -16,6 +15,7 @@ from smarttac_can.bench.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
 from smarttac_can.bench.invariants import Invariants
 from smarttac_can.bench.master_traffic import MasterTraffic
 from smarttac_can.bench.rig import Rig
+from smarttac_can.bench.soak_report import SoakReport
 from smarttac_can.control.cascade import Mode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.watchdogs import Watchdog
@@ -36,48 +36,6 @@ _USED: Final = tuple(
     case for case in CASES
     if not case.plate_inside and case.prepare is None and not case.breaks_controller
 )  # fmt: skip
-
-
-@dataclass
-class SoakReport:
-    """What a soak did, and what did not hold."""
-
-    seed: int
-    simulated_s: float = 0.0
-    violated: int = 0
-    violations: list[str] = field(default_factory=list)
-    runs: int = 0
-    driving_s: dict[str, float] = field(default_factory=dict)
-    faults: dict[str, int] = field(default_factory=dict)
-    """How often each fault was injected, all while driving."""
-    latched: int = 0
-    """How many of them ended in FAULT, the others in a restart."""
-    tripped: int = 0
-    """How often set-points at random made the plate vibrate above its limit."""
-    tolerated: dict[str, int] = field(default_factory=dict)
-    emergencies: int = 0
-    master_restarts: int = 0
-    transfers: int = 0
-    """Acts of the master beside the scenes."""
-    rss_mib: list[float] = field(default_factory=list)
-    """Size of the process at simulated minutes; empty where the system does not say."""
-    fingerprint: str = ""
-    """Check sum of the voltage in every cycle: the same for the same seed and time."""
-    wall_s: float = 0.0
-
-    @property
-    def passed(self) -> bool:
-        """Whether everything held."""
-        return self.violated == 0
-
-    @property
-    def speed(self) -> float:
-        """Simulated time over real time."""
-        return self.simulated_s / self.wall_s if self.wall_s else 0.0
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the report as JSON has it."""
-        return asdict(self) | {"passed": self.passed, "speed": round(self.speed, 1)}
 
 
 class Soak:

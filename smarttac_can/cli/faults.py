@@ -16,7 +16,8 @@ import click
 from smarttac_can.bench.fault_cases import CASES, DRIVING
 from smarttac_can.bench.fault_matrix import HOLD_CYCLES, cases, fault_matrix
 from smarttac_can.bench.fault_row import Row, rows_as_json
-from smarttac_can.bench.soak import CYCLES_PER_HOUR, Soak, SoakReport
+from smarttac_can.bench.soak import CYCLES_PER_HOUR, Soak
+from smarttac_can.bench.soak_report import SoakReport
 from smarttac_can.cli.options import FiniteRange
 from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.cli.result_file import result_file, result_path

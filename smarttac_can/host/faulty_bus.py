@@ -4,58 +4,15 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from enum import Enum
 from typing import Final
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.local_bus import LocalBus, Port, Wire
+from smarttac_can.host.mishaps import Disturbance, Mishap, require_can_id
 from smarttac_can.host.node import Node
 from smarttac_can.nodes.loop_period import TICK_US
-from smarttac_can.od.cia import CAN_ID_MASK, SYNC_ID
-
-
-class Mishap(Enum):
-    """What happens to a frame between its sender and the bus."""
-
-    LOSS = "loss"
-    """It is never sent."""
-    DUPLICATION = "duplication"
-    """It is sent twice in a row."""
-    REORDERING = "reordering"
-    """It is sent after the sender's next frame."""
-    DELAY = "delay"
-    """It is sent some cycles later, before the sender's own frames of that cycle."""
-    CORRUPTION = "corruption"
-    """One bit of its data is another, as from a bad memory: the CAN controller's CRC is right."""
-
-
-def _require_can_id(can_id: int) -> None:
-    if not 0 <= can_id <= CAN_ID_MASK:
-        raise ValueError(f"identifier {can_id:X}h is outside 0h..{CAN_ID_MASK:X}h")
-
-
-@dataclass(frozen=True, slots=True)
-class Disturbance:
-    """Which frames a mishap befalls."""
-
-    mishap: Mishap
-    can_ids: frozenset[int] = frozenset()
-    """Identifiers; none stands for every frame."""
-    share: float = 1.0
-    """Share of these frames, 0..1, drawn at random."""
-    cycles: int = 1
-    """Cycles of a delay, 1 or more."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.share <= 1.0:
-            raise ValueError(f"share {self.share} is outside 0..1")
-        if self.cycles < 1:
-            raise ValueError(f"cycles {self.cycles} is below 1")
-        for can_id in self.can_ids:
-            _require_can_id(can_id)
-
+from smarttac_can.od.cia import SYNC_ID
 
 QUEUE_FRAMES: Final = 1000
 """Frames of a party that wait at most while the bus has no room; an assumption."""
@@ -295,7 +252,7 @@ class FaultyBus(LocalBus):
         """
         if frames < 0:
             raise ValueError(f"frames {frames} is below 0")
-        _require_can_id(can_id)
+        require_can_id(can_id)
         if self._babbler is not None:
             self._babbler.close()
             self._babbler = None

@@ -84,7 +84,8 @@ class PlateNode(Application):
     def advance(self, microseconds: int) -> list[Frame]:
         """Let time pass; without an answer for the time of the deadline, go to 0 V.
 
-        The deadline of the RPDO begins anew with any frame; this one with a drive that was taken.
+        The deadline of the RPDO begins anew with any values within their limits; this one with a
+        drive that was taken.
         """
         self._unanswered_us += microseconds
         if self.block.driven and self._unanswered_us >= 1000 * self._deadline.value:

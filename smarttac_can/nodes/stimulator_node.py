@@ -120,8 +120,9 @@ class StimulatorNode(Application):
         if self._plate_node_id:
             self._sync_watch.advance(microseconds)
             self._unanswered_us += microseconds
-            late = self._unanswered_us >= 1000 * min(entry.value for entry in self._deadlines)
-            if late and self.block.interlock.live:
+            first, second, third = self._deadlines
+            deadline_ms = min(first.value, second.value, third.value)
+            if self._unanswered_us >= 1000 * deadline_ms and self.block.interlock.live:
                 self._trip(Watchdog.MEASUREMENT)
         else:
             self._elapsed += microseconds

@@ -75,7 +75,7 @@ class SyncWatch:
         self._silence = 0
         self._count += 1
         if self._own or self._count > SYNC_WINDOW_CYCLES + _TOLERANCE:
-            # Also where device time stands still.
+            # At once, also where device time stands still and `advance` sees nothing.
             self._trip(Watchdog.SYNC_IRREGULAR)
         self._settle(Watchdog.SYNC_LOST)
         before, self._counter = self._counter, counter

@@ -4,8 +4,9 @@ import pytest
 from toy_node import AT_SYNC, BOOT_UP, OFF, REPLY, REQUEST, SYNC, TICKER, ToyNode
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.faulty_bus import QUEUE_FRAMES, Disturbance, FaultyBus, Mishap
+from smarttac_can.host.faulty_bus import QUEUE_FRAMES, FaultyBus
 from smarttac_can.host.local_bus import LocalBus, Port
+from smarttac_can.host.mishaps import Disturbance, Mishap
 
 
 class Bench:

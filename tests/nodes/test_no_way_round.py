@@ -86,23 +86,22 @@ def test_a_setpoint_that_is_waited_for_no_more_can_be_reset() -> None:
     assert reset_fault(loop) == 0
 
 
-def test_rewriting_a_watch_does_not_end_it() -> None:
+@pytest.mark.parametrize(
+    ("index", "subindex", "data", "silent", "watchdog", "cycles"),
+    [
+        (0x1016, 1, struct.pack("<HBB", 50, MASTER, 0), "heartbeat", Watchdog.HEARTBEAT, 51),
+        (0x1401, 5, struct.pack("<H", 10), "setpoints", Watchdog.SETPOINT, 11),
+    ],
+    ids=["heartbeat", "set-points"],
+)
+def test_rewriting_a_watch_does_not_end_it(
+    index: int, subindex: int, data: bytes, silent: str, watchdog: Watchdog, cycles: int
+) -> None:
     loop = Loop()
-    watch = struct.pack("<HBB", 50, MASTER, 0)
-    assert loop.line.write_data(loop.node, loop.node.od.entry(0x1016, 1), watch) == 0
-    loop.heartbeat = False
-    loop.cycle(51)
-    assert latched(loop, Watchdog.HEARTBEAT)
-    assert loop.voltage == 0
-
-
-def test_rewriting_a_deadline_does_not_end_it() -> None:
-    loop = Loop()
-    deadline = loop.node.od.entry(0x1401, 5)
-    assert loop.line.write_data(loop.node, deadline, struct.pack("<H", 10)) == 0
-    loop.setpoints = False
-    loop.cycle(11)
-    assert latched(loop, Watchdog.SETPOINT)
+    assert loop.line.write_data(loop.node, loop.node.od.entry(index, subindex), data) == 0
+    setattr(loop, silent, False)
+    loop.cycle(cycles)
+    assert latched(loop, watchdog)
     assert loop.voltage == 0
 
 
