@@ -45,7 +45,8 @@ def stimulator_with_plate() -> StimulatorNode:
 
 
 def both() -> tuple[PlateNode, StimulatorNode]:
-    return PlateNode(plate_od()), StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    plate = PlateNode(plate_od(), deadline_ms=3)
+    return plate, StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
 
 
 @contextmanager

@@ -18,10 +18,12 @@ from smarttac_can.device.service import Service
 from smarttac_can.device.storage import Memory, ParameterStorage, Storage
 from smarttac_can.device.sync import Sync
 from smarttac_can.device.time_stamp import TimeStamp
+from smarttac_can.device.timer import Clock
 from smarttac_can.device.tpdo import TPDO
 from smarttac_can.od.cia import (
     COMMUNICATION_FIRST,
     COMMUNICATION_LAST,
+    HEARTBEAT_ID,
     LAST_INDEX,
     NMT_ID,
     NMT_STARTUP,
@@ -63,9 +65,22 @@ class Device:
     node_id
         1..127 wins over a stored node-ID; 255 leaves it to the stored one, and the device waits for
         LSS where there is none; None takes the stored one or else that of `od`.
+    clock
+        Device time, where the application has timers of its own: those made before come first.
+    loop_tpdos
+        Numbers of the TPDOs that somebody's control loop waits for.
 
     Attributes
     ----------
+    clock
+        Device time, and when the next timer expires.
+    hears
+        Identifiers that it listens to now; all others may be dropped before they get here.
+    urgent
+        Identifiers that go before its other frames, and are of no use late: SYNC, EMCY, error
+        control and the TPDOs of a loop.
+    emcy_id
+        Identifier of its emergency messages.
     sync_counter
         Counter of the last SYNC, 0 where SYNC carries none.
     sync_own
@@ -80,6 +95,8 @@ class Device:
         autostart: bool = False,
         storage: Storage | None = None,
         node_id: int | None = None,
+        clock: Clock | None = None,
+        loop_tpdos: tuple[int, ...] = (),
     ) -> None:
         if node_id is not None and not (1 <= node_id <= 127 or node_id == UNCONFIGURED):
             raise ValueError(f"node_id {node_id} is outside 1..127 and not {UNCONFIGURED}")
@@ -89,7 +106,8 @@ class Device:
         self._state = NMTState.INITIALISING
         self._node_id = node_id
         self._off = True
-        self._port = port = Port()
+        self.clock = clock or Clock()
+        self._port = port = Port(self.clock)
         self._emergency = Emergency(port, od)
         self._storage = ParameterStorage(port, od, self._emergency, storage or Memory())
         self._lss = LSS(port, od, self._storage, self._begin)
@@ -135,6 +153,9 @@ class Device:
                 self._owners.setdefault(index, []).append(service)
         self.sync_counter = 0
         self.sync_own = False
+        self._loop_tpdos = [self._tpdos[number] for number in loop_tpdos]
+        self.hears = self.urgent = frozenset[int]()
+        self.emcy_id = 0
         self._latching: list[RPDO] = []
         self._sampling: list[TPDO] = []
         self._on_nmt = commands_to(lambda: self._lss.node_id, self._request)
@@ -153,6 +174,11 @@ class Device:
     def bit_rate(self) -> int | None:
         """Bit rate in kbit/s that LSS has activated, None so far; the device cannot switch."""
         return self._lss.bit_rate
+
+    @property
+    def sync_missed(self) -> int:
+        """How many SYNCs it came too late to produce before the last one."""
+        return self._sync.missed
 
     @property
     def time(self) -> int | None:
@@ -180,7 +206,7 @@ class Device:
 
     def advance(self, microseconds: int) -> list[Frame]:
         """Let time pass, 0 or more us; each timer fires at most once. Return the frames due."""
-        self._port.clock.advance(microseconds)
+        self.clock.advance(microseconds)
         return self._port.take()
 
     def take(self) -> list[Frame]:
@@ -290,6 +316,16 @@ class Device:
                 service.listen()
         self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
+        self.hears = frozenset(self._port.listeners)
+        self.emcy_id = self._emergency.can_id
+        self.urgent = frozenset(
+            (
+                self._sync.can_id,
+                self.emcy_id,
+                HEARTBEAT_ID + self.od.node_id,
+                *(tpdo.can_id for tpdo in self._loop_tpdos),
+            )
+        )
 
     def _synchronise(self, counter: int, own: bool) -> None:
         self.sync_counter = counter

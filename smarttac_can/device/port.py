@@ -13,6 +13,8 @@ class Port:
 
     Attributes
     ----------
+    clock
+        Device time.
     out
         Frames to send, in order of cause.
     listeners
@@ -21,8 +23,8 @@ class Port:
 
     __slots__ = ("clock", "listeners", "out")
 
-    def __init__(self) -> None:
-        self.clock = Clock()
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
         self.out: list[Frame] = []
         self.listeners: dict[int, list[Callable[[Frame], None]]] = {}
 

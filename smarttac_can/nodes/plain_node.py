@@ -17,9 +17,14 @@ class PlainNode:
 
     def __init__(self, device: Device) -> None:
         self.device = device
+        self.clock = device.clock
         self.start = device.start
         self.receive = device.receive
         self.advance = device.advance
+
+    def overdue(self) -> list[Frame]:
+        """Nothing is driven, so nothing is overdue."""
+        return []
 
     def transmit_failed(self) -> list[Frame]:
         """Take note that a frame could not be sent; nothing depends on it."""
