@@ -35,9 +35,9 @@ class HesitantBus(PythonCanBus):
         super().__init__(**options)
         self._pauses = pauses
 
-    def receive(self, timeout: float) -> Frame | None:
+    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
         time.sleep(self._pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)))
-        return super().receive(timeout)
+        return super().receive(timeout, patience)
 
 
 def stimulator_with_plate() -> StimulatorNode:

@@ -11,7 +11,7 @@ from smarttac_can.device.guarding import Guarding
 from smarttac_can.device.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from smarttac_can.device.lss import LSS
 from smarttac_can.device.nmt import NMTState, commands_to
-from smarttac_can.device.port import Port
+from smarttac_can.device.port import Identifiers, Port
 from smarttac_can.device.rpdo import RPDO
 from smarttac_can.device.sdo import SDOServer
 from smarttac_can.device.service import Service
@@ -74,13 +74,8 @@ class Device:
     ----------
     clock
         Device time, and when the next timer expires.
-    hears
-        Identifiers that it listens to now; all others may be dropped before they get here.
-    urgent
-        Identifiers that go before its other frames, and are of no use late: SYNC, EMCY, error
-        control and the TPDOs of a loop.
-    emcy_id
-        Identifier of its emergency messages.
+    ids
+        CAN-IDs that matter now, another object whenever they have changed.
     sync_counter
         Counter of the last SYNC, 0 where SYNC carries none.
     sync_own
@@ -154,8 +149,7 @@ class Device:
         self.sync_counter = 0
         self.sync_own = False
         self._loop_tpdos = [self._tpdos[number] for number in loop_tpdos]
-        self.hears = self.urgent = frozenset[int]()
-        self.emcy_id = 0
+        self.ids = Identifiers()
         self._latching: list[RPDO] = []
         self._sampling: list[TPDO] = []
         self._on_nmt = commands_to(lambda: self._lss.node_id, self._request)
@@ -316,16 +310,10 @@ class Device:
                 service.listen()
         self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
-        self.hears = frozenset(self._port.listeners)
-        self.emcy_id = self._emergency.can_id
-        self.urgent = frozenset(
-            (
-                self._sync.can_id,
-                self.emcy_id,
-                HEARTBEAT_ID + self.od.node_id,
-                *(tpdo.can_id for tpdo in self._loop_tpdos),
-            )
-        )
+        emcy = self._emergency.can_id
+        loop = [tpdo.can_id for tpdo in self._loop_tpdos]
+        urgent = (self._sync.can_id, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
+        self.ids = Identifiers(frozenset(self._port.listeners), frozenset(urgent), emcy)
 
     def _synchronise(self, counter: int, own: bool) -> None:
         self.sync_counter = counter

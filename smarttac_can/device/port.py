@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.timer import Clock
+
+
+class Identifiers(NamedTuple):
+    """CAN-IDs that matter to whoever connects a device to a bus."""
+
+    heard: frozenset[int] = frozenset()
+    """Of frames that it listens to; all others may be dropped before they get here."""
+    urgent: frozenset[int] = frozenset()
+    """Of its frames that go before others and are of no use late: SYNC, EMCY, error control, and
+    the TPDOs that somebody's control loop waits for."""
+    emcy: int = 0
+    """Of its emergency messages, which are of use however late."""
 
 
 class Port:

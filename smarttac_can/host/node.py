@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.port import Identifiers
+from smarttac_can.device.timer import Clock
 
 
 class Node(Protocol):
@@ -24,4 +26,26 @@ class Node(Protocol):
 
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V; return the frames that tell the others."""
+        ...
+
+
+class HostedNode(Node, Protocol):
+    """A node that runs on a bus which may be slow, by a clock that may be late."""
+
+    @property
+    def clock(self) -> Clock:
+        """Device time: moved by `advance`, or by who runs the node in real time."""
+        ...
+
+    @property
+    def ids(self) -> Identifiers:
+        """CAN-IDs that matter now, another object whenever they have changed."""
+        ...
+
+    def overdue(self) -> list[Frame]:
+        """Act on what is due and must not wait for frames to be heard, the host being late."""
+        ...
+
+    def transmit_failed(self) -> list[Frame]:
+        """Take note that an urgent frame could not be handed over in its cycle."""
         ...

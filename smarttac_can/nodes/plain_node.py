@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.port import Identifiers
 
 
 class PlainNode:
@@ -21,6 +22,11 @@ class PlainNode:
         self.start = device.start
         self.receive = device.receive
         self.advance = device.advance
+
+    @property
+    def ids(self) -> Identifiers:
+        """CAN-IDs that matter now."""
+        return self.device.ids
 
     def overdue(self) -> list[Frame]:
         """Nothing is driven, so nothing is overdue."""

@@ -9,6 +9,7 @@ from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.check import DRIVEN, Check
@@ -85,6 +86,11 @@ class PlateNode(Application):
         self._protecting: set[EmergencyCode] = set()
         self.start = self.device.start
         self.advance = self.device.advance
+
+    @property
+    def ids(self) -> Identifiers:
+        """CAN-IDs that matter now."""
+        return self.device.ids
 
     def overdue(self) -> list[Frame]:
         """Go to 0 V if no drive came in time, before frames are heard that waited."""

@@ -9,6 +9,7 @@ from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.check import DRIVEN, Check
@@ -88,7 +89,7 @@ class StimulatorNode(Application):
         self.block.interlock.clear = lambda watchdog: self.device.clear_emergency(
             WATCHDOGS[watchdog].code
         )
-        if deadline_ms is not None:
+        if plate_node_id and deadline_ms is not None:
             set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
         self._deadlines = deadlines(od, MEASUREMENT_RPDOS)
         self.clock = clock = Clock()
@@ -116,6 +117,11 @@ class StimulatorNode(Application):
         self.start = self.device.start
         self.receive = self.device.receive
         self.advance = self.device.advance
+
+    @property
+    def ids(self) -> Identifiers:
+        """CAN-IDs that matter now."""
+        return self.device.ids
 
     def overdue(self) -> list[Frame]:
         """Trip if the plate was not answered in time, before frames are heard that waited."""
