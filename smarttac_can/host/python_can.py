@@ -12,6 +12,8 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook, QueueFullError
 from smarttac_can.host.can_socket import open_socket
 
+_REFUSING_S = 0.1
+"""How long a driver that does not say why may take no frame before its bus is lost."""
 _QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
@@ -78,6 +80,7 @@ class PythonCanBus:
             raise BusError(f"cannot open the {asked}: {error}") from error
         self._log = log
         self._can_ids: frozenset[int] | None = None
+        self._refusing_since: float | None = None
         self._socket = open_socket(self._bus, channel)
 
     def send(self, frame: Frame) -> None:
@@ -96,8 +99,9 @@ class PythonCanBus:
             else:
                 self._bus.send(to_message(frame))
         except (can.CanError, OSError) as error:
-            kind = QueueFullError if _is_queue_full(error) else BusError
+            kind = QueueFullError if self._is_queue_full(error) else BusError
             raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
+        self._refusing_since = None
         if self._log is not None:
             self._log(time_ns() // 1000, frame)
 
@@ -176,7 +180,13 @@ class PythonCanBus:
             return True, None
         return True, frame
 
-
-def _is_queue_full(reason: can.CanError | OSError) -> bool:
-    number = reason.error_code if isinstance(reason, can.CanError) else reason.errno
-    return number in _QUEUE_FULL
+    def _is_queue_full(self, reason: can.CanError | OSError) -> bool:
+        number = reason.error_code if isinstance(reason, can.CanError) else reason.errno
+        if number in _QUEUE_FULL:
+            return True
+        if self._socket is not None:
+            return False
+        now = monotonic()
+        if self._refusing_since is None:
+            self._refusing_since = now
+        return now - self._refusing_since < _REFUSING_S
