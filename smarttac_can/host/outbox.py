@@ -29,7 +29,7 @@ class Outbox:
     bus
         Never asked to wait.
     full
-        Told when a fault begins, with the word of the bus.
+        Told when a fault begins, with the word of the bus; it ends when all was handed over.
     """
 
     def __init__(self, node: HostedNode, bus: Bus, full: Callable[[QueueFullError], None]) -> None:
@@ -61,15 +61,17 @@ class Outbox:
 
     def flush(self, most: int) -> None:
         """Hand over as many frames as there are, or the bus takes, and no more than so many."""
+        if self.empty:
+            return
         try:
             for _ in range(most):
                 if self._urgent:
                     self._bus.send(self._urgent[0][1])
                     self._urgent.popleft()
-                elif self._others:
+                else:
                     self._bus.send(self._others[0])
                     self._others.popleft()
-                else:
+                if self.empty:
                     self._failing = False
                     return
         except QueueFullError as error:
