@@ -128,6 +128,21 @@ INTEGERS = {
 MAPS = {b"\xde": ">H", b"\xdf": ">I"}
 
 
+@pytest.mark.parametrize("can_id", WIDTHS)
+@pytest.mark.parametrize("kind", INTEGERS)
+def test_an_identifier_at_its_place_may_have_any_width(can_id: int, kind: bytes) -> None:
+    try:
+        value = kind + struct.pack(INTEGERS[kind], can_id)
+    except struct.error:
+        return
+    narrow = msgpack.packb(can_id)
+    head, tail = pack_message(to_message(Frame(can_id))).split(b"arbitration_id" + narrow)
+    packed = head + b"arbitration_id" + value + tail
+    for can_ids in (None, frozenset({can_id, 0x123})):
+        assert _Multicast().decode(packed, can_ids) == Frame(can_id)
+    assert _Multicast().decode(packed, frozenset(range(0x800)) - {can_id}) is None
+
+
 @st.composite
 def by_another_library(draw: st.DrawFn, message: can.Message) -> bytes:
     """The same map, of keys in another order and numbers in other widths."""
@@ -227,6 +242,11 @@ def test_data_that_are_no_bytes_are_none(data: object) -> None:
 
 def test_no_data_are_empty_data() -> None:
     assert _Multicast().decode(msgpack.packb({**SOUND, "data": None}), None) == Frame(1)
+
+
+def test_a_remote_frame_has_no_data() -> None:
+    packed = msgpack.packb({**SOUND, "is_remote_frame": True, "data": b"data"})
+    assert _Multicast().decode(packed, None) == Frame(1, rtr=True)
 
 
 def test_own_echo_is_dropped_and_an_equal_frame_of_another_party_heard() -> None:

@@ -1,9 +1,10 @@
 import errno
+import threading
 from collections.abc import Iterator
 
 import can
 import pytest
-from conftest import GROUP
+from conftest import GROUP, GUARD_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_node import SYNC
@@ -190,16 +191,36 @@ def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
     connection.close()
 
 
-def test_only_frames_that_are_listened_to_are_received(bus: PythonCanBus) -> None:
-    with can.Bus("toy", "virtual") as other:
-        bus.listen_to(frozenset({2, 3}))
-        for can_id in (1, 2, 4, 3):
-            other.send(to_message(Frame(can_id)))
-        assert [bus.receive(5), bus.receive(5), bus.receive(0, 5)] == [Frame(2), Frame(3), None]
-        bus.listen_to(frozenset({4}))
-        for can_id in (2, 4):
-            other.send(to_message(Frame(can_id)))
-        assert bus.receive(5) == Frame(4)
+@pytest.mark.parametrize(("interface", "channel"), [("virtual", "toy"), ("udp_multicast", GROUP)])
+def test_only_frames_that_are_listened_to_are_received(
+    interface: str, channel: str, multicast_port: int
+) -> None:
+    mine, other = (PythonCanBus(interface, channel, port=multicast_port) for _ in range(2))
+    mine.listen_to(frozenset({2, 3}))
+    for can_id in (1, 2, 4, 3):
+        other.send(Frame(can_id))
+    heard = [mine.receive(5), mine.receive(5), mine.receive(0, 5)]
+    mine.listen_to(frozenset({4}))
+    for can_id in (2, 4):
+        other.send(Frame(can_id))
+    heard.append(mine.receive(5))
+    mine.close()
+    other.close()
+    assert heard == [Frame(2), Frame(3), None, Frame(4)]
+
+
+@pytest.mark.parametrize(("interface", "channel"), [("virtual", "toy"), ("udp_multicast", GROUP)])
+def test_a_frame_that_comes_later_is_waited_for(
+    interface: str, channel: str, multicast_port: int
+) -> None:
+    mine, other = (PythonCanBus(interface, channel, port=multicast_port) for _ in range(2))
+    later = threading.Timer(0.05, other.send, [SYNC])
+    later.start()
+    heard = mine.receive(GUARD_S)
+    later.join()
+    mine.close()
+    other.close()
+    assert heard == SYNC
 
 
 def test_what_is_passed_over_does_not_prolong_the_wait(bus: PythonCanBus, driver: Driver) -> None:
@@ -244,16 +265,14 @@ def test_failure_to_receive(bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch) 
         bus.receive(0)
 
 
-@pytest.mark.parametrize("interface", ["virtual", "udp_multicast"])
+@pytest.mark.parametrize(("interface", "channel"), [("virtual", "toy"), ("udp_multicast", GROUP)])
 def test_log_has_both_directions_in_order_and_everything(
-    interface: str, multicast_port: int
+    interface: str, channel: str, multicast_port: int
 ) -> None:
     log: list[tuple[int, Frame]] = []
-    where = {"virtual": ("virtual", "toy"), "udp_multicast": ("udp_multicast", GROUP)}[interface]
-    mine = PythonCanBus(
-        *where, log=lambda time, frame: log.append((time, frame)), port=multicast_port
-    )
-    other = PythonCanBus(*where, port=multicast_port)
+    options = {"interface": interface, "channel": channel, "port": multicast_port}
+    mine = PythonCanBus(**options, log=lambda time, frame: log.append((time, frame)))
+    other = PythonCanBus(**options)
     mine.listen_to(frozenset())
     mine.send(Frame(1))
     other.send(Frame(2))
