@@ -27,7 +27,7 @@ class LineWriter:
     Attributes
     ----------
     dropped
-        How many lines were dropped.
+        How many lines were dropped because nobody took those before.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -74,7 +74,7 @@ class LineWriter:
                 self._put(f"{line}\n".encode())
         except OSError:
             # The terminal is closed. The node goes on, and above all ends at 0 V, without a reader.
-            self.dropped += len(self._lines)
+            pass
         finally:
             os.close(self._descriptor)
 

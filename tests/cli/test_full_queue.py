@@ -178,7 +178,7 @@ def test_stimulator_whose_drive_was_not_taken_stops_in_that_cycle() -> None:
     run = with_partner(node, plate, [FULL], END)
     assert run.driven_before
     assert run.broken_at == [FAULT_AT]
-    first, *_ = run.bus.sent_between(FULL[1], END)
+    first, *_ = run.bus.sent_between(FULL[1], FULL[1] + 200)
     assert first == Frame(0x0A0, TRANSMIT_QUEUE)
     emergencies = [frame for _, frame in run.bus.sent if frame.can_id == 0x0A0]
     assert emergencies.count(first) == 1
