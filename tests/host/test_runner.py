@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import count
 
 import pytest
@@ -32,7 +32,7 @@ class Host:
 
     def __init__(
         self,
-        arrivals: Iterator[tuple[int, Frame]] = iter(()),
+        arrivals: Iterable[tuple[int, Frame]] = (),
         *,
         until: int,
         frame_cost: int = 0,
@@ -48,8 +48,8 @@ class Host:
         self.broken = False
         self.rests = 0
         self.listened: list[frozenset[int]] = []
-        self._arrivals = arrivals
-        self._next = next(arrivals, None)
+        self._arrivals = iter(arrivals)
+        self._next = next(self._arrivals, None)
         self._queue: deque[Frame] = deque()
         self._frame_cost = frame_cost
         self._send_cost = send_cost
