@@ -187,7 +187,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.PLATE: Row(
         "the plate went to 0 V by itself: its drives were late",
         EmergencyCode.DRIVE_LOST, _COMMUNICATION, 1,
-        "the plate says so, by 8253h, in the cycle after it did", "event timer of the plate's RPDO 1",
+        "the plate says so, by 8253h, in the cycle after it did",
+        "event timer of the plate's RPDO 1",
         lasting=False,
     ),
 }  # fmt: skip
