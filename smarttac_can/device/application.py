@@ -44,6 +44,9 @@ class Application:
         It comes before what the error behaviour object asks for. Node-ID 0 is life guarding.
         """
 
+    def on_store(self) -> None:
+        """Refuse by raising `Abort` that parameters are stored, which may take a while."""
+
     def on_emergency(self, code: int) -> None:
         """Act on an emergency message of the node that the device listens to."""
 

@@ -108,7 +108,9 @@ class Device:
         self.clock = clock or Clock()
         self._port = port = Port(self.clock)
         self._emergency = Emergency(port, od)
-        self._storage = ParameterStorage(port, od, self._emergency, storage or Memory())
+        self._storage = ParameterStorage(
+            port, od, self._emergency, storage or Memory(), self._application
+        )
         self._lss = LSS(port, od, self._storage, self._begin)
         self._time_stamp = TimeStamp(port, od)
         if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:

@@ -250,6 +250,11 @@ class StimulatorNode(Application):
         self._sent.write()
         self.device.trigger(DRIVE_TPDO)
 
+    def on_store(self) -> None:
+        """Not while armed or running: a file may take longer than a cycle has."""
+        if self.block.interlock.sharp:
+            raise Abort(AbortCode.STATE)
+
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
         if entry is self._mode and value and self.device.nmt_state is not NMTState.OPERATIONAL:
