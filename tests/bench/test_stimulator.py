@@ -16,6 +16,8 @@ from smarttac_can.bench import (
 )
 from smarttac_can.bench.link import Row, Snapshot
 from smarttac_can.bench.open_link import LinkName, stimulator_od
+from smarttac_can.bench.traces import COLUMNS
+from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.plant.faults import FaultKind
 
@@ -152,6 +154,36 @@ def test_a_run_has_a_row_a_millisecond(bench: Stimulator, seconds: float) -> Non
     assert (trace.experiment, trace.subject, len(trace)) == ("some.label", 3, round(1e3 * seconds))
     assert trace.tick.tolist() == list(range(len(trace)))
     assert bench.run(0.01).tick[0] == len(trace), "the next run goes on"
+
+
+@pytest.mark.parametrize("mode", ["open_loop", "amplitude", "amplitude_resonance", "friction"])
+def test_a_run_that_is_to_drive_at_once_drives_after_a_cycle_at_0_v(
+    bench: Stimulator, mode: str
+) -> None:
+    bench.run(0.07)
+    bench.voltage, bench.amplitude = 20.0, 1.0
+    bench.start_run()
+    bench.mode = mode  # type: ignore[assignment]
+    at_once = bench.run(0.1)
+    assert (bench.state, bench.mode) == (State.RUNNING, Mode[mode.upper()])
+    assert at_once.V[0] == 0
+    assert (at_once.V[1:] > 0).all()
+    bench.start_run()
+    bench.run(0.001)
+    bench.mode = mode  # type: ignore[assignment]
+    later = bench.run(0.099)
+    for column in COLUMNS:
+        assert getattr(at_once, column.name)[1:].tolist() == getattr(later, column.name).tolist()
+
+
+def test_a_run_that_begins_at_0_v_anyway_is_in_its_mode_at_once(bench: Stimulator) -> None:
+    bench.run(0.07)
+    bench.cof = 0.35
+    bench.start_run()
+    bench.mode = "friction"
+    trace = bench.run(0.01)
+    assert trace.mu_ref.tolist() == [3500] * 10
+    assert trace.V[0] == 0
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.0004, -1.0])
