@@ -119,6 +119,8 @@ class StimulatorBlock:
     def start_run(self) -> None:
         """Begin anew: controllers reset and off, tick 0 next; the plate inside is at rest.
 
+        The first drive is 0 V, whatever is asked for.
+
         Of a plate node it is not known what it does: the watchdogs go on.
         """
         if self._plate is not None:
@@ -130,6 +132,7 @@ class StimulatorBlock:
         self._watchdogs.configure()
         self._new_model = False
         self._redesign: CascadeParameters | None = None
+        self._begun = False
         self.interlock.tared = self.cascade.tribometer.tared
         self._awaits_tare = bool(self._tare_at_power_on.value) and not self.cascade.tribometer.tared
         self._read_back.reset()
@@ -172,6 +175,12 @@ class StimulatorBlock:
             self._raw_setpoint = raw
             self._setpoint = Setpoint(*[entry.si_value for entry in self._setpoint_entries])
         drive = cascade.update(measurement, self._setpoint)
+        if not self._begun and drive.voltage > 0.0:
+            # A plate takes no voltage before it was told 0 V: the mode begins with the next cycle.
+            mode = Mode.OFF
+            cascade.set_mode(mode)
+            drive = cascade.drive
+        self._begun = True
         if self._awaits_tare and self._cycles.value >= TARE_SAMPLES and not interlock.tare_barred:
             self._tare()
         watchdogs = self._watchdogs
