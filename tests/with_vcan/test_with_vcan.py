@@ -107,10 +107,8 @@ def test_a_terminal_is_told_what_is_fetched(fresh_machine: dict[bytes, bytes]) -
 
 
 def test_two_buses_and_candump(tmp_path: Path) -> None:
-    log = (
-        "candump -L -n 1 -T 20000 vcan0 & sleep 1; cansend vcan1 111#; cansend vcan0 123#4567; wait"
-    )
-    done = with_vcan("--", "sh", "-c", f"{log}; wait", folder=tmp_path)
+    frames = "while sleep 0.1; do cansend vcan1 111#; cansend vcan0 123#4567; done"
+    done = with_vcan("--", "sh", "-c", f"{frames} & exec candump -L -n 1 vcan0", folder=tmp_path)
     assert done.stdout.endswith(b" vcan0 123#4567\n")
     assert done.stdout.count(b"\n") == 1
 
