@@ -13,7 +13,7 @@ from typing import Any
 import can
 import psutil
 import pytest
-from nodes_on_a_bus import GUARD_S, NodeProcess, processes
+from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options, processes
 
 from smarttac_can.bench import BenchError, Mode, Stimulator
 from smarttac_can.nodes.state_machine import State
@@ -244,10 +244,9 @@ def test_a_line_per_change_of_state_and_none_per_cycle(multicast: dict[str, Any]
 def test_another_node_id_and_a_recorded_finger(multicast: dict[str, Any], tmp_path: Path) -> None:
     finger = tmp_path / "finger.csv"
     finger.write_text("t_s,x_mm,Fn_N\n0,0,0\n0.08,0,0\n0.1,0,0.9\n5,0,0.9\n")
-    options = ["--interface", "udp_multicast", "--channel", multicast["channel"]]
-    options += ["--bus-option", f"port={multicast['port']}"]
     node = NodeProcess(
-        *("node", "--lockstep", "--node-id", "7", "--finger", str(finger), "--seed", "3"), *options
+        *("node", "--lockstep", "--node-id", "7", "--finger", str(finger), "--seed", "3"),
+        *multicast_options(multicast),
     )
     try:
         node.wait_for(f"stimulator 7 ready on udp_multicast:{multicast['channel']}")
