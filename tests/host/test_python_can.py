@@ -26,7 +26,7 @@ def bus() -> Iterator[PythonCanBus]:
     opened.close()
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(DATA_FRAMES | REMOTE_FRAMES)
 def test_conversion_loses_nothing(frame: Frame) -> None:
     message = to_message(frame)
