@@ -109,24 +109,26 @@ class _Multicast:
             message = msgpack.unpackb(data)
             can_id, rtr = message["arbitration_id"], bool(message["is_remote_frame"])
             other = message["is_extended_id"] or message["is_error_frame"] or message["is_fd"]
-            payload = bytes(message["data"] or b"")
+            payload = b"" if message["data"] is None else message["data"]
         except (ValueError, TypeError, KeyError):
             return None  # anybody may send anything to the group
-        sound = type(can_id) is int and 0 <= can_id <= _STANDARD_ID and len(payload) <= _MOST_DATA
+        sound = type(can_id) is int and 0 <= can_id <= _STANDARD_ID
+        # A number would be made that many bytes.
+        sound = sound and type(payload) is bytes and len(payload) <= _MOST_DATA
         if other or not sound or (can_ids is not None and can_id not in can_ids):
             return None
         return Frame(can_id, b"" if rtr else payload, rtr)
 
     def _foreign(self, data: bytes, can_ids: frozenset[int]) -> bool:
         """Whether the identifier can be read at its place, and is not listened to."""
-        if data[self._ID_AT : self._ID_VALUE] != self._ID_KEY:
-            return False
         value = data[self._ID_VALUE : self._ID_VALUE + 3]
-        if value[:1] == b"\xcd":
+        if data[self._ID_AT : self._ID_VALUE] != self._ID_KEY or len(value) < 3:
+            return False
+        if value[0] == 0xCD:
             return int.from_bytes(value[1:], "big") not in can_ids
-        if value[:1] == b"\xcc":
+        if value[0] == 0xCC:
             return value[1] not in can_ids
-        return bool(value) and value[0] < 0x80 and value[0] not in can_ids
+        return value[0] < 0x80 and value[0] not in can_ids
 
 
 class CanSocket:
@@ -199,6 +201,7 @@ def open_socket(bus: can.BusABC, channel: str | None) -> CanSocket | None:
     if isinstance(bus, SocketcanBus):
         return CanSocket(bus, _SocketCan(), None)
     if isinstance(bus, UdpMulticastBus):
-        group = channel or can.util.load_config()["channel"] or bus.DEFAULT_GROUP_IPv6
+        configured = can.util.load_config(config={"interface": "udp_multicast"})["channel"]
+        group = channel or configured or bus.DEFAULT_GROUP_IPv6
         return CanSocket(bus, _Multicast(), group)
     return None

@@ -19,7 +19,7 @@ class LastingBus:
     """Opens its bus again, at growing intervals, whenever it has failed.
 
     While there is no bus, frames are dropped: they are about a moment that is over when it is back.
-    It is back when it has been heard or sent to: SocketCAN opens an interface that is still down.
+    It is back when it can be listened to: SocketCAN opens an interface that is still down.
 
     Parameters
     ----------
@@ -65,8 +65,6 @@ class LastingBus:
             raise
         except BusError as error:
             self._lose(error)
-        else:
-            self._end_trial()
 
     def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
         """Return the next frame of another party, or None after timeout s; tries to get back."""
@@ -128,8 +126,12 @@ class LastingBus:
             return
         self._on_trial = False
         self._owed.extend(self._back())
-        with suppress(QueueFullError):  # the next frame sends them
+        try:
             self._send_owed()
+        except QueueFullError:
+            pass  # the next frame sends them
+        except BusError as error:
+            self._lose(error)
 
     def _send_owed(self) -> None:
         while self._bus is not None and self._owed:

@@ -29,7 +29,7 @@ class Outbox:
     bus
         Never asked to wait.
     full
-        Told when a fault begins, with the word of the bus.
+        Told when a fault begins, with the word of the bus; it ends when all was handed over.
     """
 
     def __init__(self, node: HostedNode, bus: Bus, full: Callable[[QueueFullError], None]) -> None:
@@ -60,11 +60,13 @@ class Outbox:
 
     def hand_over(self) -> bool:
         """Hand the next frame over; whether another one may follow at once."""
+        if self.empty:
+            return False
         try:
             if self._urgent:
                 self._bus.send(self._urgent[0][1])
                 self._urgent.popleft()
-            elif self._others:
+            else:
                 self._bus.send(self._others[0])
                 self._others.popleft()
         except QueueFullError as error:

@@ -80,7 +80,7 @@ def request_real_time(priority: int, cpu: int | None) -> list[str]:
     if cpu is not None:
         try:
             os.sched_setaffinity(0, {cpu})
-        except OSError:
+        except (OSError, OverflowError):
             allowed = ",".join(str(number) for number in sorted(os.sched_getaffinity(0)))
             refused.append(f"real time: processor {cpu} is refused: give one of {allowed}")
     try:

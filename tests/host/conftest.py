@@ -20,6 +20,15 @@ GUARD_S = 60.0
 """Only ever waited for by a test that is about to fail."""
 
 
+GROUP = "239.74.163.2"
+
+
+@pytest.fixture
+def multicast_port(multicast: dict[str, Any]) -> int:
+    """A port that no other test run uses."""
+    return int(multicast["port"])
+
+
 @pytest.fixture(autouse=True)
 def leaves_nothing() -> Iterator[None]:
     threads = set(threading.enumerate())
