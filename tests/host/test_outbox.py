@@ -227,7 +227,7 @@ def test_a_bus_that_is_lost_is_not_a_full_one() -> None:
     outbox.put([urgent(1)])
     case.node.clock.now += 2 * TICK_US
     with pytest.raises(BusError, match="gone"):
-        outbox.flush(MOST)
+        outbox.hand_over()
     assert (case.node.told_at, case.said) == ([], [])
 
 
