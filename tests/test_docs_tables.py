@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from smarttac_can.bench.frozen_stage import frozen_stage
 from smarttac_can.host.faulty_bus import FaultyBus
 from smarttac_can.host.mishaps import Mishap
 from smarttac_can.nodes.read_back import STATE_SHIFT, Status
@@ -55,3 +56,18 @@ def test_bits_of_the_statusword() -> None:
     (states,) = [meaning for bit, _, meaning in rows if bit == f"{STATE_SHIFT} to 10"]
     named = {int(n): name for n, name in re.findall(r"(\d) ([a-z ]+)", states)}
     assert named == {state: state.name.lower().replace("_", " ") for state in State}
+
+
+def test_what_a_frozen_stage_does() -> None:
+    header = (
+        "| Deadline T, ms | Share of 7.5 um that is reached | Below 5 % of it after, ms | Dose "
+        "| Dose from rest |"
+    )
+    for deadline, *cells in table("real-time.md", header):
+        stage = frozen_stage(int(deadline)).as_json()
+        assert [float(cell.removesuffix(" %")) for cell in cells] == [
+            round(100 * stage["reached_share"], 1),
+            round(stage["below_5_percent_ms"], 1),
+            round(stage["dose_ratio"], 1),
+            round(stage["dose_ratio_from_rest"], 1),
+        ]

@@ -97,7 +97,7 @@ def fig2(traces: Iterable[Trace]) -> Figure:
             for subject in subjects
         ]
     )
-    with _canvas(7.2, 4.6) as figure:
+    with canvas(7.2, 4.6) as figure:
         axes = figure.subplots()
         aside = 0.025 * (np.arange(len(subjects)) - (len(subjects) - 1) / 2)
         for subject, row, shift in zip(subjects, ratios, aside, strict=True):
@@ -130,7 +130,7 @@ def fig3(law: Callable[[float], float]) -> Figure:
     """
     error = np.linspace(-50, 50, 401)
     increment_um = np.array([1e6 * law(e) for e in error.tolist()])
-    with _canvas(6.4, 4.2) as figure:
+    with canvas(6.4, 4.2) as figure:
         axes = figure.subplots()
         axes.axhline(0, color=PALE, lw=0.8)
         axes.axvline(0, color=PALE, lw=0.8)
@@ -146,7 +146,7 @@ def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
     """Amplitude after switch-on with both loops and with one, and the 5 % band (Fig. 5)."""
     traces = list(traces)
     low, high = (AMPLITUDE_UM * (1 + sign * RESPONSE_BAND) for sign in (-1, 1))
-    with _canvas(7.2, 4.6) as figure:
+    with canvas(7.2, 4.6) as figure:
         axes = figure.subplots()
         axes.axhspan(low, high, color=BAND, zorder=0)
         axes.text(until_ms, high, "±5 % ", ha="right", va="bottom", color=PALE)
@@ -176,7 +176,7 @@ def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
     runs = {loops: find(traces, f"fig5.{loops}") for loops in LOOPS}
     finals = [final_mean(runs[loops], runs[loops].voltage_v) for loops in LOOPS]
     percent = voltage_difference_percent(*(runs[loops] for loops in LOOPS))
-    with _canvas(7.2, 4.6) as figure:
+    with canvas(7.2, 4.6) as figure:
         axes = figure.subplots()
         for loops, (colour, marker, line, name) in RUNS.items():
             voltage = from_switch_on(runs[loops], runs[loops].voltage_v)
@@ -205,7 +205,7 @@ def fig7(traces: Iterable[Trace]) -> Figure:
         raise UndefinedError("table1 was not run")
     rows = (len(subjects) + 1) // 2
     title = "Controlled friction around the switch of its reference (simulated)"
-    with _canvas(11, 0.7 + 3.5 * rows) as figure:
+    with canvas(11, 0.7 + 3.5 * rows) as figure:
         figure.suptitle(title, x=0.012, ha="left", weight="bold", fontsize=13)
         panels = figure.subfigures(rows, 2, squeeze=False, wspace=0.03, hspace=0.05).flat
         for subject, panel in zip(subjects, panels, strict=False):
@@ -273,7 +273,7 @@ def _ratio_or_nan(traces: list[Trace], subject: int, amplitude: float) -> float:
 
 
 @contextmanager
-def _canvas(width: float, height: float) -> Iterator[Figure]:
+def canvas(width: float, height: float) -> Iterator[Figure]:
     """Make an off-screen figure of so many inches, in the style of the report."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TextIO
 
 import click
 
@@ -20,18 +18,18 @@ from smarttac_can.bench.soak import CYCLES_PER_HOUR, Soak
 from smarttac_can.bench.soak_report import SoakReport
 from smarttac_can.cli.options import FiniteRange
 from smarttac_can.cli.refusal import plain_errors
-from smarttac_can.cli.result_file import result_file, result_path
+from smarttac_can.cli.result_file import (
+    json_file_option,
+    opened_results,
+    report_results,
+    result_file,
+    result_path,
+)
 from smarttac_can.control.cascade import Mode
 from smarttac_can.host.candump import CandumpWriter
 
 _NAMES = sorted({case.name for case in CASES})
 _MODES = [mode.name.lower() for mode in DRIVING]
-json_file_option = click.option(
-    "--json",
-    "json_file",
-    type=result_path,
-    help="File for the results; - is stdout.",
-)
 
 
 def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -120,7 +118,7 @@ def faults(
     if channel is not None or len(chosen) == 1:
         jobs = 1
     with plain_errors(), ExitStack() as stack:
-        results = _opened(stack, json_file)
+        results = opened_results(stack, json_file)
         log = None
         if log_file is not None:
             log = CandumpWriter(stack.enter_context(result_file(log_file))).write
@@ -135,7 +133,7 @@ def faults(
             )
         )
         rows = list(bar)
-        _report(rows_as_json(rows), map(_line, rows), results)
+        report_results(rows_as_json(rows), map(_line, rows), results)
     failed = [row for row in rows if not row.passed]
     if failed:
         raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
@@ -164,33 +162,16 @@ def soak(hours: float, seed: int, json_file: Path | None) -> None:
     """
     steps = 1000
     with plain_errors(), ExitStack() as stack:
-        results = _opened(stack, json_file)
+        results = opened_results(stack, json_file)
         with click.progressbar(range(steps), label="soaking", file=sys.stderr) as bar:
             report = Soak(
                 max(1, round(hours * CYCLES_PER_HOUR)),
                 seed,
                 lambda share: bar.update(round(share * steps) - bar.pos),
             ).run()
-        _report(report.as_json(), [_summary(report)], results)
+        report_results(report.as_json(), [_summary(report)], results)
     if not report.passed:
         raise click.ClickException(f"{report.violated} violated invariants")
-
-
-def _opened(stack: ExitStack, json_file: Path | None) -> TextIO | None:
-    """Open the file for the results before the run; None for none."""
-    if json_file is None:
-        return None
-    if json_file == Path("-"):
-        return sys.stdout
-    return stack.enter_context(result_file(json_file))
-
-
-def _report(results: object, lines: Iterable[str], file: TextIO | None) -> None:
-    """Write results to their file, and lines to stdout unless it has the results."""
-    if file is not None:
-        click.echo(json.dumps(results, indent=2), file)
-    if file is not sys.stdout:
-        click.echo("\n".join(lines))
 
 
 def _line(row: Row) -> str:

@@ -82,18 +82,21 @@ class BusChoice(NamedTuple):
         """Name of the bus for lines of text."""
         return f"{self.interface or 'configured'}:{self.channel or ''}"
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """What was given, as `can.Bus` takes it."""
+        own = {"interface": self.interface, "channel": self.channel, "bitrate": self.bitrate}
+        return {key: value for key, value in own.items() if value is not None} | self.others
+
     def open(self) -> PythonCanBus:
         """Open it; raises BusError."""
         return PythonCanBus(self.interface, self.channel, self.bitrate, **self.others)
 
     def open_network(self) -> canopen.Network:
         """Open it as a network of python-canopen; raises BusError."""
-        options = dict(self.others)
-        if self.bitrate is not None:
-            options["bitrate"] = self.bitrate
         network = canopen.Network()
         try:
-            network.connect(interface=self.interface, channel=self.channel, **options)
+            network.connect(**self.options)
         except Exception as error:  # drivers raise what they like
             raise BusError(f"cannot open {self.where}: {error}") from error
         return network

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 import click
@@ -32,6 +33,14 @@ def naming(file: str | Path) -> Iterator[None]:
         yield
     except EDSError as error:
         raise click.ClickException(f"{file}: {_one_line(error)}") from error
+
+
+def need_matplotlib() -> None:
+    """Refuse, before the work, what cannot be drawn."""
+    if find_spec("matplotlib") is None:
+        raise click.ClickException(
+            "the pictures need matplotlib: pip install 'smarttac-can[report]'"
+        )
 
 
 def _one_line(error: Exception) -> str:

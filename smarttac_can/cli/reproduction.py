@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args
 
@@ -27,7 +26,7 @@ from smarttac_can.bench.reproduce import (
 )
 from smarttac_can.bench.reproduce import reproduce as run_reproduction
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.refusal import need_matplotlib, plain_errors
 from smarttac_can.control.friction import Law
 
 BIT_RATE = 1_000_000
@@ -72,7 +71,7 @@ def demo(seed: int, output: Path | None) -> None:
     needed. The pictures land in a new folder, with an index.html that shows them.
     """
     with plain_errors():
-        _need_matplotlib()
+        need_matplotlib()
         folder = output or _new_folder()
         conditions = Conditions(seed=seed)
         with _progress_bar() as progress:
@@ -154,7 +153,7 @@ def reproduce(
 def report(folder: Path) -> None:
     """Draw the figures and index.html of a folder that ``reproduce --output`` wrote."""
     with plain_errors():
-        _need_matplotlib()
+        need_matplotlib()
         page = _write_report(folder, *_read_run(folder))
     click.echo(f"pictures: {page}")
 
@@ -174,13 +173,6 @@ def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
 
 def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:
     return write_report(folder, traces, results, friction_step, fitted=FITTED, emerges=EMERGES)
-
-
-def _need_matplotlib() -> None:
-    if find_spec("matplotlib") is None:
-        raise click.ClickException(
-            "the pictures need matplotlib: pip install 'smarttac-can[report]'"
-        )
 
 
 def _new_folder() -> Path:

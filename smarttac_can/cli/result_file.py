@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -11,6 +13,29 @@ import click
 
 result_path = click.Path(dir_okay=False, writable=True, path_type=Path)
 """Parameter type of such a file."""
+json_file_option = click.option(
+    "--json",
+    "json_file",
+    type=result_path,
+    help="File for the results; - is stdout.",
+)
+
+
+def opened_results(stack: ExitStack, json_file: Path | None) -> TextIO | None:
+    """Open the file for the results before the run; None for none."""
+    if json_file is None:
+        return None
+    if json_file == Path("-"):
+        return sys.stdout
+    return stack.enter_context(result_file(json_file))
+
+
+def report_results(results: object, lines: Iterable[str], file: TextIO | None) -> None:
+    """Write results to their file, and lines to stdout unless it has the results."""
+    if file is not None:
+        click.echo(json.dumps(results, indent=2), file)
+    if file is not sys.stdout:
+        click.echo("\n".join(lines))
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 from smarttac_can.device.access import Access
 from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.emcy_consumer import EmergencyConsumer
 from smarttac_can.device.error_behaviour import ErrorBehaviour, ErrorClass
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.guarding import Guarding
@@ -69,6 +70,8 @@ class Device:
         Device time, where the application has timers of its own: those made before come first.
     loop_tpdos
         Numbers of the TPDOs that somebody's control loop waits for.
+    emergencies_of
+        Node-ID, 1..127, whose emergency messages the application hears; 0 for none.
 
     Attributes
     ----------
@@ -92,6 +95,7 @@ class Device:
         node_id: int | None = None,
         clock: Clock | None = None,
         loop_tpdos: tuple[int, ...] = (),
+        emergencies_of: int = 0,
     ) -> None:
         if node_id is not None and not (1 <= node_id <= 127 or node_id == UNCONFIGURED):
             raise ValueError(f"node_id {node_id} is outside 1..127 and not {UNCONFIGURED}")
@@ -104,7 +108,9 @@ class Device:
         self.clock = clock or Clock()
         self._port = port = Port(self.clock)
         self._emergency = Emergency(port, od)
-        self._storage = ParameterStorage(port, od, self._emergency, storage or Memory())
+        self._storage = ParameterStorage(
+            port, od, self._emergency, storage or Memory(), self._application
+        )
         self._lss = LSS(port, od, self._storage, self._begin)
         self._time_stamp = TimeStamp(port, od)
         if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
@@ -137,6 +143,7 @@ class Device:
             HeartbeatConsumer(
                 port, od, self._emergency, self._application, self._error_behaviour.react
             ),
+            EmergencyConsumer(port, od, self._application, emergencies_of),
             Guarding(port, od, self._emergency, self._application, self._error_behaviour.react),
             self._sync,
             *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),

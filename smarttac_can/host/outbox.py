@@ -11,7 +11,7 @@ from smarttac_can.host.bus import Bus, QueueFullError
 from smarttac_can.host.node import HostedNode
 from smarttac_can.nodes.loop_period import TICK_US
 
-_MOST_WAITING: Final = 256
+_MOST_WAITING: Final = 64
 """Frames that wait, none of them urgent, before the oldest is dropped."""
 
 
@@ -19,8 +19,8 @@ class Outbox:
     """Hands the frames of a node over as fast as the bus takes them.
 
     Urgent frames go first. One that the bus has not taken a tick after it was made is a fault: the
-    node is told, and of what waits only emergency messages, and what the node says then, are kept.
-    Other frames wait, and never count.
+    node is told, and of those that wait only emergency messages, and what the node says then, are
+    kept. Other frames wait, and never count.
 
     Parameters
     ----------
@@ -39,7 +39,6 @@ class Outbox:
         self._urgent: deque[tuple[int, Frame]] = deque()
         self._others: deque[Frame] = deque()
         self._failing = False
-        self._reason = QueueFullError("no reason given")
 
     @property
     def empty(self) -> bool:
@@ -59,34 +58,32 @@ class Outbox:
         while len(self._others) > _MOST_WAITING:
             self._others.popleft()
 
-    def flush(self, most: int) -> None:
-        """Hand over as many frames as there are, or the bus takes, and no more than so many."""
+    def hand_over(self) -> bool:
+        """Hand the next frame over; whether another one may follow at once."""
         if self.empty:
-            return
+            return False
         try:
-            for _ in range(most):
-                if self._urgent:
-                    self._bus.send(self._urgent[0][1])
-                    self._urgent.popleft()
-                else:
-                    self._bus.send(self._others[0])
-                    self._others.popleft()
-                if self.empty:
-                    self._failing = False
-                    return
+            if self._urgent:
+                self._bus.send(self._urgent[0][1])
+                self._urgent.popleft()
+            else:
+                self._bus.send(self._others[0])
+                self._others.popleft()
         except QueueFullError as error:
-            self._reason = error
-            self._give_up()
+            self._give_up(error)
+            return False
+        if self.empty:
+            self._failing = False
+        return not self.empty
 
-    def _give_up(self) -> None:
+    def _give_up(self, reason: QueueFullError) -> None:
         """Tell the node if an urgent frame is of no use any more."""
         if not self._urgent or self._urgent[0][0] > self._node.clock.now:
             return
         emcy_id = self._node.ids.emcy
         kept = [frame for _, frame in self._urgent if frame.can_id == emcy_id]
         self._urgent.clear()
-        self._others.clear()
         self.put([*kept, *self._node.transmit_failed()])
         if not self._failing:
             self._failing = True
-            self._full(self._reason)
+            self._full(reason)

@@ -23,18 +23,19 @@ from smarttac_can.od.cia import SYNC_ID
 
 _LATE_US: Final = 2000
 """From here on a process came late: what waits on the bus may be older than what is due."""
-_CATCH_UP_US: Final = 8000
-"""How long frames are heard then, and one frame more."""
-_BURST: Final = 8
-"""Frames handed over in a row before somebody looks at the clock."""
+_CATCH_UP_US: Final = 9000
+"""How long frames are heard then."""
+_HEARD_US: Final = 1000
+"""How long frames are heard between two cycles by a node whose cycles take longer than a tick."""
+_SENDING_US: Final = 2000
+"""How long frames are handed over in a row."""
 _SEND_RETRY_US: Final = 200
 _STOP_POLL_US: Final = 50_000
 _SPARE_US: Final = 500
 """Time before the next timer that is long enough for something else."""
 _BUSY_US: Final = 10_000
-_WAITED_US: Final = 100
 _REST_US: Final = 500
-"""A process that never waits for a frame that long rests after so much work: at a real-time
+"""A process that never waits for a frame rests that long after so much work: at a real-time
 priority nobody else would have this processor."""
 _FAREWELL_US: Final = 100_000
 
@@ -123,12 +124,13 @@ class _Run:
         self._ids: Identifiers | None = None
         self._epoch = clock() // 1000 - node.clock.now
         self._rested = self._now()
+        self._flooded = False
 
     def say(self, frames: list[Frame]) -> None:
         """Put frames of the node on the bus, and listen to what it listens to from now on."""
         if frames:
             self._outbox.put(frames)
-            self._outbox.flush(_BURST)
+            self._send()
         if self._node.ids is not self._ids:
             self._ids = self._node.ids
             self._bus.listen_to(self._ids.heard)
@@ -140,22 +142,23 @@ class _Run:
         while not stop():
             now = self._now()
             left = timers.next_due - now
-            if now - self._rested > _BUSY_US:
-                self._rest(_REST_US * 1e-6)
-                self._rested = self._now()
-            elif left <= -_LATE_US:
+            if left <= -_LATE_US and not self._flooded:
                 self._catch_up(now)
             elif left <= 0:
                 timers.now = now
                 self.say(self._node.advance(0))
+                if timers.next_due <= self._now():
+                    self._hear(_HEARD_US)
             else:
                 if not outbox.empty:
                     timers.now = now
-                    outbox.flush(_BURST)
+                    self._send()
                     left = min(left, _SEND_RETRY_US)
                 elif left > _SPARE_US:
                     spare()
-                self._listen(now, min(left, _STOP_POLL_US))
+                self._listen(min(left, _STOP_POLL_US))
+            if now - self._rested > _BUSY_US:
+                self._rest_if_flooded()
 
     def follow_sync(self, stop: Callable[[], bool], sync_id: int) -> None:
         """Follow SYNC; the clock is only asked how long to wait for a frame."""
@@ -164,7 +167,7 @@ class _Run:
         while not stop():
             wait_us = _STOP_POLL_US if outbox.empty else _SEND_RETRY_US
             frame = self._bus.receive(wait_us * 1e-6)
-            outbox.flush(_BURST)
+            self._send()
             if frame is None:
                 continue
             if frame.can_id == sync_id:
@@ -177,19 +180,25 @@ class _Run:
         end = self._now() + _FAREWELL_US
         while not self._outbox.empty and self._now() < end:
             self._rest(_SEND_RETRY_US * 1e-6)
-            self._outbox.flush(_BURST)
+            self._send()
+
+    def _send(self) -> None:
+        """Hand over what waits, as long as the bus takes it and it does not take long."""
+        end = self._now() + _SENDING_US
+        while self._outbox.hand_over() and self._now() < end:
+            pass
 
     def _now(self) -> int:
         """Return the clock's time as device time in us."""
         return self._clock() // 1000 - self._epoch
 
-    def _listen(self, since: int, wait_us: int) -> None:
+    def _listen(self, wait_us: int) -> None:
         """Hear the next frame, or wait until something is due."""
         frame = self._bus.receive(wait_us * 1e-6)
         now = self._now()
-        if now - since > _WAITED_US:
-            self._rested = now
         if frame is None:
+            self._rested = now
+            self._flooded = False
             return
         self._node.clock.now = now
         self.say(self._node.receive(frame))
@@ -199,12 +208,30 @@ class _Run:
         timers = self._node.clock
         timers.now = now
         self.say(self._node.overdue())
-        end = now + _CATCH_UP_US
-        while (left := end - self._now()) > 0:
-            frame = self._bus.receive(0.0, left * 1e-6)
-            if frame is None:
-                break
-            timers.now = self._now()
-            self.say(self._node.receive(frame))
+        self._hear(_CATCH_UP_US)
         timers.now = self._now()
         self.say(self._node.advance(0))
+
+    def _rest_if_flooded(self) -> None:
+        """Leave the processor to others, unless the bus has nothing to hear: then it was left."""
+        self._hear(0)
+        if self._flooded:
+            self._rest(_REST_US * 1e-6)
+        self._rested = self._now()
+
+    def _hear(self, budget_us: int) -> None:
+        """Hear frames that are there, one at least, and no longer than that."""
+        now = self._now()
+        end = now + budget_us
+        longest = 0
+        while now + longest <= end:
+            frame = self._bus.receive(0.0, (end - now) * 1e-6)
+            if frame is None:
+                self._flooded = False
+                return
+            self._node.clock.now = before = now
+            self.say(self._node.receive(frame))
+            now = self._now()
+            longest = max(longest, now - before)
+        # Without an end to the frames it is not a pause that makes it late, and time comes first.
+        self._flooded = True

@@ -19,6 +19,8 @@ from smarttac_can.od.cia import (
     CAN_ID_MASK,
     PDO_COB_ID,
     TPDO_COMMUNICATION,
+    Abort,
+    AbortCode,
     EmergencyCode,
     ErrorRegister,
 )
@@ -81,6 +83,7 @@ class PlateNode(Application):
         self._corrupt = od["Cycle.Corrupt drives"]
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
+        self._stage_voltage = od["Stage.Voltage"]
         self._voltage_max = od["Limit.Voltage"]
         self._temperature_max = od["Limit.Temperature"]
         self._protecting: set[EmergencyCode] = set()
@@ -193,6 +196,11 @@ class PlateNode(Application):
         if code not in self._protecting:
             self._protecting.add(code)
             self.device.emergency(code, register)
+
+    def on_store(self) -> None:
+        """Not while it drives: a file may take longer than a cycle has."""
+        if self._stage_voltage.value:
+            raise Abort(AbortCode.STATE)
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Start a run, or refuse the recorded finger where there is none."""

@@ -99,8 +99,9 @@ class StimulatorNode(Application):
         self._unanswered = clock.timer(self._on_unanswered)
         self._ticker = clock.timer(self._tick)
         self.device = Device(
-            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=(DRIVE_TPDO,)
-        )
+            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=(DRIVE_TPDO,),
+            emergencies_of=plate_node_id,
+        )  # fmt: skip
         self._period = LoopPeriod(self.device)
         self._unfit = False
         self._pairing = Pairing(od, MEASUREMENT_RPDOS, lambda: self._trip(Watchdog.MEASUREMENT))
@@ -207,6 +208,11 @@ class StimulatorNode(Application):
         if not self._absent:
             self.block.interlock.settle(Watchdog.HEARTBEAT)
 
+    def on_emergency(self, code: int) -> None:
+        """Stop when the plate has gone to 0 V without being told."""
+        if code == EmergencyCode.DRIVE_LOST:
+            self._trip(Watchdog.PLATE)
+
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Stop when the master's set-points stay away; measurements have a watch of their own."""
         if number in MEASUREMENT_RPDOS:
@@ -243,6 +249,11 @@ class StimulatorNode(Application):
     def _send_drive(self) -> None:
         self._sent.write()
         self.device.trigger(DRIVE_TPDO)
+
+    def on_store(self) -> None:
+        """Not while armed or running: a file may take longer than a cycle has."""
+        if self.block.interlock.sharp:
+            raise Abort(AbortCode.STATE)
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""

@@ -53,6 +53,7 @@ class Watchdog(IntEnum):
     RESONANCE = 18
     CONTROLLER = 19
     CALIBRATION = 20
+    PLATE = 21
 
 
 class Row(NamedTuple):
@@ -183,10 +184,17 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         EmergencyCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
         "Calibration.Plate serial number",
     ),
+    Watchdog.PLATE: Row(
+        "the plate went to 0 V by itself: its drives were late",
+        EmergencyCode.DRIVE_LOST, _COMMUNICATION, 1,
+        "the plate says so, by 8253h, in the cycle after it did",
+        "event timer of the plate's RPDO 1",
+        lasting=False,
+    ),
 }  # fmt: skip
 """Every watchdog."""
 
-_EVENT_DRIVEN: Final = frozenset(range(Watchdog.NMT, Watchdog.VOLTAGE))
+_EVENT_DRIVEN: Final = frozenset((*range(Watchdog.NMT, Watchdog.VOLTAGE), Watchdog.PLATE))
 CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _EVENT_DRIVEN)
 """Bits of those that look at every cycle."""
 

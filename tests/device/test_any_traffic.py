@@ -55,7 +55,7 @@ def assert_sound(device: Device) -> None:
 
 
 @given(st.lists(event, max_size=60), st.booleans())
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_any_traffic(events: list[Frame | int], operational: bool) -> None:
     device = started(operational=operational)
     for item in events:
@@ -69,7 +69,7 @@ def test_any_traffic(events: list[Frame | int], operational: bool) -> None:
 
 
 @given(st.lists(event, max_size=40))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_same_traffic_gives_the_same_frames(events: list[Frame | int]) -> None:
     def run() -> list[Frame]:
         device = started()
@@ -83,7 +83,7 @@ def test_same_traffic_gives_the_same_frames(events: list[Frame | int]) -> None:
 
 
 @given(st.lists(event, max_size=40))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_reset_node_brings_back_the_defaults(events: list[Frame | int]) -> None:
     device = started()
     for item in events:

@@ -172,7 +172,7 @@ def test_one_mebibyte_and_not_a_byte_more() -> None:
     st.frozensets(st.integers(0, 300), max_size=12),
     st.integers(1, 127),
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_lost_segments_are_sent_again(
     size: int, down: frozenset[int], up: frozenset[int], block_size: int
 ) -> None:

@@ -225,7 +225,7 @@ def replay(frames: list[Frame]) -> tuple[Log, list[Frame]]:
     return log, heard
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(FRAMES, max_size=40))
 def test_same_traffic_twice_is_the_same_to_the_microsecond(frames: list[Frame]) -> None:
     log, heard = replay(frames)

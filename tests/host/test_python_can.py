@@ -1,6 +1,7 @@
 import errno
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import can
 import pytest
@@ -27,7 +28,7 @@ def bus() -> Iterator[PythonCanBus]:
     opened.close()
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(DATA_FRAMES | REMOTE_FRAMES)
 def test_conversion_loses_nothing(frame: Frame) -> None:
     message = to_message(frame)
@@ -53,7 +54,7 @@ def test_what_is_no_classical_base_frame_is_passed_over(
         assert bus.receive(0) is None
         other.send(foreign)
         other.send(to_message(SYNC))
-        assert bus.receive(5) == SYNC
+        assert bus.receive(GUARD_S) == SYNC
 
 
 def test_receive_without_waiting(bus: PythonCanBus) -> None:
@@ -82,7 +83,7 @@ def test_what_is_not_given_comes_from_python_can(monkeypatch: pytest.MonkeyPatch
     configured = PythonCanBus()
     named = PythonCanBus("virtual", "from the environment")
     configured.send(SYNC)
-    assert named.receive(5) == SYNC
+    assert named.receive(GUARD_S) == SYNC
     configured.close()
     named.close()
 
@@ -276,7 +277,7 @@ def test_log_has_both_directions_in_order_and_everything(
     mine.listen_to(frozenset())
     mine.send(Frame(1))
     other.send(Frame(2))
-    heard = mine.receive(5)
+    heard = mine.receive(GUARD_S)
     mine.close()
     other.close()
     assert heard == Frame(2)
@@ -296,13 +297,13 @@ def test_what_was_not_sent_is_not_in_the_log(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_multicast_party_hears_an_equal_frame_of_another_but_not_its_own(
-    multicast_port: int,
+    multicast: dict[str, Any],
 ) -> None:
-    parties = [PythonCanBus("udp_multicast", GROUP, port=multicast_port) for _ in range(3)]
+    parties = [PythonCanBus(**multicast) for _ in range(3)]
     parties[0].send(SYNC)
     parties[1].send(SYNC)
     parties[2].send(Frame(1))
-    heard = [[party.receive(5), party.receive(5)] for party in parties]
+    heard = [[party.receive(GUARD_S), party.receive(GUARD_S)] for party in parties]
     leftover = [party.receive(0) for party in parties]
     for party in parties:
         party.close()

@@ -33,8 +33,8 @@ class ToyNode:
         self._ticker = self.clock.timer(self._tick)
         self._out: list[Frame] = []
         self.ids = Identifiers(
-            frozenset({SYNC.can_id, AT_SYNC + node_id, REQUEST + node_id, follows or 0})
-            | {base + other for base in (BOOT_UP, REPLY, OFF) for other in (1, 2)},
+            frozenset({SYNC.can_id, AT_SYNC + node_id})
+            | {base + other for base in (BOOT_UP, REPLY, REQUEST, OFF) for other in (1, 2)},
             frozenset({AT_SYNC + node_id, TICKER + node_id, EMERGENCY + node_id}),
             EMERGENCY + node_id,
         )

@@ -95,6 +95,7 @@ CASES = (
          set_bound=MASTER_LOST_MS + PDO_DEADLINE_MS),
     Case("measurements", W.MEASUREMENT, lose(MEASUREMENT[1]), lambda loop: loop.lost.clear(),
          set_bound=PDO_DEADLINE_MS),
+    Case("drives", W.PLATE, lose(DRIVE), lambda loop: loop.lost.clear(), set_bound=3),
     Case("set-points", W.SETPOINT, put("setpoints", False), put("setpoints", True),
          set_bound=SETPOINT_DEADLINE_MS),
     Case("no SYNC", W.SYNC_LOST, put("syncs", 0), put("syncs", 1), set_bound=3),

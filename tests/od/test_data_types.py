@@ -32,7 +32,7 @@ def test_transfer_syntax(data_type: DataType, value: object, data: str) -> None:
 
 @pytest.mark.parametrize("data_type", [*SIGNED, *UNSIGNED])
 @given(data=st.data())
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_integers_survive(data_type: DataType, data: st.DataObject) -> None:
     low, high = bounds(data_type)
     for value in (low, high, data.draw(st.integers(int(low), int(high)))):

@@ -1,0 +1,169 @@
+"""The command that times the loop on this machine and bus: ``jitter``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import click
+
+from smarttac_can.bench.frozen_stage import SHORTEST_MS
+from smarttac_can.bench.loop_run import LoopRun, measure_loop
+from smarttac_can.bench.loop_timing import DEADLINE_RULE, LoopTiming
+from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.refusal import need_matplotlib, plain_errors
+from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.nodes.state_machine import State
+
+PICTURE = "jitter.png"
+_SECONDS_MAX = 86_400
+_PROGRESS_S = 3.0
+_ROWS = {
+    "sync": "SYNC later than 1 ms after the last",
+    "measurement": "measurement after SYNC",
+    "drive": "drive after SYNC",
+}
+
+
+@click.command(
+    epilog="\b\nExamples:\n"
+    "  smarttac jitter --interface udp_multicast --channel 239.74.163.2\n"
+    "  smarttac jitter --interface socketcan --channel can0 --plate-node 33 --realtime 50",
+    help=f"""Measure how punctual the 1 kHz loop is on this machine and bus.
+
+    A stimulator and a simulated plate run as processes of their own and regulate the friction of a
+    finger; or, with --plate-node, a plate that is on the bus already, which stays at 0 V. The times
+    are those at which the kernel saw the frames.
+
+    The deadline that the machine can promise is {DEADLINE_RULE}. Ctrl-C ends it early, with what
+    there is.
+    """,
+)
+@bus_options
+@click.option(
+    "--plate-node", type=NODE_ID, help="Node-ID of a plate on the bus; without, one is simulated."
+)
+@click.option(
+    "--realtime",
+    type=click.IntRange(1, 99),
+    metavar="PRIORITY",
+    help="Have the nodes run with this SCHED_FIFO priority, 1..99.",
+)
+@click.option(
+    "--seconds",
+    type=click.IntRange(1, _SECONDS_MAX),
+    default=10,
+    show_default=True,
+    help="How long to measure.",
+)
+@json_file_option
+@click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    help=f"Folder for a histogram, {PICTURE}.",
+)
+def jitter(
+    bus: BusChoice,
+    plate_node: int | None,
+    realtime: int | None,
+    seconds: int,
+    json_file: Path | None,
+    output: Path | None,
+) -> None:
+    """Measure how punctual the 1 kHz loop is on this machine and bus."""
+    with plain_errors(), ExitStack() as stack:
+        if output is not None:
+            need_matplotlib()
+            output.mkdir(parents=True, exist_ok=True)
+        results = opened_results(stack, json_file)
+        stop = stack.enter_context(stop_on_signals())
+        run = measure_loop(
+            bus.options,
+            plate_node=plate_node,
+            realtime=realtime,
+            seconds=seconds,
+            stop=stop,
+            progress=_progress(seconds),
+        )
+        if not run.timing.ran:
+            raise click.ClickException(f"the loop never ran: no drive came on {bus.where}")
+        figures = run.timing.as_json()
+        state = None if run.state is None else run.state.name.lower()
+        ending = {"state": state, "message": run.message}
+        report_results(figures | ending, _table(figures, run, plate_node), results)
+        if output is not None:
+            _draw(run.timing, output / PICTURE)
+    if plate_node is None and not run.ran:
+        raise click.ClickException(f"the loop never ran: {run.message}")
+
+
+def _draw(timing: LoopTiming, file: Path) -> None:
+    from smarttac_can.bench.loop_figure import histogram  # noqa: PLC0415 - matplotlib is an extra
+
+    # Without the metadata, which names the version of matplotlib.
+    histogram(timing).savefig(file, dpi=144, metadata={"Software": None})
+
+
+def _progress(seconds: int) -> Callable[[float, LoopTiming], None]:
+    """Say how it goes every few seconds, if somebody sits at the terminal."""
+    said = 0.0
+
+    def show(elapsed: float, timing: LoopTiming) -> None:
+        nonlocal said
+        if elapsed - said < _PROGRESS_S or not sys.stderr.isatty():
+            return
+        said = elapsed
+        click.echo(
+            f"{elapsed:.0f} s of {seconds} s: {timing.ticks} ticks, {timing.missed} missed, "
+            f"at most {timing.gap_s * 1e3:.1f} ms between two drives",
+            err=True,
+        )
+
+    return show
+
+
+def _table(figures: dict[str, Any], run: LoopRun, plate_node: int | None) -> Iterator[str]:
+    yield f"{'us':<40}{'median':>10}{'99 %':>10}{'99.9 %':>10}{'max':>10}"
+    for key, name in _ROWS.items():
+        row = figures[key]
+        yield f"{name:<40}" + "".join(
+            f"{row[column]:>10}" for column in ("p50_us", "p99_us", "p999_us", "max_us")
+        )
+    yield f"{figures['missed']} of {figures['ticks']} ticks missed their SYNC or their drive"
+    if figures["lost"]:
+        yield f"{figures['lost']} more were not heard by this command, and do not count"
+    yield f"at most {figures['gap_max_us'] / 1e3:.2f} ms between two drives"
+    yield from _promise(figures)
+    yield _end(run, plate_node)
+
+
+def _promise(figures: dict[str, Any]) -> Iterator[str]:
+    stage = figures["stage"]
+    if stage is None:
+        yield "this machine can promise no deadline: it is " + DEADLINE_RULE
+        return
+    yield f"deadline that this machine can promise: {figures['deadline_ms']} ms"
+    yield (
+        f"a stage frozen at {stage['voltage_v']:g} V until then: "
+        f"{100 * stage['reached_share']:.1f} % of {stage['final_um']:g} um, "
+        f"below 5 % after {stage['below_5_percent_ms']:.1f} ms"
+    )
+    if figures["deadline_ms"] > SHORTEST_MS:
+        yield (
+            f"its dose: {stage['dose_ratio']:.1f} times that of {SHORTEST_MS} ms, "
+            f"{stage['dose_ratio_from_rest']:.1f} times if the plate was at rest"
+        )
+
+
+def _end(run: LoopRun, plate_node: int | None) -> str:
+    if plate_node is not None:
+        return f"the plate {plate_node} was there already and stayed at 0 V"
+    if not run.ran:
+        return "the loop was timed at 0 V"
+    if run.state is State.RUNNING:
+        return "the loop was RUNNING to the end"
+    return f"the loop left RUNNING: {run.message}"

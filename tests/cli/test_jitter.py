@@ -1,0 +1,182 @@
+"""``smarttac jitter``: its structure and its ends, but not how punctual a machine is that tests."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import can
+import psutil
+import pytest
+from click.testing import CliRunner, Result
+from nodes_on_a_bus import GUARD_S, processes
+
+from smarttac_can.cli import main
+
+DELAYS = {"p50_us", "p99_us", "p999_us", "max_us"}
+KEYS = {
+    *("sync", "drive", "measurement", "missed", "ticks", "lost", "deadline_ms", "gap_max_us"),
+    *("stage", "state", "message"),
+}
+
+
+def options(bus: dict[str, Any]) -> list[str]:
+    own = ["--interface", bus["interface"], "--channel", bus["channel"]]
+    return [*own, "--bus-option", f"port={bus['port']}"]
+
+
+def jitter(*arguments: str) -> Result:
+    return CliRunner().invoke(main, ["jitter", *arguments])
+
+
+def refusal(*arguments: str) -> str:
+    result = jitter(*arguments)
+    assert result.exit_code != 0
+    assert isinstance(result.exception, SystemExit), result.exception
+    return result.stderr.splitlines()[-1]
+
+
+def children() -> list[psutil.Process]:
+    return psutil.Process().children(recursive=True)
+
+
+def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path) -> None:
+    results, folder = tmp_path / "jitter.json", tmp_path / "pictures"
+    done = jitter(
+        *options(multicast), "--seconds", "1", "--json", str(results), "--output", str(folder)
+    )
+    figures = json.loads(results.read_text())
+    assert set(figures) == KEYS
+    for name in ("sync", "drive", "measurement"):
+        assert set(figures[name]) == DELAYS
+        assert 0 <= figures[name]["p50_us"] <= figures[name]["max_us"]
+    assert figures["ticks"] > 0
+    assert 0 <= figures["missed"] <= figures["ticks"]
+    assert figures["gap_max_us"] > 0
+    deadline = figures["deadline_ms"]
+    if deadline is None:
+        assert figures["stage"] is None
+    else:
+        assert 2 * figures["gap_max_us"] - 2 <= 1000 * deadline
+        assert figures["stage"]["final_um"] == 7.5
+    # A machine that is too busy may not get as far, or not stay there, and has to say so.
+    if done.exit_code:
+        assert "the loop never ran: " in done.stderr
+    assert figures["state"] == "running" or figures["message"]
+    assert (figures["state"] == "running") == ("the loop was RUNNING to the end" in done.stdout)
+    assert f"of {figures['ticks']} ticks missed" in done.stdout
+    assert (folder / "jitter.png").read_bytes().startswith(b"\x89PNG")
+    assert not children()
+
+
+def test_a_plate_that_is_there_stays_at_0_v(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "plate") as (plate,), can.Bus(**multicast) as bus:
+        done = jitter(*options(multicast), "--seconds", "1", "--plate-node", "33", "--json", "-")
+        assert done.exit_code == 0, done.output
+        figures = json.loads(done.stdout)
+        assert figures["ticks"] > 0
+        assert figures["state"] in ("not_ready", "ready")
+        assert plate.process.poll() is None
+        voltages = set()
+        while (message := bus.recv(0)) is not None:
+            if message.arbitration_id == 0x221:
+                voltages.add(bytes(message.data[:2]))
+        assert voltages == {b"\0\0"}
+    assert not children()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_its_nodes(number: int, multicast: dict[str, Any]) -> None:
+    command = [sys.executable, "-m", "smarttac_can", "jitter", *options(multicast)]
+    with subprocess.Popen(
+        [*command, "--seconds", "3600", "--json", "-"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        guard = time.monotonic() + GUARD_S
+        nodes: list[psutil.Process] = []
+        try:
+            while len(nodes) < 2:
+                assert time.monotonic() < guard
+                time.sleep(0.1)
+                nodes = psutil.Process(process.pid).children()
+            with can.Bus(**multicast) as bus:
+                while (message := bus.recv(GUARD_S)) is None or message.arbitration_id != 0x221:
+                    assert time.monotonic() < guard
+        finally:
+            process.send_signal(number)
+            said, complaints = process.communicate(timeout=GUARD_S)
+        assert not any(node.is_running() for node in nodes)
+    assert "Traceback" not in complaints
+    if said:
+        assert set(json.loads(said)) == KEYS
+    else:
+        assert "the loop never ran" in complaints
+
+
+def test_a_node_that_ends_is_named(multicast: dict[str, Any]) -> None:
+    """As the plate's node-ID is the stimulator's."""
+    line = refusal(*options(multicast), "--plate-node", "32")
+    assert line.startswith("Error: smarttac node has ended: --plate-node 32 is the --node-id")
+    assert not children()
+
+
+def test_a_plate_that_is_not_there(multicast: dict[str, Any]) -> None:
+    line = refusal(*options(multicast), "--plate-node", "44")
+    assert line.startswith("Error: no node 44 answers on udp_multicast:")
+    assert not children()
+
+
+def test_a_loop_that_is_there_already(multicast: dict[str, Any]) -> None:
+    with can.Bus(**multicast) as bus:
+        over = threading.Event()
+
+        def produce() -> None:
+            while not over.wait(0.01):
+                bus.send(can.Message(arbitration_id=0x80, is_extended_id=False))
+
+        producer = threading.Thread(target=produce)
+        producer.start()
+        try:
+            line = refusal(*options(multicast))
+        finally:
+            over.set()
+            producer.join()
+    assert line == "Error: somebody produces SYNC on this bus: end that loop first"
+
+
+def test_a_bus_without_time_stamps_of_the_kernel() -> None:
+    line = refusal("--interface", "virtual", "--channel", "test_jitter")
+    assert line.startswith("Error: the loop is timed by the kernel's time stamps")
+    assert "socketcan or udp_multicast have them" in line
+
+
+def test_a_bus_that_is_not_there() -> None:
+    assert refusal("--interface", "socketcan", "--channel", "nowhere0").startswith("Error: cannot")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(("--seconds", value) for value in ("0", "86401", "nan")),
+        *(("--realtime", value) for value in ("0", "100", "high")),
+        *(("--plate-node", value) for value in ("0", "128")),
+    ],
+    ids=" ".join,
+)
+def test_wrong_values(arguments: tuple[str, ...]) -> None:
+    result = jitter("--interface", "virtual", *arguments)
+    assert result.exit_code == 2
+    assert f"Invalid value for '{arguments[0]}'" in result.stderr
+
+
+def test_the_picture_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("smarttac_can.cli.refusal.find_spec", lambda name: None)
+    line = refusal("--interface", "virtual", "--output", str(tmp_path / "pictures"))
+    assert line == "Error: the pictures need matplotlib: pip install 'smarttac-can[report]'"
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,74 @@
+"""``tools/bench_realtime``: what it gives and what it leaves, not how good a machine is."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+from nodes_on_a_bus import GUARD_S
+
+TOOL = Path(__file__).parents[1] / "tools" / "bench_realtime"
+QUANTILES = {"p50_us", "p99_us", "p999_us", "p9999_us", "max_us"}
+
+
+@contextmanager
+def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(
+        [sys.executable, str(TOOL), *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+def test_the_results() -> None:
+    with running("--seconds", "4", "--hogs", "1", "--json") as process:
+        said, complaints = process.communicate()
+    results = json.loads(said)
+    assert results["ticks"] > 0
+    for name in ("sync", "measurement", "drive"):
+        assert set(results[name]) == QUANTILES
+    assert results["missed_share"] == results["missed"] / results["ticks"]
+    assert set(results["deadline_ms"]) == {"measurement", "drive"}
+    assert all(deadline > 0 for deadline in results["deadline_ms"].values())
+    assert 0 <= results["running_share"] <= 1
+    assert 0 <= results["cycles_running"] <= results["cycles_recorded"]
+    assert [sleeper["core"] for sleeper in results["sleepers"]] == sorted(os.sched_getaffinity(0))
+    assert results["void"] == any(sleeper["max_us"] > 1000 for sleeper in results["sleepers"])
+    assert set(results["cpu_share"]) == {"plate", "node"}
+    # A machine that is too busy may not get as far as a cycle of the loop, and has to say so.
+    assert process.returncode == 0 or complaints.splitlines()[-1].startswith("Error: the ")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_all_of_it(number: int) -> None:
+    with running("--seconds", "3600", "--hogs", "1") as process:
+        tool = psutil.Process(process.pid)
+        guard = time.monotonic() + GUARD_S
+        # Sleepers, hog, two nodes, bench.
+        while len(children := tool.children()) < len(os.sched_getaffinity(0)) + 4:
+            assert time.monotonic() < guard
+            time.sleep(0.1)
+        process.send_signal(number)
+        process.communicate(timeout=GUARD_S)
+    assert process.returncode == 128 + number
+    assert not any(child.is_running() for child in children)
+
+
+@pytest.mark.parametrize("arguments", [(), ("--seconds", "1"), ("--seconds", "5", "--hogs", "-1")])
+def test_wrong_arguments(arguments: tuple[str, ...]) -> None:
+    with running(*arguments) as process:
+        _, complaints = process.communicate()
+    assert process.returncode == 2
+    assert "error: " in complaints.splitlines()[-1]
