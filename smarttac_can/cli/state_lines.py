@@ -49,6 +49,7 @@ class StateLines:
         self._off = stimulator.bus_off if stimulator else node.device.bus_off
         self._recovered = stimulator.bus_recovered if stimulator else node.device.bus_recovered
         self.missed = getattr(node, "missed", lambda ticks: None)
+        self.segments = node.segments
 
     def start(self) -> list[Frame]:
         """Power on, and say that it is ready."""

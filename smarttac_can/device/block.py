@@ -119,18 +119,31 @@ class BlockUpload:
         self._data = data
         self._crc = crc
         self._position = 0
+        self._count = 0
         self._sent = 0
         self._ended = False
         self._block_size = _checked(block_size)
 
-    def start(self) -> list[bytes]:
-        """Give the first sub-block; raises `Abort` with COMMAND if it was given before."""
-        if self._sent:
+    def start(self) -> None:
+        """Begin the first sub-block; raises `Abort` with COMMAND if it was begun before."""
+        if self._count:
             raise Abort(AbortCode.COMMAND)
-        return self._sub_block()
+        self._begin()
 
-    def confirm(self, request: bytes) -> list[bytes]:
-        """Give the next sub-block, from the first segment that was lost, or the end.
+    def segment(self) -> bytes | None:
+        """Cut the next segment of the sub-block, None if there are no more."""
+        if self._sent == self._count:
+            return None
+        begin = self._position + SEGMENT * self._sent
+        end = begin + SEGMENT
+        self._sent += 1
+        command = self._sent | (_LAST if end >= len(self._data) else 0)
+        return bytes((command,)) + self._data[begin:end].ljust(SEGMENT, b"\0")
+
+    def confirm(self, request: bytes) -> bytes | None:
+        """Begin the next sub-block, with the first segment that was lost, or return the end.
+
+        What was not yet sent of the last one is dropped.
 
         Raises
         ------
@@ -138,35 +151,29 @@ class BlockUpload:
             SEQUENCE if more is confirmed than was sent, BLOCK_SIZE, COMMAND if nothing is to be
             confirmed.
         """
-        if not self._sent or self._ended:
+        if not self._count or self._ended:
             raise Abort(AbortCode.COMMAND)
         if request[1] > self._sent:
             raise Abort(AbortCode.SEQUENCE)
         self._block_size = _checked(request[2])
         self._position += SEGMENT * request[1]
         if self._position < len(self._data) or not request[1]:
-            return self._sub_block()
+            self._begin()
+            return None
         self._ended = True
         crc = crc_hqx(self._data, 0) if self._crc else 0
         unused = min(self._position - len(self._data), SEGMENT)
-        return [bytes((0xC1 | unused << 2,)) + crc.to_bytes(2, "little") + bytes(5)]
+        return bytes((0xC1 | unused << 2,)) + crc.to_bytes(2, "little") + bytes(5)
 
     def end(self) -> None:
         """Take the client's last word; raises `Abort` with COMMAND if it comes too early."""
         if not self._ended:
             raise Abort(AbortCode.COMMAND)
 
-    def _sub_block(self) -> list[bytes]:
-        data, position = self._data, self._position
-        left = max(1, -(-(len(data) - position) // SEGMENT))
-        self._sent = count = min(left, self._block_size)
-        segments = [
-            bytes((k + 1,)) + data[position + SEGMENT * k : position + SEGMENT * (k + 1)]
-            for k in range(count)
-        ]
-        if count == left:
-            segments[-1] = bytes((_LAST | count,)) + segments[-1][1:].ljust(SEGMENT, b"\0")
-        return segments
+    def _begin(self) -> None:
+        left = max(1, -(-(len(self._data) - self._position) // SEGMENT))
+        self._count = min(left, self._block_size)
+        self._sent = 0
 
 
 def _checked(block_size: int) -> int:

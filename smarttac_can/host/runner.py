@@ -16,6 +16,7 @@ _TICK_NS = TICK_US * 1000
 _STOP_POLL_S = 0.05
 _HEARD_PER_TICK = 8
 """Frames heard between two ticks even by a node that is late: those of the loop, and SDO."""
+_SEGMENTS = 8
 
 
 def run_node(
@@ -77,7 +78,7 @@ def _follow_sync(node: Node, bus: Bus, stop: Callable[[], bool], sync_id: int) -
             continue
         if frame.can_id == sync_id:
             _send(bus, node.advance(TICK_US))
-        _send(bus, node.receive(frame))
+        _hear(bus, node, frame)
 
 
 def _keep_pace(node: Node, bus: Bus, stop: Callable[[], bool], clock: Callable[[], int]) -> None:
@@ -100,7 +101,13 @@ def _keep_pace(node: Node, bus: Bus, stop: Callable[[], bool], clock: Callable[[
         silent = frame is None
         if frame is not None:
             heard += 1
-            _send(bus, node.receive(frame))
+            _hear(bus, node, frame)
+
+
+def _hear(bus: Bus, node: Node, frame: Frame) -> None:
+    _send(bus, node.receive(frame))
+    while frames := node.segments(_SEGMENTS):
+        _send(bus, frames)
 
 
 def _send(bus: Bus, frames: Iterable[Frame]) -> None:

@@ -20,6 +20,7 @@ class PlainNode:
         self.start = device.start
         self.receive = device.receive
         self.advance = device.advance
+        self.segments = device.segments
 
     def transmit_failed(self) -> list[Frame]:
         """Take note that a frame could not be sent; nothing depends on it."""

@@ -64,6 +64,7 @@ class PlateNode(Application):
         self._presets = dict(presets or {})
         self.block = PlateBlock(od, recording)
         self.device = Device(od, self, storage=storage, node_id=node_id)
+        self.segments = self.device.segments
         self._period = LoopPeriod(self.device)
         self._measures = True
         self._sent = Check([od[name] for name in _MEASURED], od["Measurement check"])

@@ -107,6 +107,7 @@ class StimulatorNode(Application):
             for number in _PUBLIC_TPDOS
         ]
         self.receive = self.device.receive
+        self.segments = self.device.segments
 
     def start(self) -> list[Frame]:
         """Power on."""

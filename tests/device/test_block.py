@@ -4,7 +4,7 @@ import canopen
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from transcript import play, started
+from transcript import play, receive, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -15,7 +15,7 @@ TEXT = bytes(k * 37 & 0xFF for k in range(2000))
 
 
 def ask(device: Device, request: bytes) -> list[bytes]:
-    return [f.data for f in device.receive(Frame(0x620, request.ljust(8, b"\0")))]
+    return [f.data for f in receive(device, Frame(0x620, request.ljust(8, b"\0")))]
 
 
 def address(index: int) -> bytes:
@@ -309,7 +309,7 @@ def test_python_canopen_as_client() -> None:
     network = canopen.Network()
 
     def send(can_id: int, data: bytes, remote: bool = False) -> None:
-        for frame in device.receive(Frame(can_id, bytes(data), remote)):
+        for frame in receive(device, Frame(can_id, bytes(data), remote)):
             network.notify(frame.can_id, bytearray(frame.data), 0.0)
 
     network.send_message = send

@@ -15,6 +15,7 @@ SYNC = Frame(0x080)
 REQUEST, REPLY = 0x600, 0x580
 AT_SYNC, TICKER = 0x180, 0x280
 BOOT_UP, OFF = 0x700, 0x300
+SEGMENT = 0x380
 TICKER_US = 5000
 
 
@@ -45,8 +46,28 @@ class ToyNode:
             return []
         return [Frame(TICKER + self.node_id, self.time.to_bytes(8, "little"))]
 
+    def segments(self, most: int) -> list[Frame]:
+        return []
+
     def shutdown(self) -> list[Frame]:
         return [Frame(OFF + self.node_id, bytes(2))]
+
+
+class StreamingNode(ToyNode):
+    """Follows its answer by as many segments as the first byte of the request says."""
+
+    def __init__(self, node_id: int = 1) -> None:
+        super().__init__(node_id)
+        self.left: list[Frame] = []
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        if frame.can_id == REQUEST + self.node_id:
+            self.left = [Frame(SEGMENT + self.node_id, bytes((k,))) for k in range(frame.data[0])]
+        return super().receive(frame)
+
+    def segments(self, most: int) -> list[Frame]:
+        taken, self.left = self.left[:most], self.left[most:]
+        return taken
 
 
 def main() -> None:
