@@ -39,7 +39,9 @@ class BlockDownload:
         self.data = bytearray()
         self.receiving = True
         self._size = size
-        self._crc = crc
+        self._with_crc = crc
+        self._crc = 0
+        self._summed = 0
         self._limit = size if size is not None else entry.size or MAX_BYTES
         self._most = max(self._limit, 1) + SEGMENT - 1
         self._heard = False
@@ -84,6 +86,8 @@ class BlockDownload:
         response = bytes((0xA2, self._sequence, BLOCK_SIZE)) + bytes(5)
         self._sequence = 0
         self._heard = False
+        # How much of the last segment is data is only known at the end.
+        self._sum_up(len(self.data) - SEGMENT)
         return response
 
     def end(self, request: bytes) -> bytes:
@@ -99,9 +103,15 @@ class BlockDownload:
             raise Abort(AbortCode.TOO_LONG)
         if self._size is not None and len(self.data) < self._size:
             raise Abort(AbortCode.TOO_SHORT)
-        if self._crc and crc_hqx(self.data, 0) != int.from_bytes(request[1:3], "little"):
+        self._sum_up(len(self.data))
+        if self._with_crc and self._crc != int.from_bytes(request[1:3], "little"):
             raise Abort(AbortCode.CRC)
         return b"\xa1" + bytes(7)
+
+    def _sum_up(self, end: int) -> None:
+        if self._with_crc and end > self._summed:
+            self._crc = crc_hqx(self.data[self._summed : end], self._crc)
+            self._summed = end
 
 
 class BlockUpload:
@@ -117,7 +127,8 @@ class BlockUpload:
 
     def __init__(self, data: bytes, block_size: int, *, crc: bool) -> None:
         self._data = data
-        self._crc = crc
+        self._with_crc = crc
+        self._crc = 0
         self._position = 0
         self._count = 0
         self._sent = 0
@@ -156,14 +167,16 @@ class BlockUpload:
         if request[1] > self._sent:
             raise Abort(AbortCode.SEQUENCE)
         self._block_size = _checked(request[2])
+        begin = self._position
         self._position += SEGMENT * request[1]
+        if self._with_crc:
+            self._crc = crc_hqx(self._data[begin : self._position], self._crc)
         if self._position < len(self._data) or not request[1]:
             self._begin()
             return None
         self._ended = True
-        crc = crc_hqx(self._data, 0) if self._crc else 0
         unused = min(self._position - len(self._data), SEGMENT)
-        return bytes((0xC1 | unused << 2,)) + crc.to_bytes(2, "little") + bytes(5)
+        return bytes((0xC1 | unused << 2,)) + self._crc.to_bytes(2, "little") + bytes(5)
 
     def end(self) -> None:
         """Take the client's last word; raises `Abort` with COMMAND if it comes too early."""

@@ -181,6 +181,24 @@ def test_lost_segments_are_sent_again(
     assert read_block(device, block_size, lost=up) == TEXT[:size]
 
 
+def test_no_frame_has_more_than_a_sub_block_summed_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The checksum of 1 MiB takes longer than a cycle of the loop."""
+    summed: list[int] = []
+
+    def spy(data: bytes, crc: int) -> int:
+        summed.append(len(data))
+        return crc_hqx(data, crc)
+
+    monkeypatch.setattr("smarttac_can.device.block.crc_hqx", spy)
+    device = started()
+    data = TEXT * 10
+    assert write_block(device, data, lost=frozenset({5, 300, 1000})) == 0
+    assert sum(summed) == len(data)
+    assert read_block(device, 100, lost=frozenset({5, 300, 1000})) == data
+    assert sum(summed) == 2 * len(data)
+    assert max(summed) <= 127 * 7
+
+
 def test_wrong_checksum_and_length_change_nothing() -> None:
     device = started()
     assert write_block(device, b"123456789", crc=0x31C2) == 0x05040004
