@@ -5,6 +5,7 @@ from __future__ import annotations
 from binascii import crc_hqx
 from typing import Final
 
+from smarttac_can.device.late import LateSegments
 from smarttac_can.device.segmented import SEGMENT
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import MAX_BYTES, Entry
@@ -44,13 +45,18 @@ class BlockDownload:
         self._summed = 0
         self._limit = size if size is not None else entry.size or MAX_BYTES
         self._most = max(self._limit, 1) + SEGMENT - 1
-        self._heard = False
+        self._heard = 0
         self._sequence = 0
+        self._late = LateSegments()
 
     @property
     def interrupted(self) -> bool:
         """Whether a sub-block has begun and not ended."""
-        return self._heard
+        return self._heard > 0
+
+    def rest(self) -> LateSegments:
+        """What may be under way when the transfer is aborted."""
+        return LateSegments(self._late.number or self._heard + 1, aborted=True)
 
     def segment(self, request: bytes) -> bytes | None:
         """Take a segment; return the confirmation at the end of a sub-block.
@@ -65,10 +71,12 @@ class BlockDownload:
             SEQUENCE for number 0, TOO_LONG.
         """
         command = request[0]
+        if self._late.include(command):
+            return None
         sequence = command & _SEQUENCE
         if not sequence:
             raise Abort(AbortCode.SEQUENCE)
-        self._heard = True
+        self._heard = sequence
         if sequence == self._sequence + 1:
             self._sequence = sequence
             if len(self.data) <= self._most:
@@ -76,16 +84,24 @@ class BlockDownload:
             if command & _LAST:
                 self.receiving = False
         if command & _LAST or sequence == BLOCK_SIZE:
+            self._heard = 0
             if len(self.data) > self._most:
                 raise Abort(AbortCode.TOO_LONG)
-            return self.confirm()
+            return self._confirm()
         return None
 
-    def confirm(self) -> bytes:
-        """Confirm what came in order; the next segment is number 1 again."""
+    def confirm_early(self) -> bytes:
+        """Confirm what came in order of a sub-block whose last segment is perhaps lost.
+
+        If it is not, but late, the rest of the sub-block has no confirmation of its own.
+        """
+        self._late = LateSegments(self._heard + 1)
+        self._heard = 0
+        return self._confirm()
+
+    def _confirm(self) -> bytes:
         response = bytes((0xA2, self._sequence, BLOCK_SIZE)) + bytes(5)
         self._sequence = 0
-        self._heard = False
         # How much of the last segment is data is only known at the end.
         self._sum_up(len(self.data) - SEGMENT)
         return response
@@ -123,6 +139,11 @@ class BlockUpload:
         Segments in a sub-block as the client asks for.
     crc
         Whether the client wants a checksum.
+
+    Attributes
+    ----------
+    ended
+        Whether the client has all, and only its last word is missing.
     """
 
     def __init__(self, data: bytes, block_size: int, *, crc: bool) -> None:
@@ -132,7 +153,7 @@ class BlockUpload:
         self._position = 0
         self._count = 0
         self._sent = 0
-        self._ended = False
+        self.ended = False
         self._block_size = _checked(block_size)
 
     def start(self) -> None:
@@ -162,7 +183,7 @@ class BlockUpload:
             SEQUENCE if more is confirmed than was sent, BLOCK_SIZE, COMMAND if nothing is to be
             confirmed.
         """
-        if not self._count or self._ended:
+        if not self._count or self.ended:
             raise Abort(AbortCode.COMMAND)
         if request[1] > self._sent:
             raise Abort(AbortCode.SEQUENCE)
@@ -174,13 +195,13 @@ class BlockUpload:
         if self._position < len(self._data) or not request[1]:
             self._begin()
             return None
-        self._ended = True
+        self.ended = True
         unused = min(self._position - len(self._data), SEGMENT)
         return bytes((0xC1 | unused << 2,)) + self._crc.to_bytes(2, "little") + bytes(5)
 
     def end(self) -> None:
         """Take the client's last word; raises `Abort` with COMMAND if it comes too early."""
-        if not self._ended:
+        if not self.ended:
             raise Abort(AbortCode.COMMAND)
 
     def _begin(self) -> None:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Final
 from smarttac_can.device.access import Access
 from smarttac_can.device.block import BLOCK_SIZE, BlockDownload, BlockUpload
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.late import LateRequest, LateSegments
 from smarttac_can.device.nmt import CONFIGURABLE
 from smarttac_can.device.port import Port
 from smarttac_can.device.segmented import Download, Upload
@@ -46,6 +47,7 @@ class SDOServer(Service):
         self._time_out = None if entry is None or entry.data_type not in UNSIGNED else entry
         self._address = _NO_TRANSFER
         self._transfer: Download | Upload | BlockDownload | BlockUpload | None = None
+        self._late: LateSegments | LateRequest | None = None
         self._commands: Final = (
             self._download_segment,
             self._initiate_download,
@@ -97,16 +99,19 @@ class SDOServer(Service):
             return
         tx = self._tx
         transfer = self._transfer
+        if self._late is not None and self._late.include(data[0]):
+            self._wait()
+            return
         try:
             if type(transfer) is BlockDownload and transfer.receiving and data[0] != _ABORT:
                 response = self._block_segment(transfer, data)
             else:
                 response = self._commands[data[0] >> 5](data)
         except Abort as abort:
-            response = self._abort(abort.code)
+            response = self._abort(abort.code, self._rest())
         if response is not None:
             # The write may have moved the server; the client still waits at the old CAN-ID.
-            self.port.out.append(Frame(tx & CAN_ID_MASK, response))
+            self._send(response, tx)
 
     def segment(self) -> Frame | None:
         """Cut the next segment of a block upload, None if there is none to send now."""
@@ -239,21 +244,40 @@ class SDOServer(Service):
         self._address = request[1:4]
         return request[0], int.from_bytes(request[1:3], "little"), request[3]
 
-    def _end(self) -> None:
+    def _end(self, late: LateSegments | LateRequest | None = None) -> None:
         self._transfer = None
+        self._late = late
         self._address = _NO_TRANSFER
-        self._timer.stop()
+        if late is None:
+            self._timer.stop()
+        else:
+            self._wait()
 
-    def _abort(self, code: int) -> bytes:
+    def _abort(self, code: int, late: LateSegments | LateRequest | None) -> bytes:
         response = b"\x80" + self._address + code.to_bytes(4, "little")
-        self._end()
+        self._end(late)
         return response
+
+    def _rest(self) -> LateSegments | None:
+        """What may be under way of the segments that the client sends."""
+        transfer = self._transfer
+        if isinstance(transfer, BlockDownload) and transfer.receiving:
+            return transfer.rest()
+        return None
 
     def _on_time_out(self) -> None:
         transfer = self._transfer
         if isinstance(transfer, BlockDownload) and transfer.interrupted:
-            response = transfer.confirm()
+            self._send(transfer.confirm_early(), self._tx)
             self._wait(2)
+        elif transfer is None:
+            self._end()
+        elif isinstance(transfer, BlockUpload) and transfer.ended:
+            # The client waits for nothing: it would take an abort for its next answer.
+            self._end(LateRequest())
         else:
-            response = self._abort(AbortCode.TIME_OUT)
-        self.port.out.append(Frame(self._tx & CAN_ID_MASK, response))
+            late = self._rest() or LateRequest()
+            self._send(self._abort(AbortCode.TIME_OUT, late), self._tx)
+
+    def _send(self, response: bytes, tx: int) -> None:
+        self.port.out.append(Frame(tx & CAN_ID_MASK, response))

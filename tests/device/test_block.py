@@ -301,6 +301,14 @@ def test_abandoned_transfers_are_freed_by_the_time_out() -> None:
         "< 5A0 A2 01 7F 00 00 00 00 00       # perhaps the last segment was lost\n+ 499ms\n+ 1ms\n"
         + abort,
     )
+    for last in ("7F", "FF"):
+        segments = "".join(f"> 620 {k:02X} 00 00 00 00 00 00 00\n" for k in range(1, 127))
+        play(
+            device,
+            f"> 620 C0 00 23 00 00 00 00 00\n< 5A0 ..\n{segments}> 620 {last}{' 00' * 7}\n"
+            "< 5A0 A2 7F 7F 00 00 00 00 00       # nothing of the next sub-block, or no end\n"
+            "+ 999ms\n+ 1ms\n" + abort,
+        )
     play(device, "> 620 A0 00 23 00 7F 00 00 00\n< 5A0 ..\n+ 999ms\n+ 1ms\n" + abort)
 
 
