@@ -210,6 +210,15 @@ class Device:
         self.clock.advance(microseconds)
         return self._port.take()
 
+    def segments(self, most: int) -> list[Frame]:
+        """Next frames, at most so many, of transfers that go on as fast as the bus takes them.
+
+        Empty when there is nothing to go on with. These are the segments of SDO block uploads: they
+        exist from the request for them on, and are gone when their transfer is. Who asks for none
+        lets the transfer time out.
+        """
+        return self._port.segments(most)
+
     def take(self) -> list[Frame]:
         """Frames caused by `trigger` and `emergency` outside of the hooks."""
         return self._port.take()
