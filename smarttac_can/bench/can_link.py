@@ -34,6 +34,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 LOST_CYCLE_S: Final = 1.0
 """How long a cycle in lockstep may take before it counts as lost."""
 _PUBLIC_TPDOS: Final = range(1, 5)
+_TICK: Final = RECORDED.index("Contact.Tick")
 _LOST_IN_A_ROW: Final = 3
 
 
@@ -244,11 +245,17 @@ class CanLink:
             if pdo.number == last:
                 # A row with a lost frame would mix two cycles.
                 if come >= wanted:
-                    self._rows.append(tuple([place.values[at] for place, at in columns]))
+                    self._record(tuple([place.values[at] for place, at in columns]))
                 come.clear()
                 self._cycle.set()
 
         return on_pdo
+
+    def _record(self, row: Row) -> None:
+        rows = self._rows
+        # When a cycle comes late, the event timers of the TPDOs repeat the one before.
+        if not rows or row[_TICK] != rows[-1][_TICK]:
+            rows.append(row)
 
     def _produce_sync(self, cycles: int) -> None:
         cycle = self._cycle

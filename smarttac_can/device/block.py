@@ -56,7 +56,7 @@ class BlockDownload:
 
     def rest(self) -> LateSegments:
         """What may be under way when the transfer is aborted."""
-        return LateSegments(self._late.number or self._heard + 1, aborted=True)
+        return LateSegments(self._late.follows or self._heard + 1, aborted=True)
 
     def segment(self, request: bytes) -> bytes | None:
         """Take a segment; return the confirmation at the end of a sub-block.

@@ -24,17 +24,24 @@ class LateSegments:
         Of the next segment, 1..127; 0 if none is under way.
     aborted
         Whether the transfer is over: a sub-block that the client begins is late as well.
+
+    Attributes
+    ----------
+    follows
+        Number of the next one after those that came; 0 if none came, or no more will.
     """
 
     def __init__(self, number: int = 0, *, aborted: bool = False) -> None:
-        self.number = number
+        self.follows = 0
+        self._number = number
         self._aborted = aborted
 
     def include(self, command: int) -> bool:
         """Whether a frame is the next of them; if not, there are no more."""
         number = command & _SEQUENCE
-        late = number > 0 and (number == self.number or (self._aborted and number == 1))
-        self.number = (number + 1) & _SEQUENCE if late and not command & _LAST else 0
+        late = number > 0 and (number == self._number or (self._aborted and number == 1))
+        self.follows = (number + 1) & _SEQUENCE if late and not command & _LAST else 0
+        self._number = self.follows
         return late
 
 

@@ -116,6 +116,18 @@ def test_the_rest_of_a_confirmed_sub_block_is_late_after_the_abort_too() -> None
     )
 
 
+def test_a_sub_block_that_was_left_leaves_nothing_under_way() -> None:
+    device = started()
+    play(
+        device,
+        "> 620 C0 00 23 00 00 00 00 00\n< 5A0 A4 ..\n"
+        + segments(1, 0x3F)
+        + "+ 500ms\n< 5A0 A2 3F 7F ..\n"
+        + "+ 500ms\n< 5A0 80 00 23 00 00 00 04 05\n"
+        + READ_MODE.format(mode=0),
+    )
+
+
 @pytest.mark.parametrize("request_", ["60", "70", "00", "0B", "A1", "A2", "A3", "C1", "D5"])
 def test_the_request_that_crosses_an_abort_has_its_answer(request_: str) -> None:
     late = f"> 620 {request_} 10 21 00 00 00 00 00\n"
