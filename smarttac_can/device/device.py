@@ -327,7 +327,7 @@ class Device:
         self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
         emcy = self._emergency.can_id
-        loop = [tpdo.can_id for tpdo in self._loop_tpdos]
+        loop = [tpdo.can_id for tpdo in self._loop_tpdos if tpdo.valid]
         urgent = (self._sync.can_id, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
         self.ids = Identifiers(frozenset(self._port.listeners), frozenset(urgent), emcy)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
+from select import select
 from types import TracebackType
 from typing import Final, Self
 
@@ -80,4 +81,7 @@ class LineWriter:
 
     def _put(self, data: bytes) -> None:
         while data:
-            data = data[os.write(self._descriptor, data) :]
+            try:
+                data = data[os.write(self._descriptor, data) :]
+            except BlockingIOError:  # another program has made it so
+                select((), (self._descriptor,), ())
