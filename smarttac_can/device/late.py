@@ -27,9 +27,13 @@ class LateSegments:
 
     Attributes
     ----------
+    part
+        Of the time-out, as a divisor, within which the next one comes.
     follows
         Number of the next one after those that came; 0 if none came, or no more will.
     """
+
+    part: Final = 1
 
     def __init__(self, number: int = 0, *, aborted: bool = False) -> None:
         self.follows = 0
@@ -46,7 +50,17 @@ class LateSegments:
 
 
 class LateRequest:
-    """The one request that a client of any other transfer waits with for its answer."""
+    """The one request that a client of any other transfer waits with for its answer.
+
+    A client that comes later did not look at the answer, and has to be told.
+
+    Attributes
+    ----------
+    part
+        Of the time-out, as a divisor, within which it comes.
+    """
+
+    part: Final = 10
 
     def __init__(self) -> None:
         self._came = False

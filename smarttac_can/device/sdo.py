@@ -99,8 +99,9 @@ class SDOServer(Service):
             return
         tx = self._tx
         transfer = self._transfer
-        if self._late is not None and self._late.include(data[0]):
-            self._wait()
+        late = self._late
+        if late is not None and late.include(data[0]):
+            self._wait(late.part)
             return
         try:
             if type(transfer) is BlockDownload and transfer.receiving and data[0] != _ABORT:
@@ -251,7 +252,7 @@ class SDOServer(Service):
         if late is None:
             self._timer.stop()
         else:
-            self._wait()
+            self._wait(late.part)
 
     def _abort(self, code: int, late: LateSegments | LateRequest | None) -> bytes:
         response = b"\x80" + self._address + code.to_bytes(4, "little")

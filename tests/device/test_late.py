@@ -133,7 +133,8 @@ def test_the_request_that_crosses_an_abort_has_its_answer(request_: str) -> None
     late = f"> 620 {request_} 10 21 00 00 00 00 00\n"
     play(started(), DEAD_UPLOAD + late + READ_MODE.format(mode=0) + "+ 3000ms")
     play(started(), DEAD_UPLOAD + late + late + BELONGS_TO_NOTHING + late + BELONGS_TO_NOTHING)
-    play(started(), DEAD_UPLOAD + "+ 999ms\n+ 1ms\n" + late + BELONGS_TO_NOTHING)
+    play(started(), DEAD_UPLOAD + "+ 99ms\n" + late + READ_MODE.format(mode=0))
+    play(started(), DEAD_UPLOAD + "+ 99ms\n+ 1ms\n" + late + BELONGS_TO_NOTHING)
 
 
 @pytest.mark.parametrize("request_", ["E0", "FF"])
