@@ -196,11 +196,11 @@ class StallingBus(PythonCanBus):
 
     calls = 0
 
-    def receive(self, timeout: float) -> Frame | None:
+    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
         self.calls += 1
         if self.calls % 100 == 0:
             time.sleep(0.12)
-        return super().receive(timeout)
+        return super().receive(timeout, patience)
 
 
 def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(
