@@ -27,12 +27,13 @@ def is_up(interface: str) -> bool:
 
 
 class NodeProcess:
-    """``smarttac node`` or ``smarttac plate``, ready when made."""
+    """``smarttac node`` or ``smarttac plate``, ready when made; in real time or in lockstep."""
 
-    def __init__(self, command: str, *options: str) -> None:
-        bus = ("--interface", "socketcan", "--channel", CHANNEL, "--lockstep")
+    def __init__(self, command: str, *options: str, lockstep: bool = True) -> None:
+        bus = ("--interface", "socketcan", "--channel", CHANNEL)
+        pace = ("--lockstep",) if lockstep else ()
         self.process = subprocess.Popen(
-            [sys.executable, "-u", "-m", "smarttac_can", command, *bus, *options],
+            [sys.executable, "-u", "-m", "smarttac_can", command, *bus, *pace, *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

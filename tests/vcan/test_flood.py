@@ -1,0 +1,99 @@
+"""A watched master falls silent in a flood that does not end: 0 V while it goes on.
+
+The machine below `with-vcan` may have one slow processor. There a loop with a plate node lives on
+by its deadlines of 100 ms only now and then, so with a plate node it is the plate's own watch that
+is shown, whether its stage has a voltage at that time or not. Nothing here says how fast.
+"""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from nodes_on_a_bus import ODS, error_history
+from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
+
+from smarttac_can.bench.open_link import STIMULATOR_ID
+from smarttac_can.bench.stage_watch import MASTER_ID, StageWatch
+from smarttac_can.control.cascade import Mode
+
+MASTER_MS = 3000
+MISSED = 0x8130 | MASTER_ID << 16
+"""In the history of a node that watches the master."""
+FOREIGN_ID = 0x333
+
+
+@contextmanager
+def flood(can_id: int) -> Iterator[subprocess.Popen[bytes]]:
+    """Have can-utils' cangen send SDO aborts, which have no answer, as fast as it can."""
+    command = ("cangen", CHANNEL, "-g", "0", "-i", "-I", f"{can_id:X}", "-L", "8")
+    with subprocess.Popen((*command, "-D", "8000000000000000")) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def voltage(watch: StageWatch, node_id: int) -> int:
+    name = "Stage.Voltage" if node_id == PLATE_ID else "Vibration.Voltage"
+    return watch.read(node_id, ODS[node_id][name])
+
+
+def drive(watch: StageWatch) -> None:
+    """Start all nodes, and run the stimulator with 40 V in open loop."""
+    watch.send(0x000, b"\x01\x00")
+    watch.listen(0.2)
+    watch.send(0x320, struct.pack("<HI", 4000, 4_339_000))
+    for controlword in (0x00, 0x80, 0x00, 0x01, 0x03):
+        watch.send(0x220, struct.pack("<HB", controlword, Mode.OPEN_LOOP))
+        watch.listen(0.05)
+
+
+def assert_missed_in_a_flood(watch: StageWatch, node_id: int, can_id: int) -> None:
+    """See that a node misses its master, and is at 0 V, before the flood ends."""
+    with flood(can_id) as process:
+        watch.listen(1.0)
+        watch.beats = False
+        end = time.monotonic() + GUARD_S
+        while MISSED not in error_history(watch, node_id) or voltage(watch, node_id):
+            assert time.monotonic() < end, "the master is not missed"
+        assert process.poll() is None
+
+
+def watch_master(watch: StageWatch, node_id: int) -> None:
+    watch.write(node_id, ODS[node_id].entry(0x1016, 4), MASTER_ID << 16 | MASTER_MS)
+    watch.beats = True
+    watch.listen(0.3)
+    assert MISSED not in error_history(watch, node_id)
+
+
+@pytest.mark.parametrize("can_id", [0x600 + STIMULATOR_ID, FOREIGN_ID], ids=["heard", "foreign"])
+def test_plate_inside(can_id: int) -> None:
+    bus = {"interface": "socketcan", "channel": CHANNEL}
+    with NodeProcess("node", lockstep=False) as node, StageWatch(**bus) as watch:
+        watch_master(watch, STIMULATOR_ID)
+        drive(watch)
+        assert voltage(watch, STIMULATOR_ID) == 4000
+        assert_missed_in_a_flood(watch, STIMULATOR_ID, can_id)
+        assert node.terminate() == 0
+
+
+@pytest.mark.parametrize("can_id", [0x600 + PLATE_ID, FOREIGN_ID], ids=["heard", "foreign"])
+def test_plate_node(can_id: int) -> None:
+    bus = {"interface": "socketcan", "channel": CHANNEL}
+    with (
+        NodeProcess("plate", lockstep=False) as plate,
+        NodeProcess(
+            "node", "--plate-node", str(PLATE_ID), "--produce-sync", lockstep=False
+        ) as node,
+        StageWatch(**bus) as watch,
+    ):
+        watch.set_deadlines(100)
+        watch_master(watch, PLATE_ID)
+        drive(watch)
+        assert_missed_in_a_flood(watch, PLATE_ID, can_id)
+        assert [node.terminate(), plate.terminate()] == [0, 0]
