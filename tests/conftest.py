@@ -1,12 +1,20 @@
 """Options, buses, and a look for what any test leaves behind."""
 
 import os
+import socket
 import threading
 from collections.abc import Iterator
 from typing import Any
 
 import can.interfaces.virtual
 import pytest
+from hypothesis import HealthCheck, settings
+
+# How long an example takes is up to the machine and to what else it does.
+settings.register_profile(
+    "any pace", settings(), deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("any pace")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -30,7 +38,9 @@ def leaves_nothing() -> Iterator[None]:
 @pytest.fixture
 def multicast() -> dict[str, Any]:
     """Options of a bus for several processes; two test runs at once must not hear each other."""
-    port = 40000 + os.getpid() % 20000
+    with socket.socket(type=socket.SOCK_DGRAM) as nobodys:
+        nobodys.bind(("", 0))
+        port = nobodys.getsockname()[1]
     return {"interface": "udp_multicast", "channel": "239.74.163.3", "port": port}
 
 

@@ -22,7 +22,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 
-GUARD_S = 20.0
+GUARD_S = 60.0
 """Only ever waited for by a test that is about to fail."""
 
 Node = PlateNode | StimulatorNode
@@ -35,9 +35,9 @@ class HesitantBus(PythonCanBus):
         super().__init__(**options)
         self._pauses = pauses
 
-    def receive(self, timeout: float) -> Frame | None:
+    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
         time.sleep(self._pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)))
-        return super().receive(timeout)
+        return super().receive(timeout, patience)
 
 
 def stimulator_with_plate() -> StimulatorNode:
@@ -45,7 +45,8 @@ def stimulator_with_plate() -> StimulatorNode:
 
 
 def both() -> tuple[PlateNode, StimulatorNode]:
-    return PlateNode(plate_od()), StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    plate = PlateNode(plate_od(), deadline_ms=3)
+    return plate, StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
 
 
 @contextmanager
@@ -116,13 +117,16 @@ class NodeProcess:
         return process.returncode, list(self.lines.queue), self._complaints
 
 
+def multicast_options(bus: Mapping[str, Any]) -> list[str]:
+    """Options of ``smarttac`` commands for a bus."""
+    options = ["--interface", bus["interface"], "--channel", bus["channel"]]
+    return [*options, "--bus-option", f"port={bus['port']}"]
+
+
 @contextmanager
 def processes(bus: Mapping[str, Any], *commands: str) -> Iterator[list[NodeProcess]]:
     """Run ``smarttac`` commands such as ``node --lockstep`` on a bus until the block ends."""
-    options = [
-        *("--interface", str(bus["interface"]), "--channel", str(bus["channel"])),
-        *("--bus-option", f"port={bus['port']}"),
-    ]
+    options = multicast_options(bus)
     started: list[NodeProcess] = []
     try:
         for command in commands:

@@ -97,6 +97,7 @@ def master_page(
     """Run the page of a master beside a node; yield the node and the names of the page."""
     connect = canopen.Network.connect
     monkeypatch.setattr(canopen.Network, "connect", lambda self, **_: connect(self, **virtual))
+    monkeypatch.setattr(canopen.sdo.SdoClient, "RESPONSE_TIMEOUT", GUARD_S)
     monkeypatch.chdir(ROOT)
     node = stimulator_with_plate()
     with in_threads(virtual, node, lockstep=False):

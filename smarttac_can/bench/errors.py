@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from smarttac_can.bench.traces import Trace
+
 
 class BenchError(Exception):
     """Anything the bench cannot do; the message says what to do about it."""
@@ -32,7 +34,17 @@ class NotReadyError(BenchError):
 
 
 class FaultError(BenchError):
-    """A watchdog has tripped, and the fault is latched."""
+    """A watchdog has tripped, and the fault is latched.
+
+    Attributes
+    ----------
+    trace
+        What was recorded if it ended a run; None otherwise.
+    """
+
+    def __init__(self, text: str, trace: Trace | None = None) -> None:
+        super().__init__(text)
+        self.trace = trace
 
 
 class BusLostError(BenchError):

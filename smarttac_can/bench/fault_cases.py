@@ -37,6 +37,7 @@ from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.bench.rig import NODE_LOST_MS, Rig
 from smarttac_can.control.cascade import Mode
 from smarttac_can.host.mishaps import Mishap
+from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
 from smarttac_can.nodes.watchdogs import (
     AMPLITUDE_CYCLES,
     GAUGE_CYCLES,
@@ -45,7 +46,7 @@ from smarttac_can.nodes.watchdogs import (
     SILENT_CYCLES,
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
-    SYNC_WINDOW_CYCLES,
+    sync_window,
 )
 from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
 from smarttac_can.plant.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
@@ -65,9 +66,9 @@ MEASUREMENTS: Final = tuple(base + PLATE_ID for base in TPDO_IDS[:3])
 DRIVE: Final = RPDO_IDS[0] + PLATE_ID
 AT_ONCE: Final = 1
 """Acted on where it is noticed, which is by the end of the cycle."""
-PDO_DEADLINE_MS: Final = 3
+PDO_DEADLINE_MS: Final = SHORT_DEADLINE_MS
 """Event timers of the drive at the plate, and of the measurements at the stimulator."""
-SYNC_IRREGULAR_CYCLES: Final = 2 * SYNC_WINDOW_CYCLES
+SYNC_IRREGULAR_CYCLES: Final = 2 * sync_window(PDO_DEADLINE_MS)
 """The window in which the fault comes may end too early to tell; the next one is enough."""
 HUNTING_CYCLES: Final = SILENT_CYCLES
 """A loop that answers a wrong pick-up lets its excess come and go, but not for longer."""

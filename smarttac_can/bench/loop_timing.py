@@ -172,6 +172,11 @@ class LoopTiming:
             "stage": None if deadline is None else frozen_stage(deadline).as_json(),
         }
 
+    @property
+    def can_ids(self) -> frozenset[int]:
+        """Identifiers of the frames that it is made from."""
+        return frozenset(self._handlers)
+
     def feed(self, time: float, frame: Frame) -> None:
         """Take a frame with its time stamp in s, in the order of the bus; others are ignored."""
         handler = self._handlers.get(frame.can_id)

@@ -16,6 +16,7 @@ from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
@@ -107,8 +108,13 @@ def open_simulated_link(
     if plate_inside:
         bus.attach(StimulatorNode(stimulator_od(), PlateBlock(plate_od()), presets=presets))
     else:
-        bus.attach(PlateNode(plate_od()))
-        bus.attach(StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, presets=presets))
+        short = SHORT_DEADLINE_MS
+        bus.attach(PlateNode(plate_od(), deadline_ms=short))
+        bus.attach(
+            StimulatorNode(
+                stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=short, presets=presets
+            )
+        )
     return _over_can(
         LocalNetwork(bus),
         STIMULATOR_ID,

@@ -14,7 +14,7 @@ from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
 from smarttac_can.host.local_bus import Port, Wire
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
-from smarttac_can.nodes.loop_period import TICK_US
+from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS, TICK_US
 from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import Control, State
@@ -129,9 +129,11 @@ class Rig:
             self.stimulator = StimulatorNode(stimulator_od(), self.plate_block)
             self.plate_port = None
         else:
-            plate = PlateNode(plate_od())
+            plate = PlateNode(plate_od(), deadline_ms=SHORT_DEADLINE_MS)
             self.plate_block = plate.block
-            self.stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+            self.stimulator = StimulatorNode(
+                stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=SHORT_DEADLINE_MS
+            )
             self.plate_port = self.bus.attach(plate, lockstep=False)
             self.plate = plate
         self.stimulator_port = self.bus.attach(self.stimulator, lockstep=False)

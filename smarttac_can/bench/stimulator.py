@@ -64,11 +64,12 @@ class Stimulator(SetPoints):
         The finger of a simulated plate.
     """
 
-    __slots__ = ("finger",)
+    __slots__ = ("_knows_fault", "finger")
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         super().__init__(link, od)
         self.finger = SimulatedFinger(self.set)
+        self._knows_fault = False
 
     @classmethod
     def connect(
@@ -188,8 +189,10 @@ class Stimulator(SetPoints):
 
     @property
     def state(self) -> State:
-        """State of the device."""
-        return State(self._link.read("Statusword") >> STATE_SHIFT & _STATE_MASK)
+        """State of the device; who has read FAULT here gets no `FaultError` of `run` for it."""
+        state = State(self._link.read("Statusword") >> STATE_SHIFT & _STATE_MASK)
+        self._knows_fault = state is State.FAULT
+        return state
 
     def arm(self) -> None:
         """Make the watchdogs sharp, at 0 V; a loop that has just begun gets the time for its tare.
@@ -245,11 +248,15 @@ class Stimulator(SetPoints):
         except RefusedError as error:
             raise FaultError(f"the fault cannot be reset: {self._lack()}") from error
         self._link.write(_CONTROLWORD, 0)
+        self._knows_fault = False
 
-    def _require_no_fault(self, state: State) -> None:
+    def _require_no_fault(self, state: State, trace: Trace | None = None) -> None:
         if state is State.FAULT:
+            recorded = "; .trace holds the recording" if trace is not None else ""
             raise FaultError(
                 f"a fault is latched ({self.message}): remove the cause, then reset_fault()"
+                f"{recorded}",
+                trace,
             )
 
     def _not_ready(self) -> NotReadyError:
@@ -281,6 +288,9 @@ class Stimulator(SetPoints):
     def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
         """Let the loop run, and return what was recorded in each of its cycles of 1 ms.
 
+        With a fault that is known already, by a `FaultError` or by `state`, it just records: the
+        cause goes, and time passes, before `reset_fault`.
+
         Parameters
         ----------
         seconds
@@ -292,9 +302,13 @@ class Stimulator(SetPoints):
         ------
         ValueError
             If `seconds` is not a finite number, or too short.
+        FaultError
+            If a fault is latched at its end that was not known at its beginning; `trace` of the
+            error is what was recorded.
         NotRunningError
             If the loop gives no cycles, or most of them were lost.
         """
+        knew_fault = self._knows_fault
         cycles = round(finite("seconds", seconds) * CYCLES_PER_SECOND)
         if cycles < 1:
             raise ValueError(f"seconds {seconds} is below 0.001")
@@ -304,7 +318,11 @@ class Stimulator(SetPoints):
                 f"{cycles - len(rows)} of {cycles} cycles were lost: does another bench script "
                 "record, or is the bus too slow for it?"
             )
-        return Trace.from_rows(experiment, subject, _unwrapped(rows))
+        trace = Trace.from_rows(experiment, subject, _unwrapped(rows))
+        state = self.state
+        if not knew_fault:
+            self._require_no_fault(state, trace)
+        return trace
 
     def start_run(self) -> None:
         """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
@@ -327,6 +345,8 @@ class Stimulator(SetPoints):
 
         Raises
         ------
+        FaultError
+            If a fault is latched.
         BenchError
             If the plate could not be identified.
         """
@@ -335,21 +355,20 @@ class Stimulator(SetPoints):
             self._link.run(_IDENTIFY_CYCLES)
             if progress is not None:
                 progress(self._link.read("Model.Progress"))
-            state = self._link.read("Model.State")
-            if state == identification.State.DONE:
-                self.disarm()
-                return PlateModel(
-                    gain=self.get("Model.Gain per volt") * 1e-12,
-                    tau=self.get("Model.Tau") * 1e-6,
-                    f0=self.get("Model.Resonance"),
-                )
-            if state == identification.State.FAILED:
+            found = self._link.read("Model.State")
+            if found != identification.State.RUNNING or self.state is not State.RUNNING:
                 break
-        reason = self.message or "no end in sight"
         self.disarm()
-        raise BenchError(
-            f"the plate could not be identified ({reason}): lift the "
-            "finger, tare, and set the frequency within 300 Hz of the resonance"
+        self._require_no_fault(self.state)
+        if found != identification.State.DONE:
+            raise BenchError(
+                f"the plate could not be identified ({self.message or 'no end in sight'}): lift "
+                "the finger, tare, and set the frequency within 300 Hz of the resonance"
+            )
+        return PlateModel(
+            gain=self.get("Model.Gain per volt") * 1e-12,
+            tau=self.get("Model.Tau") * 1e-6,
+            f0=self.get("Model.Resonance"),
         )
 
 

@@ -13,13 +13,10 @@ from smarttac_can.cli.options import (
     own_node_id,
     unconfigured_option,
 )
+from smarttac_can.cli.process import Pace, lockstep_option, run_in_process
 from smarttac_can.cli.refusal import naming, plain_errors
-from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.device.device import Device
 from smarttac_can.host.eds_files import read_eds_file
-from smarttac_can.host.lasting_bus import LastingBus
-from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.host.runner import run_node
 from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.od.eds import load_eds
@@ -43,11 +40,7 @@ _DEFAULT_ID = 1
 @unconfigured_option
 @bus_options
 @click.option("--autostart", is_flag=True, help="OPERATIONAL without waiting for a master.")
-@click.option(
-    "--lockstep",
-    is_flag=True,
-    help="Let SYNC be the only clock: for simulated time at any pace.",
-)
+@lockstep_option
 @click.option(
     "--storage",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -75,7 +68,4 @@ def device(
             click.echo(f"{eds}: {warning}", err=True)
         file = None if storage is None else StorageFile(storage)
         node = PlainNode(Device(od, autostart=autostart, storage=file, node_id=fixed))
-        with stop_on_signals() as stop:
-            lines = StateLines("device", bus.where, node, click.echo)
-            lasting = LastingBus(bus.open, lost=lines.lost, back=lines.back, full=lines.full)
-            run_node(lines, lasting, stop, lockstep=lockstep)
+        run_in_process("device", node, bus, Pace(lockstep))

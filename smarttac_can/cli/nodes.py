@@ -19,13 +19,10 @@ from smarttac_can.cli.options import (
     unconfigured_option,
     with_options,
 )
+from smarttac_can.cli.process import Pace, pace_options, run_in_process
 from smarttac_can.cli.refusal import naming, plain_errors
-from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.finger_file import read_finger
-from smarttac_can.host.lasting_bus import LastingBus
-from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.host.runner import run_node
 from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
@@ -76,11 +73,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
             help=f"Wins over a stored one; without, the stored one or else {node_id}.",
         ),
         unconfigured_option,
-        click.option(
-            "--lockstep",
-            is_flag=True,
-            help="Let SYNC be the only clock: for simulated time at any pace.",
-        ),
+        pace_options,
         click.option(
             "--finger",
             callback=_finger,
@@ -130,7 +123,6 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
 def node(
     node_id: int | None,
     unconfigured: bool,
-    lockstep: bool,
     finger: tuple[int, Trajectory | None],
     subject: int,
     seed: int,
@@ -139,11 +131,12 @@ def node(
     plate_node: int | None,
     produce_sync: bool,
     bus: BusChoice,
+    pace: Pace,
 ) -> None:
     """Run the stimulator node until Ctrl-C or SIGTERM, which leave the plate at 0 V."""
     if produce_sync and plate_node is None:
         raise click.UsageError("--produce-sync is the tick of a --plate-node: none is given")
-    if produce_sync and lockstep:
+    if produce_sync and pace.lockstep:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
     if plate_node is not None:
         _refuse_finger()
@@ -154,19 +147,21 @@ def node(
     with plain_errors(), _blaming(eds):
         od = _load("stimulator.eds", eds, own)
         motion, recording = finger
+        inside, presets = None, {}
         if plate_node is None:
             inside = PlateBlock(_load("plate.eds", None, PLATE_ID), recording)
             presets = _finger_presets(od, motion, subject, seed)
-            device = StimulatorNode(od, inside, presets=presets, storage=storage, node_id=fixed)
-        else:
-            device = StimulatorNode(
-                od,
-                plate_node_id=plate_node,
-                produce_sync=produce_sync,
-                storage=storage,
-                node_id=fixed,
-            )
-        _run("stimulator", device, lockstep, bus)
+        device = StimulatorNode(
+            od,
+            inside,
+            plate_node_id=plate_node or 0,
+            produce_sync=produce_sync,
+            deadline_ms=pace.begin(),
+            presets=presets,
+            storage=storage,
+            node_id=fixed,
+        )
+        run_in_process("stimulator", device, bus, pace)
 
 
 @click.command(epilog="Example: smarttac plate --interface socketcan --channel can0 --node-id 33")
@@ -174,13 +169,13 @@ def node(
 def plate(
     node_id: int | None,
     unconfigured: bool,
-    lockstep: bool,
     finger: tuple[int, Trajectory | None],
     subject: int,
     seed: int,
     eds: Path | None,
     storage: StorageFile | None,
     bus: BusChoice,
+    pace: Pace,
 ) -> None:
     """Run the simulated plate as a node of its own until Ctrl-C or SIGTERM."""
     with plain_errors(), _blaming(eds):
@@ -188,8 +183,15 @@ def plate(
         od = _load("plate.eds", eds, PLATE_ID if node_id is None else node_id)
         presets = _finger_presets(od, motion, subject, seed)
         fixed = own_node_id(node_id, unconfigured)
-        device = PlateNode(od, presets, recording, storage=storage, node_id=fixed)
-        _run("plate", device, lockstep, bus)
+        device = PlateNode(
+            od,
+            presets,
+            recording,
+            deadline_ms=pace.begin(),
+            storage=storage,
+            node_id=fixed,
+        )
+        run_in_process("plate", device, bus, pace)
 
 
 def _refuse_finger() -> None:
@@ -242,10 +244,3 @@ def _blaming(eds: Path | None) -> Iterator[None]:
             raise
         reason = error.args[0] if isinstance(error, KeyError) else error
         raise click.ClickException(f"{eds} does not suit the device: {reason}") from error
-
-
-def _run(name: str, device: StimulatorNode | PlateNode, lockstep: bool, bus: BusChoice) -> None:
-    with stop_on_signals() as stop:
-        lines = StateLines(name, bus.where, device, click.echo)
-        lasting = LastingBus(bus.open, lost=lines.lost, back=lines.back, full=lines.full)
-        run_node(lines, lasting, stop, lockstep=lockstep)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.port import Identifiers
 from smarttac_can.host.bus import BusError
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
@@ -26,7 +27,7 @@ class StateLines:
     node
         The node.
     say
-        Takes a line.
+        Takes a line, and does not wait.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class StateLines:
         self._name = name
         self._where = where
         self._node = node
-        self._line = say
+        self._say = say
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
         self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
@@ -48,7 +49,13 @@ class StateLines:
         stimulator = node if isinstance(node, StimulatorNode) else None
         self._off = stimulator.bus_off if stimulator else node.device.bus_off
         self._recovered = stimulator.bus_recovered if stimulator else node.device.bus_recovered
-        self.missed = getattr(node, "missed", lambda ticks: None)
+        self.clock = node.clock
+        self.segments = node.segments
+
+    @property
+    def ids(self) -> Identifiers:
+        """CAN-IDs that matter now."""
+        return self._device.ids
 
     def start(self) -> list[Frame]:
         """Power on, and say that it is ready."""
@@ -69,6 +76,18 @@ class StateLines:
         self._follow()
         return frames
 
+    def overdue(self) -> list[Frame]:
+        """Act on what must not wait."""
+        frames = self._node.overdue()
+        self._follow()
+        return frames
+
+    def transmit_failed(self) -> list[Frame]:
+        """Take note that a frame of the loop could not be handed over in its cycle."""
+        frames = self._node.transmit_failed()
+        self._follow()
+        return frames
+
     def shutdown(self) -> list[Frame]:
         """Stop, a plate at 0 V, and say so."""
         frames = self._node.shutdown()
@@ -85,23 +104,14 @@ class StateLines:
         self._say(f"{self._title} back on {self._where}")
         return self._recovered()
 
-    def full(self, reason: BusError) -> list[Frame]:
-        """Take note that a frame could not be sent."""
-        frames = self._node.transmit_failed()
+    def full(self, reason: BusError) -> None:
+        """Say that the bus has begun not to take what the loop needs."""
         self._say(f"{self._title} {reason}")
-        return frames
 
     @property
     def _title(self) -> str:
         node_id = self._device.node_id
         return f"{self._name} {'without node-ID' if node_id == UNCONFIGURED else node_id}"
-
-    def _say(self, line: str) -> None:
-        try:
-            self._line(line)
-        except OSError:
-            # The terminal is closed. The node goes on, and above all ends at 0 V, without a reader.
-            self._line = lambda line: None
 
     def _now(self) -> tuple[NMTState, int]:
         return self._device.nmt_state, self._mode.value if self._mode is not None else 0

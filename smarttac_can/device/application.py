@@ -44,5 +44,11 @@ class Application:
         It comes before what the error behaviour object asks for. Node-ID 0 is life guarding.
         """
 
+    def on_store(self) -> None:
+        """Refuse by raising `Abort` that parameters are stored, which may take a while."""
+
+    def on_emergency(self, code: int) -> None:
+        """Act on an emergency message of the node that the device listens to."""
+
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse an SDO write by raising `Abort`; the entry still has its old value."""

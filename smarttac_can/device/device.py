@@ -5,23 +5,26 @@ from __future__ import annotations
 from smarttac_can.device.access import Access
 from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.emcy_consumer import EmergencyConsumer
 from smarttac_can.device.error_behaviour import ErrorBehaviour, ErrorClass
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.guarding import Guarding
 from smarttac_can.device.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from smarttac_can.device.lss import LSS
 from smarttac_can.device.nmt import NMTState, commands_to
-from smarttac_can.device.port import Port
+from smarttac_can.device.port import Identifiers, Port
 from smarttac_can.device.rpdo import RPDO
 from smarttac_can.device.sdo import SDOServer
 from smarttac_can.device.service import Service
 from smarttac_can.device.storage import Memory, ParameterStorage, Storage
 from smarttac_can.device.sync import Sync
 from smarttac_can.device.time_stamp import TimeStamp
+from smarttac_can.device.timer import Clock
 from smarttac_can.device.tpdo import TPDO
 from smarttac_can.od.cia import (
     COMMUNICATION_FIRST,
     COMMUNICATION_LAST,
+    HEARTBEAT_ID,
     LAST_INDEX,
     NMT_ID,
     NMT_STARTUP,
@@ -63,9 +66,19 @@ class Device:
     node_id
         1..127 wins over a stored node-ID; 255 leaves it to the stored one, and the device waits for
         LSS where there is none; None takes the stored one or else that of `od`.
+    clock
+        Device time, where the application has timers of its own: those made before come first.
+    loop_tpdos
+        Numbers of the TPDOs that somebody's control loop waits for.
+    emergencies_of
+        Node-ID, 1..127, whose emergency messages the application hears; 0 for none.
 
     Attributes
     ----------
+    clock
+        Device time, and when the next timer expires.
+    ids
+        CAN-IDs that matter now, another object whenever they have changed.
     sync_counter
         Counter of the last SYNC, 0 where SYNC carries none.
     sync_own
@@ -80,6 +93,9 @@ class Device:
         autostart: bool = False,
         storage: Storage | None = None,
         node_id: int | None = None,
+        clock: Clock | None = None,
+        loop_tpdos: tuple[int, ...] = (),
+        emergencies_of: int = 0,
     ) -> None:
         if node_id is not None and not (1 <= node_id <= 127 or node_id == UNCONFIGURED):
             raise ValueError(f"node_id {node_id} is outside 1..127 and not {UNCONFIGURED}")
@@ -89,9 +105,12 @@ class Device:
         self._state = NMTState.INITIALISING
         self._node_id = node_id
         self._off = True
-        self._port = port = Port()
+        self.clock = clock or Clock()
+        self._port = port = Port(self.clock)
         self._emergency = Emergency(port, od)
-        self._storage = ParameterStorage(port, od, self._emergency, storage or Memory())
+        self._storage = ParameterStorage(
+            port, od, self._emergency, storage or Memory(), self._application
+        )
         self._lss = LSS(port, od, self._storage, self._begin)
         self._time_stamp = TimeStamp(port, od)
         if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
@@ -124,6 +143,7 @@ class Device:
             HeartbeatConsumer(
                 port, od, self._emergency, self._application, self._error_behaviour.react
             ),
+            EmergencyConsumer(port, od, self._application, emergencies_of),
             Guarding(port, od, self._emergency, self._application, self._error_behaviour.react),
             self._sync,
             *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),
@@ -135,6 +155,8 @@ class Device:
                 self._owners.setdefault(index, []).append(service)
         self.sync_counter = 0
         self.sync_own = False
+        self._loop_tpdos = [self._tpdos[number] for number in loop_tpdos]
+        self.ids = Identifiers()
         self._latching: list[RPDO] = []
         self._sampling: list[TPDO] = []
         self._on_nmt = commands_to(lambda: self._lss.node_id, self._request)
@@ -153,6 +175,11 @@ class Device:
     def bit_rate(self) -> int | None:
         """Bit rate in kbit/s that LSS has activated, None so far; the device cannot switch."""
         return self._lss.bit_rate
+
+    @property
+    def sync_missed(self) -> int:
+        """How many SYNCs it came too late to produce before the last one."""
+        return self._sync.missed
 
     @property
     def time(self) -> int | None:
@@ -180,8 +207,17 @@ class Device:
 
     def advance(self, microseconds: int) -> list[Frame]:
         """Let time pass, 0 or more us; each timer fires at most once. Return the frames due."""
-        self._port.clock.advance(microseconds)
+        self.clock.advance(microseconds)
         return self._port.take()
+
+    def segments(self, most: int) -> list[Frame]:
+        """Next frames, at most so many, of transfers that go on as fast as the bus takes them.
+
+        Empty when there is nothing to go on with. These are the segments of SDO block uploads: they
+        exist from the request for them on, and are gone when their transfer is. Who asks for none
+        lets the transfer time out.
+        """
+        return self._port.segments(most)
 
     def take(self) -> list[Frame]:
         """Frames caused by `trigger` and `emergency` outside of the hooks."""
@@ -290,6 +326,10 @@ class Device:
                 service.listen()
         self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
+        emcy = self._emergency.can_id
+        loop = [tpdo.can_id for tpdo in self._loop_tpdos if tpdo.valid]
+        urgent = (self._sync.can_id, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
+        self.ids = Identifiers(frozenset(self._port.listeners), frozenset(urgent), emcy)
 
     def _synchronise(self, counter: int, own: bool) -> None:
         self.sync_counter = counter

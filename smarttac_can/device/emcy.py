@@ -120,6 +120,11 @@ class Emergency(Service):
         """Hold the queue."""
         self._inhibit.stop()
 
+    @property
+    def can_id(self) -> int:
+        """Identifier of its messages."""
+        return self._cob_id & CAN_ID_MASK
+
     def _read_parameters(self) -> None:
         self._cob_id = self.od.number(EMCY_COB_ID, absent=COB_INVALID)
         self._inhibit_time = 100 * self.od.number(EMCY_INHIBIT)

@@ -11,7 +11,7 @@ from smarttac_can.device.port import Port
 from smarttac_can.device.service import Service
 from smarttac_can.device.storage import ParameterStorage
 from smarttac_can.device.stored_image import UNCHANGED
-from smarttac_can.od.cia import IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, UNCONFIGURED
+from smarttac_can.od.cia import IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, UNCONFIGURED, Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 
 BIT_RATES: Final = {0: 1000, 1: 800, 2: 500, 3: 250, 4: 125, 6: 50, 7: 20, 8: 10}
@@ -145,7 +145,7 @@ class LSS(Service):
         elif command == STORE:
             try:
                 self._storage.store_lss(self.pending, self._bit_timing)
-            except OSError:
+            except (OSError, Abort):
                 self._answer(command, _STORAGE_FAILED)
             else:
                 self._answer(command, 0)

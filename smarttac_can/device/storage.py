@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Final, Protocol
 
+from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
 from smarttac_can.device.nmt import CONFIGURABLE
 from smarttac_can.device.port import Port
@@ -79,11 +80,17 @@ class ParameterStorage(Service):
     states: ClassVar = CONFIGURABLE
 
     def __init__(
-        self, port: Port, od: ObjectDictionary, emergency: Emergency, storage: Storage
+        self,
+        port: Port,
+        od: ObjectDictionary,
+        emergency: Emergency,
+        storage: Storage,
+        application: Application,
     ) -> None:
         super().__init__(port, od, (*_SIGNATURES, VERIFY_CONFIGURATION))
         self._emergency = emergency
         self._storage = storage
+        self._application = application
         self._identity: Identity = (
             od.number(IDENTITY, 1), od.number(IDENTITY, 2), od.number(IDENTITY, 3),
         )  # fmt: skip
@@ -144,7 +151,8 @@ class ParameterStorage(Service):
             self._emergency.report(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
 
     def store_lss(self, node_id: int, bit_timing: int) -> None:
-        """Store what LSS has configured; raises `OSError`."""
+        """Store what LSS has configured; raises `OSError`, or `Abort` if it must not be now."""
+        self._application.on_store()
         self._write(Image(node_id, bit_timing, self._image.values))
 
     def check(self, entry: Entry, value: Any) -> None:
@@ -154,6 +162,7 @@ class ParameterStorage(Service):
             return
         if not entry.subindex or value != int.from_bytes(signature, "little"):
             raise Abort(AbortCode.STORE)
+        self._application.on_store()
 
     def apply(self, entry: Entry) -> None:
         """Obey; raises `Abort` with HARDWARE if the storage fails, and all is as before."""

@@ -36,6 +36,16 @@ class Sync(Service):
     on_sync
         Called at every SYNC with its counter, 0 where it has none, and whether the device has
         produced it.
+
+    Attributes
+    ----------
+    can_id
+        Identifier of SYNC.
+
+    Notes
+    -----
+    After a SYNC that came late by more than a quarter of the period the next comes a whole period
+    later: who answers each one has the time for it.
     """
 
     states: ClassVar = CONFIGURABLE
@@ -51,7 +61,7 @@ class Sync(Service):
         self._emergency = emergency
         self._on_sync = on_sync
         self._timer = port.clock.timer(self._produce)
-        self._can_id = SYNC_ID
+        self.can_id = SYNC_ID
         self._produces = False
         self._period = 0
         self._overflow = 0
@@ -59,6 +69,11 @@ class Sync(Service):
         self._wrong_length = False
         self._window = 0
         self._heard = 0
+
+    @property
+    def missed(self) -> int:
+        """Periods that were lost before the last SYNC it produced."""
+        return self._timer.missed
 
     @property
     def window_open(self) -> bool:
@@ -93,7 +108,7 @@ class Sync(Service):
     def configure(self) -> None:
         """Read the parameters."""
         cob_id = self.od.number(SYNC_COB_ID, absent=SYNC_ID)
-        self._can_id = cob_id & CAN_ID_MASK
+        self.can_id = cob_id & CAN_ID_MASK
         self._produces = bool(cob_id & COB_SYNC_PRODUCER)
         self._period = self.od.number(SYNC_PERIOD)
         self._overflow = self.od.number(SYNC_COUNTER)
@@ -110,7 +125,7 @@ class Sync(Service):
 
     def listen(self) -> None:
         """Hear SYNC."""
-        self.port.listen(self._can_id, self.receive)
+        self.port.listen(self.can_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
         """Take a SYNC; one of the wrong length is ignored and reported."""
@@ -131,15 +146,16 @@ class Sync(Service):
 
     def _start_or_stop(self) -> None:
         if self.alive and self._produces and self._period:
-            self._timer.start(self._period, periodic=True)
+            spacing = self._period - self._period // 4
+            self._timer.start(self._period, periodic=True, spacing=spacing)
         else:
             self._timer.stop()
 
     def _produce(self) -> None:
         if self._overflow:
             self._counter = self._counter % self._overflow + 1
-            self.port.out.append(Frame(self._can_id, bytes((self._counter,))))
+            self.port.out.append(Frame(self.can_id, bytes((self._counter,))))
         else:
-            self.port.out.append(Frame(self._can_id))
+            self.port.out.append(Frame(self.can_id))
         self._heard = self.port.clock.now
         self._on_sync(self._counter, True)

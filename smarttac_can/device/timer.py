@@ -15,21 +15,38 @@ class Timer:
     ----------
     due
         Device time in us at which it expires; `NEVER` while stopped.
+    missed
+        Whole periods that were lost before the last expiry.
     """
 
-    __slots__ = ("_clock", "_expire", "_period", "due")
+    __slots__ = ("_clock", "_expire", "_period", "_slip", "_spacing", "_started", "due", "missed")
 
     def __init__(self, clock: Clock, expire: Callable[[], None]) -> None:
         self._clock = clock
         self._expire = expire
-        self._period = 0
+        self._period = self._spacing = self._slip = self._started = 0
         self.due = NEVER
+        self.missed = 0
 
-    def start(self, delay: int, *, periodic: bool = False) -> None:
-        """Expire after a delay in us, above 0, and again every delay if periodic."""
+    def start(self, delay: int, *, periodic: bool = False, spacing: int = 0) -> None:
+        """Expire after a delay in us, 0 or more, and again every delay, above 0, if periodic.
+
+        Parameters
+        ----------
+        spacing
+            Least time in us between two expiries, up to the delay, 0 for any: rather than follow a
+            late one sooner, those after it shift.
+        """
         self._period = delay if periodic else 0
-        self.due = due = self._clock.now + delay
-        self._clock.next_due = min(due, self._clock.next_due)
+        self._spacing = spacing
+        self._slip = 0
+        self._started = now = self._clock.now
+        self._set(now + delay)
+
+    def follow(self, delay: int) -> None:
+        """Let one that runs expire after another delay in us, counted from its start."""
+        if self.running:
+            self._set(self._started + delay)
 
     def stop(self) -> None:
         """Do not expire."""
@@ -42,12 +59,24 @@ class Timer:
 
     def fire(self) -> None:
         """Set the next expiry, then act: what it does may start or stop it again."""
-        if self._period:
-            # Expiries that were slept through are dropped, the phase is kept.
-            self.due += self._period * (1 + (self._clock.now - self.due) // self._period)
-        else:
+        period = self._period
+        if not period:
             self.due = NEVER
+        else:
+            now = self._clock.now
+            late = now - self.due
+            if not self._spacing or late <= period - self._spacing:
+                # Expiries that were slept through are dropped, the phase is kept.
+                self.missed = late // period
+                self.due += period * (1 + self.missed)
+            else:
+                self.missed, self._slip = divmod(self._slip + late, period)
+                self.due = now + period
         self._expire()
+
+    def _set(self, due: int) -> None:
+        self.due = due
+        self._clock.next_due = min(due, self._clock.next_due)
 
 
 class Clock:
@@ -56,7 +85,8 @@ class Clock:
     Attributes
     ----------
     now
-        Microseconds since power-on.
+        Microseconds since power-on. Whoever moves it on has `advance` called when `next_due` is
+        reached: what is heard in between is heard at that time.
     next_due
         No timer expires before this.
     """
@@ -75,7 +105,7 @@ class Clock:
         return timer
 
     def advance(self, microseconds: int) -> None:
-        """Let time pass; every timer expires at most once, in order of expiry."""
+        """Let 0 or more us pass; every timer expires at most once, in order of expiry."""
         self.now = now = self.now + microseconds
         if now < self.next_due:
             return

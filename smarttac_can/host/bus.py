@@ -1,4 +1,4 @@
-"""What a node needs of a bus, and the one error a bus raises."""
+"""What a node needs of a bus, and the errors a bus raises."""
 
 from __future__ import annotations
 
@@ -20,14 +20,39 @@ class QueueFullError(BusError):
 
 
 class Bus(Protocol):
-    """One party's connection to a CAN bus."""
+    """One party's connection to a CAN bus; only `receive` waits, and no longer than it may."""
 
     def send(self, frame: Frame) -> None:
-        """Put a frame on the bus; raises BusError if it takes none."""
+        """Hand a frame over, now.
+
+        Raises QueueFullError if the bus takes none for now, BusError if it takes none at all.
+        """
         ...
 
-    def receive(self, timeout: float) -> Frame | None:
-        """Return the next frame of another party, or None if none came within timeout s."""
+    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+        """Return the next frame of another party that is listened to.
+
+        Parameters
+        ----------
+        timeout
+            Longest wait for a frame in s; 0 takes what is there.
+        patience
+            How long, in s, it may take to pass over frames that are there and not listened to.
+
+        Returns
+        -------
+        Frame or None
+            None if no such frame came in time.
+
+        Raises
+        ------
+        BusError
+            If the bus has failed.
+        """
+        ...
+
+    def listen_to(self, can_ids: frozenset[int]) -> None:
+        """Pass over frames with other identifiers from now on; at first none are."""
         ...
 
     def close(self) -> None:

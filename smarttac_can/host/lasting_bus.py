@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic, sleep
@@ -18,7 +19,7 @@ class LastingBus:
     """Opens its bus again, at growing intervals, whenever it has failed.
 
     While there is no bus, frames are dropped: they are about a moment that is over when it is back.
-    It is back when it has been heard or sent to: SocketCAN opens an interface that is still down.
+    It is back when it can be listened to: SocketCAN opens an interface that is still down.
 
     Parameters
     ----------
@@ -28,9 +29,6 @@ class LastingBus:
         Told why there is no bus any more.
     back
         Told that it is there again; what it returns is sent.
-    full
-        Told that a frame was dropped because the transmit queue is full; what it returns is sent
-        before the next frame that the queue takes.
     clock, pause
         Monotonic time in s, and a wait of so many s.
     """
@@ -41,39 +39,34 @@ class LastingBus:
         *,
         lost: Callable[[BusError], None],
         back: Callable[[], list[Frame]],
-        full: Callable[[BusError], list[Frame]],
         clock: Callable[[], float] = monotonic,
         pause: Callable[[float], None] = sleep,
     ) -> None:
         self._open = open_bus
         self._lost = lost
         self._back = back
-        self._full = full
         self._clock = clock
         self._pause = pause
         self._wait = FIRST_WAIT_S
         self._next_try = 0.0
-        self._owed: list[Frame] = []
+        self._owed: deque[Frame] = deque()
+        self._can_ids: frozenset[int] | None = None
         self._on_trial = False
         self._bus: Bus | None = open_bus()
 
     def send(self, frame: Frame) -> None:
-        """Send a frame if there is a bus."""
+        """Send a frame if there is a bus; raises QueueFullError as that does."""
         if self._bus is None:
             return
         try:
-            while self._owed:
-                self._bus.send(self._owed[0])
-                del self._owed[0]
+            self._send_owed()
             self._bus.send(frame)
-        except QueueFullError as error:
-            self._owed += self._full(error)
+        except QueueFullError:
+            raise
         except BusError as error:
             self._lose(error)
-        else:
-            self._end_trial()
 
-    def receive(self, timeout: float) -> Frame | None:
+    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
         """Return the next frame of another party, or None after timeout s; tries to get back."""
         if self._bus is None:
             self._try_again()
@@ -81,12 +74,18 @@ class LastingBus:
             self._pause(min(timeout, _NAP_S))
             return None
         try:
-            frame = self._bus.receive(timeout)
+            frame = self._bus.receive(timeout, patience)
         except BusError as error:
             self._lose(error)
             return None
         self._end_trial()
         return frame
+
+    def listen_to(self, can_ids: frozenset[int]) -> None:
+        """Pass over frames with other identifiers from now on, also on a bus that is back."""
+        self._can_ids = can_ids
+        if self._bus is not None:
+            self._bus.listen_to(can_ids)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -114,6 +113,9 @@ class LastingBus:
             self._bus = self._open()
         except BusError:
             self._wait_longer()
+        else:
+            if self._can_ids is not None:
+                self._bus.listen_to(self._can_ids)
 
     def _wait_longer(self) -> None:
         self._wait = min(2.0 * self._wait, LONGEST_WAIT_S)
@@ -123,5 +125,15 @@ class LastingBus:
         if not self._on_trial:
             return
         self._on_trial = False
-        for frame in self._back():
-            self.send(frame)
+        self._owed.extend(self._back())
+        try:
+            self._send_owed()
+        except QueueFullError:
+            pass  # the next frame sends them
+        except BusError as error:
+            self._lose(error)
+
+    def _send_owed(self) -> None:
+        while self._bus is not None and self._owed:
+            self._bus.send(self._owed[0])
+            self._owed.popleft()

@@ -7,13 +7,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-# Windows has no SIGHUP.
-_ENDING = [signal.SIGINT, signal.SIGTERM, *filter(None, [getattr(signal, "SIGHUP", None)])]
+_ENDING = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU")  # Windows has the first two
+    if hasattr(signal, name)
+]
+"""SIGXCPU is for a process of real-time priority that does not wait any more."""
 
 
 @contextmanager
 def stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Catch SIGINT, SIGTERM and a closed terminal while the block runs, then let go of them.
+    """Catch SIGINT, SIGTERM, a closed terminal and SIGXCPU in the block, then let go of them.
 
     Yields
     ------

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import errno
-from time import monotonic, sleep, time_ns
+from time import monotonic, time_ns
 from typing import Any
 
 import can
-from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook, QueueFullError
+from smarttac_can.host.can_socket import open_socket
 
-_SEND_TRIES = 100
+_REFUSING_S = 0.1
+"""How long a driver that does not say why may take no frame before its bus is lost."""
 _QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
-_SEND_PAUSE_S = 0.001
 
 
 def to_message(frame: Frame) -> can.Message:
@@ -43,7 +43,8 @@ class PythonCanBus:
         As python-can has them. What is not given comes from python-can's configuration: the
         environment (``CAN_INTERFACE``, ...) or its files (``~/.canrc``, ``can.ini``, ...).
     log
-        Called with the time since the epoch in us and the frame, for every frame sent or received.
+        Called with the time since the epoch in us and the frame, for every frame sent or received;
+        `listen_to` is then for nothing.
     options
         Anything else the interface takes, e.g. ``port=`` for udp_multicast.
 
@@ -51,6 +52,11 @@ class PythonCanBus:
     ------
     BusError
         If there is no such interface or channel, or it cannot be opened.
+
+    Notes
+    -----
+    Of socketcan and udp_multicast the socket is used, which never waits. Other interfaces send by
+    their driver, which decides.
     """
 
     def __init__(
@@ -73,47 +79,46 @@ class PythonCanBus:
                 asked = f"{interface} bus, channel {channel or 'configured'}"
             raise BusError(f"cannot open the {asked}: {error}") from error
         self._log = log
-        # A multicast socket hears itself, and its address is that of every other party on this
-        # machine: the channel field, which travels in the datagram there, tells the echo.
-        self._mark = f"{id(self):x}-{time_ns():x}" if self._hears_itself() else None
+        self._can_ids: frozenset[int] | None = None
+        self._refusing_since: float | None = None
+        self._socket = open_socket(self._bus, channel)
 
     def send(self, frame: Frame) -> None:
-        """Send a frame; while the transmit queue is full try again for 0.1 s at least.
+        """Hand a frame over.
 
         Raises
         ------
         QueueFullError
-            If the queue is still full.
+            If the transmit queue is full.
         BusError
             If the bus takes no frame for another reason.
         """
-        message = to_message(frame)
-        message.channel = self._mark
-        for _ in range(_SEND_TRIES):
-            try:
-                self._bus.send(message)
-            except (can.CanError, OSError) as error:
-                reason = error
-                sleep(_SEND_PAUSE_S)
+        try:
+            if self._socket is not None:
+                self._socket.send(frame)
             else:
-                if self._log is not None:
-                    self._log(time_ns() // 1000, frame)
-                return
-        kind = QueueFullError if _is_queue_full(reason) else BusError
-        raise kind(f"cannot send frame {frame.can_id:03X}: {reason}") from reason
+                self._bus.send(to_message(frame))
+        except (can.CanError, OSError) as error:
+            kind = QueueFullError if self._is_queue_full(error) else BusError
+            raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
+        self._refusing_since = None
+        if self._log is not None:
+            self._log(time_ns() // 1000, frame)
 
-    def receive(self, timeout: float) -> Frame | None:
-        """Return the next classical 11-bit frame of another party.
+    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+        """Return the next classical 11-bit frame of another party that is listened to.
 
         Parameters
         ----------
         timeout
             Longest wait in s; 0 takes what is there.
+        patience
+            How long, in s, it may take to pass over frames that are there and not listened to.
 
         Returns
         -------
         Frame or None
-            None if no frame came in time.
+            None if no such frame came in time.
 
         Raises
         ------
@@ -121,19 +126,29 @@ class PythonCanBus:
             If the bus has failed.
         """
         end = monotonic() + timeout
-        while True:
-            try:
-                message = self._bus.recv(timeout)
-            except (can.CanError, OSError) as error:
-                raise BusError(f"cannot receive: {error}") from error
-            if message is None:
-                return None
-            frame = to_frame(message)
-            if frame is not None and (self._mark is None or message.channel != self._mark):
-                if self._log is not None:
-                    self._log(time_ns() // 1000, frame)
-                return frame
-            timeout = max(0.0, end - monotonic())
+        try:
+            while True:
+                there, frame = self._take(timeout)
+                if frame is not None:
+                    if self._log is not None:
+                        self._log(time_ns() // 1000, frame)
+                    return frame
+                if not there:
+                    return None
+                timeout = end - monotonic()
+                if timeout <= -patience:
+                    return None
+                timeout = max(0.0, timeout)
+        except (can.CanError, OSError) as error:
+            raise BusError(f"cannot receive: {error}") from error
+
+    def listen_to(self, can_ids: frozenset[int]) -> None:
+        """Pass over frames with other identifiers from now on; on SocketCAN the kernel does."""
+        if self._log is not None:
+            return
+        self._can_ids = can_ids
+        if self._socket is not None:
+            self._socket.listen_to(can_ids)
 
     def close(self) -> None:
         """Leave the bus and free its sockets and handles; may be called twice.
@@ -143,15 +158,35 @@ class PythonCanBus:
         BusError
             If the driver fails at it.
         """
+        if self._socket is not None:
+            self._socket.close()
         try:
             self._bus.shutdown()
         except (can.CanError, OSError) as error:
             raise BusError(f"cannot leave the bus: {error}") from error
 
-    def _hears_itself(self) -> bool:
-        return isinstance(self._bus, UdpMulticastBus)
+    def _take(self, timeout: float) -> tuple[bool, Frame | None]:
+        """Wait for a frame: whether one came, and what it is if it is one to hear."""
+        if self._socket is not None:
+            there, frame = self._socket.read()
+            if not there and timeout > 0.0 and self._socket.wait(timeout):
+                there, frame = self._socket.read()
+            return there, frame
+        message = self._bus.recv(timeout)
+        if message is None:
+            return False, None
+        frame = to_frame(message)
+        if frame is None or (self._can_ids is not None and frame.can_id not in self._can_ids):
+            return True, None
+        return True, frame
 
-
-def _is_queue_full(reason: can.CanError | OSError) -> bool:
-    number = reason.error_code if isinstance(reason, can.CanError) else reason.errno
-    return number in _QUEUE_FULL
+    def _is_queue_full(self, reason: can.CanError | OSError) -> bool:
+        number = reason.error_code if isinstance(reason, can.CanError) else reason.errno
+        if number in _QUEUE_FULL:
+            return True
+        if self._socket is not None:
+            return False
+        now = monotonic()
+        if self._refusing_since is None:
+            self._refusing_since = now
+        return now - self._refusing_since < _REFUSING_S

@@ -1,39 +1,71 @@
-"""Run a sans-IO node on a bus: in real time by the clock, or in lockstep by SYNC."""
+"""Run a sans-IO node on a bus: in real time by the clock, or in lockstep by SYNC.
+
+The promise in real time, for a process that runs and whatever comes over the bus: device time is
+never more than 20 ms behind the clock, or the time that one frame takes if that is longer; frames
+that were there when the process came late are heard for at most 10 ms before time goes on; and
+nothing waits for a bus that takes no frames.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import closing, suppress
-from time import monotonic_ns
+from time import monotonic_ns, sleep
+from typing import Final
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import Bus, BusError
-from smarttac_can.host.node import Node
+from smarttac_can.device.port import Identifiers
+from smarttac_can.host.bus import Bus, BusError, QueueFullError
+from smarttac_can.host.node import HostedNode
+from smarttac_can.host.outbox import Outbox
 from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
 
-_TICK_NS = TICK_US * 1000
-_STOP_POLL_S = 0.05
-_HEARD_PER_TICK = 8
-"""Frames heard between two ticks even by a node that is late: those of the loop, and SDO."""
+_LATE_US: Final = 2000
+"""From here on a process came late: what waits on the bus may be older than what is due."""
+_CATCH_UP_US: Final = 9000
+"""How long frames are heard then."""
+_HEARD_US: Final = 1000
+"""How long frames are heard between two cycles by a node whose cycles take longer than a tick."""
+_SENDING_US: Final = 2000
+"""How long frames are handed over in a row."""
+_SEGMENTS: Final = 8
+"""Frames of an SDO transfer handed over before the bus is heard again."""
+_SEND_RETRY_US: Final = 200
+_STOP_POLL_US: Final = 50_000
+_SPARE_US: Final = 500
+"""Time before the next timer that is long enough for something else."""
+_BUSY_US: Final = 10_000
+_REST_US: Final = 500
+"""A process that never waits for a frame rests that long after so much work: at a real-time
+priority nobody else would have this processor."""
+_FAREWELL_US: Final = 100_000
+
+
+def _nothing() -> None:
+    """Nobody has work to do when there is time."""
+
+
+def _not_told(_reason: QueueFullError) -> None:
+    """Nobody is told of a full queue."""
 
 
 def run_node(
-    node: Node,
+    node: HostedNode,
     bus: Bus,
     stop: Callable[[], bool],
     *,
     lockstep: bool = False,
     sync_id: int = SYNC_ID,
+    full: Callable[[QueueFullError], None] = _not_told,
+    spare: Callable[[], None] = _nothing,
     clock: Callable[[], int] = monotonic_ns,
+    rest: Callable[[float], None] = sleep,
 ) -> None:
     """Start a node, run it until told to stop, shut it down and close the bus.
 
-    In real time the node advances by ticks of 1000 us as the clock passes them. Whatever is late by
-    n whole ticks is made up in one call of `advance`, after ``node.missed(n)`` if the node counts
-    its missed deadlines.
-
-    In lockstep the node advances by 1000 us just before each SYNC it receives, and by nothing else.
+    In real time, device time is the clock's, in us: when a timer is due, and before each frame. In
+    lockstep the node advances by 1000 us just before each SYNC it receives, and by nothing else.
 
     Parameters
     ----------
@@ -47,62 +79,178 @@ def run_node(
         Whether SYNC is the clock.
     sync_id
         COB-ID of that SYNC.
-    clock
-        Monotonic time in ns.
+    full
+        Told when the bus has begun not to take what the loop needs.
+    spare
+        Called in real time when there is nothing to do for half a millisecond at least.
+    clock, rest
+        Monotonic time in ns, and a wait of so many s.
 
     Raises
     ------
     BusError
         If the bus carries no more frames.
     """
+    run = _Run(node, bus, full, clock, rest)
     with closing(bus):
         try:
-            _send(bus, node.start())
+            run.say(node.start())
             if lockstep:
-                _follow_sync(node, bus, stop, sync_id)
+                run.follow_sync(stop, sync_id)
             else:
-                _keep_pace(node, bus, stop, clock)
+                run.keep_pace(stop, spare)
         except BaseException:
             # The first failure is the one to report, not that a dead bus refuses the farewell.
             with suppress(BusError):
-                _send(bus, node.shutdown())
+                run.farewell()
             raise
-        _send(bus, node.shutdown())
+        run.farewell()
 
 
-def _follow_sync(node: Node, bus: Bus, stop: Callable[[], bool], sync_id: int) -> None:
-    while not stop():
-        frame = bus.receive(_STOP_POLL_S)
+class _Run:
+    """A node, its bus, and what is between them."""
+
+    def __init__(
+        self,
+        node: HostedNode,
+        bus: Bus,
+        full: Callable[[QueueFullError], None],
+        clock: Callable[[], int],
+        rest: Callable[[float], None],
+    ) -> None:
+        self._node = node
+        self._bus = bus
+        self._outbox = Outbox(node, bus, full)
+        self._clock = clock
+        self._rest = rest
+        self._ids: Identifiers | None = None
+        self._epoch = clock() // 1000 - node.clock.now
+        self._rested = self._now()
+        self._flooded = False
+
+    def say(self, frames: list[Frame]) -> None:
+        """Put frames of the node on the bus, and listen to what it listens to from now on."""
+        if frames:
+            self._outbox.put(frames)
+            self._send()
+        if self._node.ids is not self._ids:
+            self._ids = self._node.ids
+            self._bus.listen_to(self._ids.heard)
+
+    def keep_pace(self, stop: Callable[[], bool], spare: Callable[[], None]) -> None:
+        """Follow the clock."""
+        timers = self._node.clock
+        outbox = self._outbox
+        while not stop():
+            now = self._now()
+            left = timers.next_due - now
+            if left <= -_LATE_US and not self._flooded:
+                self._catch_up()
+            elif left <= 0:
+                timers.now = now
+                self.say(self._node.advance(0))
+                if timers.next_due <= self._now():
+                    self._hear(_HEARD_US)
+                    if self._flooded:
+                        self._rest_if_busy(now)
+            else:
+                if not outbox.empty:
+                    timers.now = now
+                    self._send()
+                    left = min(left, _SEND_RETRY_US)
+                elif self._stream():
+                    left = 0
+                elif left > _SPARE_US:
+                    spare()
+                self._listen(now, min(left, _STOP_POLL_US))
+
+    def follow_sync(self, stop: Callable[[], bool], sync_id: int) -> None:
+        """Follow SYNC; the clock is only asked how long to wait for a frame."""
+        node = self._node
+        outbox = self._outbox
+        while not stop():
+            wait_us = _STOP_POLL_US if outbox.empty else _SEND_RETRY_US
+            frame = self._bus.receive(wait_us * 1e-6)
+            self._send()
+            if frame is not None:
+                if frame.can_id == sync_id:
+                    self.say(node.advance(TICK_US))
+                self.say(node.receive(frame))
+            while outbox.empty and self._stream():
+                pass
+
+    def farewell(self) -> None:
+        """Shut the node down; a bus that takes no frames has 0.1 s to do so."""
+        self.say(self._node.shutdown())
+        end = self._now() + _FAREWELL_US
+        while not self._outbox.empty and self._now() < end:
+            self._rest(_SEND_RETRY_US * 1e-6)
+            self._send()
+
+    def _send(self) -> None:
+        """Hand over what waits, as long as the bus takes it and it does not take long."""
+        end = self._now() + _SENDING_US
+        while self._outbox.hand_over() and self._now() < end:
+            pass
+
+    def _stream(self) -> bool:
+        """Hand over some frames of transfers that go on as fast as the bus takes them, if any."""
+        frames = self._node.segments(_SEGMENTS)
+        self.say(frames)
+        return bool(frames)
+
+    def _now(self) -> int:
+        """Return the clock's time as device time in us."""
+        return self._clock() // 1000 - self._epoch
+
+    def _listen(self, now: int, wait_us: int) -> None:
+        """Hear the next frame, or wait until something is due."""
+        # Frames that come before the wait is over do not tell whether there was one.
+        busy = now - self._rested > _BUSY_US
+        frame = self._bus.receive(0.0 if busy else wait_us * 1e-6)
         if frame is None:
-            continue
-        if frame.can_id == sync_id:
-            _send(bus, node.advance(TICK_US))
-        _send(bus, node.receive(frame))
+            self._silent()
+            return
+        self._take(frame, self._now())
+        self._rest_if_busy(now)
 
+    def _silent(self) -> None:
+        """Note that the bus has nothing to hear, so that others have the processor."""
+        self._flooded = False
+        self._rested = self._now()
 
-def _keep_pace(node: Node, bus: Bus, stop: Callable[[], bool], clock: Callable[[], int]) -> None:
-    # Only a node that is paced by a clock has deadlines to miss, so counting them is optional.
-    count_missed: Callable[[int], None] | None = getattr(node, "missed", None)
-    deadline = clock() + _TICK_NS
-    heard, silent = 0, True
-    while not stop():
-        left = deadline - clock()
-        missed = -left // _TICK_NS
-        # What piled up while the node was late is heard before its own deadlines run out.
-        if left <= 0 and (silent or heard >= _HEARD_PER_TICK * (missed + 1)):
-            if missed and count_missed is not None:
-                count_missed(missed)
-            _send(bus, node.advance((missed + 1) * TICK_US))
-            deadline += (missed + 1) * _TICK_NS
-            heard, silent = 0, False
-            continue
-        frame = bus.receive(max(left, 0) * 1e-9)
-        silent = frame is None
-        if frame is not None:
-            heard += 1
-            _send(bus, node.receive(frame))
+    def _rest_if_busy(self, now: int) -> None:
+        if now - self._rested > _BUSY_US:
+            self._rest(_REST_US * 1e-6)
+            self._rested = self._now()
 
+    def _take(self, frame: Frame, now: int) -> None:
+        """Have the node hear a frame; what must not wait for one comes before it."""
+        timers = self._node.clock
+        timers.now = now
+        if timers.next_due <= now:
+            self.say(self._node.overdue())
+        self.say(self._node.receive(frame))
 
-def _send(bus: Bus, frames: Iterable[Frame]) -> None:
-    for frame in frames:
-        bus.send(frame)
+    def _catch_up(self) -> None:
+        """Hear what came meanwhile before what is due without it."""
+        self._hear(_CATCH_UP_US)
+        self._node.clock.now = self._now()
+        self.say(self._node.advance(0))
+
+    def _hear(self, budget_us: int) -> None:
+        """Hear frames that are there, one at least, and no longer than that."""
+        now = self._now()
+        end = now + budget_us
+        longest = 0
+        while now + longest <= end:
+            frame = self._bus.receive(0.0, (end - now) * 1e-6)
+            if frame is None:
+                self._silent()
+                return
+            before = now
+            self._take(frame, self._now())
+            now = self._now()
+            longest = max(longest, now - before)
+        # Without an end to the frames it is not a pause that makes it late, and time comes first.
+        self._flooded = True

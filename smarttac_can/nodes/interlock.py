@@ -70,9 +70,14 @@ class Interlock:
         return self.machine.state
 
     @property
+    def sharp(self) -> bool:
+        """Whether the watchdogs are: the device is armed or running."""
+        return self.machine.state in _SHARP
+
+    @property
     def tare_barred(self) -> bool:
         """Whether another zero of the gauges would change a drive, or hide a fault."""
-        return self.machine.state in _SHARP or bool(self.present & self.latched & _OVERLOAD)
+        return self.sharp or bool(self.present & self.latched & _OVERLOAD)
 
     def restart(self) -> None:
         """Begin as after power-on; a reset out of RUNNING is a fault."""

@@ -5,10 +5,42 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.device.device import Device
-from smarttac_can.od.cia import SYNC_PERIOD, EmergencyCode, ErrorRegister
+from smarttac_can.od.cia import (
+    PDO_EVENT,
+    RPDO_COMMUNICATION,
+    SYNC_PERIOD,
+    EmergencyCode,
+    ErrorRegister,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 TICK_US: Final = 1000
 """Period of the loop in us."""
+SHORT_DEADLINE_MS: Final = 3
+"""Deadline of measurements and drives where every cycle is in time: in lockstep, and with the
+privileges for real time. One lost cycle passes, a second in a row does not."""
+
+
+def set_deadline(od: ObjectDictionary, rpdos: tuple[int, ...], milliseconds: int) -> None:
+    """Have the event timers of RPDOs begin with another default than that of the EDS.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of a node that was not started yet.
+    rpdos
+        Numbers of the RPDOs of its loop.
+    milliseconds
+        Within the limits of the entries.
+    """
+    for entry in deadlines(od, rpdos):
+        entry.check(milliseconds)
+        entry.default = entry.value = milliseconds
+
+
+def deadlines(od: ObjectDictionary, rpdos: tuple[int, ...]) -> list[Entry]:
+    """Return the event timers, in ms, of RPDOs."""
+    return [od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT) for rpdo in rpdos]
 
 
 class LoopPeriod:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.port import Identifiers
 
 
 class PlainNode:
@@ -17,9 +18,20 @@ class PlainNode:
 
     def __init__(self, device: Device) -> None:
         self.device = device
+        self.clock = device.clock
         self.start = device.start
         self.receive = device.receive
         self.advance = device.advance
+        self.segments = device.segments
+
+    @property
+    def ids(self) -> Identifiers:
+        """CAN-IDs that matter now."""
+        return self.device.ids
+
+    def overdue(self) -> list[Frame]:
+        """Nothing is driven, so nothing is overdue."""
+        return []
 
     def transmit_failed(self) -> list[Frame]:
         """Take note that a frame could not be sent; nothing depends on it."""

@@ -9,16 +9,18 @@ from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
+from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.check import DRIVEN, Check
-from smarttac_can.nodes.loop_period import LoopPeriod
+from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     PDO_COB_ID,
-    PDO_EVENT,
-    RPDO_COMMUNICATION,
     TPDO_COMMUNICATION,
+    Abort,
+    AbortCode,
     EmergencyCode,
     ErrorRegister,
 )
@@ -47,6 +49,8 @@ class PlateNode(Application):
         Raw values by name that replace defaults of the EDS at power-on.
     recording
         The finger of ``Finger.Motion`` 2.
+    deadline_ms
+        Default of the event timer of the drive; None for that of the EDS.
     storage, node_id
         As for `Device`.
     """
@@ -57,13 +61,22 @@ class PlateNode(Application):
         presets: Mapping[str, int] | None = None,
         recording: Trajectory | None = None,
         *,
+        deadline_ms: int | None = None,
         storage: Storage | None = None,
         node_id: int | None = None,
     ) -> None:
         self.od = od
         self._presets = dict(presets or {})
         self.block = PlateBlock(od, recording)
-        self.device = Device(od, self, storage=storage, node_id=node_id)
+        if deadline_ms is not None:
+            set_deadline(od, (_DRIVE_RPDO,), deadline_ms)
+        (self._deadline,) = deadlines(od, (_DRIVE_RPDO,))
+        self.clock = clock = Clock()
+        self._unanswered = clock.timer(self._on_unanswered)
+        self.device = Device(
+            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=_MEASUREMENT_TPDOS
+        )
+        self.segments = self.device.segments
         self._period = LoopPeriod(self.device)
         self._measures = True
         self._sent = Check([od[name] for name in _MEASURED], od["Measurement check"])
@@ -71,26 +84,23 @@ class PlateNode(Application):
         self._corrupt = od["Cycle.Corrupt drives"]
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
+        self._stage_voltage = od["Stage.Voltage"]
         self._voltage_max = od["Limit.Voltage"]
         self._temperature_max = od["Limit.Temperature"]
         self._protecting: set[EmergencyCode] = set()
-        self._deadline = od.entry(RPDO_COMMUNICATION + _DRIVE_RPDO - 1, PDO_EVENT)
-        self._unanswered_us = 0
+        self.start = self.device.start
+        self.advance = self.device.advance
 
-    def start(self) -> list[Frame]:
-        """Power on."""
-        return self.device.start()
+    @property
+    def ids(self) -> Identifiers:
+        """CAN-IDs that matter now."""
+        return self.device.ids
 
-    def advance(self, microseconds: int) -> list[Frame]:
-        """Let time pass; without an answer for the time of the deadline, go to 0 V.
-
-        The deadline of the RPDO begins anew with any values within their limits; this one with a
-        drive that was taken.
-        """
-        self._unanswered_us += microseconds
-        if self.block.driven and self._unanswered_us >= 1000 * self._deadline.value:
-            self.block.bar()
-        return self.device.advance(microseconds)
+    def overdue(self) -> list[Frame]:
+        """Go to 0 V if no drive came in time, before frames are heard that waited."""
+        if self._unanswered.due <= self.clock.now:
+            self._unanswered.fire()
+        return self.device.take()
 
     def receive(self, frame: Frame) -> list[Frame]:
         """Take a frame; while there is no loop, no measurement goes out."""
@@ -158,7 +168,7 @@ class PlateNode(Application):
         if hot and self._voltage.value:
             return
         if self.block.take_drive():
-            self._unanswered_us = 0
+            self._unanswered.start(self._deadline.value * TICK_US)
         if self.block.disobeyed:
             self._protect(EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE)
         if self._protecting and not self.block.barred and not hot:
@@ -171,6 +181,15 @@ class PlateNode(Application):
         if lost:
             self.block.bar()
 
+    def _on_unanswered(self) -> None:
+        """Go to 0 V without an answer for the time of the deadline.
+
+        The deadline of the RPDO begins anew with any values within their limits; this one with a
+        drive that was taken.
+        """
+        if self.block.driven:
+            self.block.bar()
+
     def _protect(self, code: EmergencyCode, register: ErrorRegister) -> None:
         """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
         self.block.bar()
@@ -179,6 +198,13 @@ class PlateNode(Application):
             self._protecting.add(code)
             self.device.emergency(code, register)
 
+    def on_store(self) -> None:
+        """Not while it drives: a file may take longer than a cycle has."""
+        if self._stage_voltage.value:
+            raise Abort(AbortCode.STATE)
+
     def on_write(self, entry: Entry, value: Any) -> None:
         """Start a run, or refuse the recorded finger where there is none."""
+        if entry is self._deadline:
+            self._unanswered.follow(value * TICK_US)
         self.block.on_write(entry, value)

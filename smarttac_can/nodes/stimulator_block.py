@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.cyclic_watchdogs import CyclicWatchdogs
@@ -118,6 +119,8 @@ class StimulatorBlock:
     def start_run(self) -> None:
         """Begin anew: controllers reset and off, tick 0 next; the plate inside is at rest.
 
+        The first drive is 0 V, whatever is asked for.
+
         Of a plate node it is not known what it does: the watchdogs go on.
         """
         if self._plate is not None:
@@ -127,7 +130,9 @@ class StimulatorBlock:
         self.cascade = Cascade(cascade_parameters(self.od), plate_model(self.od))
         self._restore_zeros()
         self._watchdogs.configure()
-        self._redesign = False
+        self._new_model = False
+        self._redesign: CascadeParameters | None = None
+        self._begun = False
         self.interlock.tared = self.cascade.tribometer.tared
         self._awaits_tare = bool(self._tare_at_power_on.value) and not self.cascade.tribometer.tared
         self._read_back.reset()
@@ -149,8 +154,8 @@ class StimulatorBlock:
     def cycle(self) -> None:
         """Compute the drive that answers the measurement in the object dictionary."""
         cascade = self.cascade
-        if self._redesign:
-            self._reconfigure()
+        if self._redesign is not None:
+            self._reconfigure(self._redesign)
         interlock = self.interlock
         running = interlock.machine.state is State.RUNNING
         mode = self._mode.value if running else Mode.OFF
@@ -170,6 +175,12 @@ class StimulatorBlock:
             self._raw_setpoint = raw
             self._setpoint = Setpoint(*[entry.si_value for entry in self._setpoint_entries])
         drive = cascade.update(measurement, self._setpoint)
+        if not self._begun and drive.voltage > 0.0:
+            # A plate takes no voltage before it was told 0 V: the mode begins with the next cycle.
+            mode = Mode.OFF
+            cascade.set_mode(mode)
+            drive = cascade.drive
+        self._begun = True
         if self._awaits_tare and self._cycles.value >= TARE_SAMPLES and not interlock.tare_barred:
             self._tare()
         watchdogs = self._watchdogs
@@ -253,8 +264,9 @@ class StimulatorBlock:
             barred = record in (CALIBRATION, _ZERO) and self.interlock.tare_barred
             if barred and value != entry.value:
                 raise Abort(AbortCode.STATE)
-            cascade_parameters(self.od, (entry, value))
-            self._redesign = True
+            # Worked out here, between two cycles; the next one only takes it over.
+            self._redesign = cascade_parameters(self.od, (entry, value))
+            self._new_model |= record == _MODEL
 
     def _tare(self) -> None:
         zeros = self.cascade.tribometer.tare()
@@ -274,12 +286,14 @@ class StimulatorBlock:
             self.interlock.tared = True
             self._awaits_tare = False
 
-    def _reconfigure(self) -> None:
-        self._redesign = False
+    def _reconfigure(self, parameters: CascadeParameters) -> None:
+        self._redesign = None
         self._watchdogs.configure()
-        self.cascade.adopt(plate_model(self.od))
-        self._show_quality()
-        self.cascade.configure(cascade_parameters(self.od))
+        if self._new_model:
+            self._new_model = False
+            self.cascade.adopt(plate_model(self.od))
+            self._show_quality()
+        self.cascade.configure(parameters)
         self._restore_zeros()
 
     def _show_quality(self) -> None:

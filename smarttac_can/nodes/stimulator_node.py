@@ -9,9 +9,11 @@ from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
+from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.check import DRIVEN, Check
-from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod
+from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_link import DRIVE_TPDO, MEASUREMENT_RPDOS, link_to_plate
@@ -22,9 +24,7 @@ from smarttac_can.nodes.sync_watch import SyncWatch
 from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
-    PDO_EVENT,
     PDO_TRANSMISSION,
-    RPDO_COMMUNICATION,
     TPDO_COMMUNICATION,
     Abort,
     AbortCode,
@@ -58,6 +58,8 @@ class StimulatorNode(Application):
         the plate inside.
     produce_sync
         Whether this node produces the SYNC that is the tick of the plate node.
+    deadline_ms
+        Default of the event timers of the measurements; None for that of the EDS.
     presets
         Raw values by name that replace defaults of the EDS at power-on.
     storage, node_id
@@ -71,6 +73,7 @@ class StimulatorNode(Application):
         *,
         plate_node_id: int = 0,
         produce_sync: bool = False,
+        deadline_ms: int | None = None,
         presets: Mapping[str, int] | None = None,
         storage: Storage | None = None,
         node_id: int | None = None,
@@ -86,18 +89,24 @@ class StimulatorNode(Application):
         self.block.interlock.clear = lambda watchdog: self.device.clear_emergency(
             WATCHDOGS[watchdog].code
         )
-        self.device = Device(od, self, storage=storage, node_id=node_id)
+        if plate_node_id and deadline_ms is not None:
+            set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
+        self._deadlines = deadlines(od, MEASUREMENT_RPDOS)
+        self.clock = clock = Clock()
+        self._sync_watch = SyncWatch(
+            od, clock, self._deadline_ms, self._trip, self.block.interlock.settle
+        )
+        self._unanswered = clock.timer(self._on_unanswered)
+        self._ticker = clock.timer(self._tick)
+        self.device = Device(
+            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=(DRIVE_TPDO,),
+            emergencies_of=plate_node_id,
+        )  # fmt: skip
         self._period = LoopPeriod(self.device)
-        self._elapsed = 0
         self._unfit = False
         self._pairing = Pairing(od, MEASUREMENT_RPDOS, lambda: self._trip(Watchdog.MEASUREMENT))
         self._absent: set[int] = set()
         self._late: set[int] = set()
-        self._sync_watch = SyncWatch(od, self._trip, self.block.interlock.settle)
-        self._deadlines = [
-            od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT) for rpdo in MEASUREMENT_RPDOS
-        ]
-        self._unanswered_us = 0
         self._missed = od["Cycle.Missed deadlines"]
         self._sent = Check([od[name] for name in DRIVEN], od["Drive.Check"])
         self._mode = od["Mode"]
@@ -106,31 +115,21 @@ class StimulatorNode(Application):
             (number, od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
             for number in _PUBLIC_TPDOS
         ]
+        self.start = self.device.start
         self.receive = self.device.receive
+        self.advance = self.device.advance
+        self.segments = self.device.segments
 
-    def start(self) -> list[Frame]:
-        """Power on."""
-        return self.device.start()
+    @property
+    def ids(self) -> Identifiers:
+        """CAN-IDs that matter now."""
+        return self.device.ids
 
-    def advance(self, microseconds: int) -> list[Frame]:
-        """Let time pass; with the plate inside the loop has at most one cycle, however long.
-
-        A plate node has to be answered within the deadlines of its PDOs, whatever these are set to.
-        """
-        if self._plate_node_id:
-            self._sync_watch.advance(microseconds)
-            self._unanswered_us += microseconds
-            first, second, third = self._deadlines
-            deadline_ms = min(first.value, second.value, third.value)
-            if self._unanswered_us >= 1000 * deadline_ms and self.block.interlock.live:
-                self._trip(Watchdog.MEASUREMENT)
-        else:
-            self._elapsed += microseconds
-            if self._elapsed >= TICK_US:
-                self._elapsed %= TICK_US
-                self.block.tick()
-                self._publish()
-        return self.device.advance(microseconds)
+    def overdue(self) -> list[Frame]:
+        """Trip if the plate was not answered in time, before frames are heard that waited."""
+        if self._unanswered.due <= self.clock.now:
+            self._unanswered.fire()
+        return self.device.take()
 
     def bus_off(self) -> list[Frame]:
         """Take note that the CAN controller went bus-off."""
@@ -146,10 +145,6 @@ class StimulatorNode(Application):
         """Take note that a frame could not be sent, the transmit queue being full."""
         self._trip(Watchdog.TRANSMIT_QUEUE)
         return self.device.take()
-
-    def missed(self, ticks: int) -> None:
-        """Count ticks that the clock has passed over."""
-        self._missed.count(ticks)
 
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V, and tell the bus."""
@@ -168,8 +163,9 @@ class StimulatorNode(Application):
             for name, raw in self._presets.items():
                 self.block.write(name, raw)
             self.od["Plate node-ID"].value = self._plate_node_id
-            self._elapsed = 0
             self.block.start_run()
+            if not self._plate_node_id:
+                self._ticker.start(TICK_US, periodic=True)
         elif state is NMTState.RESET_COMMUNICATION and self._plate_node_id:
             link_to_plate(self.od, self._plate_node_id, self._produce_sync)
         interlock = self.block.interlock
@@ -196,7 +192,11 @@ class StimulatorNode(Application):
 
     def on_sync(self) -> None:
         """Look at when the SYNC comes, at its counter, and whose it is."""
-        if self._plate_node_id and not self.device.sync_own:
+        if not self._plate_node_id:
+            return
+        if self.device.sync_own:
+            self._missed.count(self.device.sync_missed)
+        else:
             self._sync_watch.heard(self.device.sync_counter)
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
@@ -209,8 +209,13 @@ class StimulatorNode(Application):
         if not self._absent:
             self.block.interlock.settle(Watchdog.HEARTBEAT)
 
+    def on_emergency(self, code: int) -> None:
+        """Stop when the plate has gone to 0 V without being told."""
+        if code == EmergencyCode.DRIVE_LOST:
+            self._trip(Watchdog.PLATE)
+
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
-        """Stop when the master's set-points stay away; `advance` sees to the measurements."""
+        """Stop when the master's set-points stay away; measurements have a watch of their own."""
         if number in MEASUREMENT_RPDOS:
             return
         if late:
@@ -236,7 +241,7 @@ class StimulatorNode(Application):
                 self._trip(Watchdog.MEASUREMENT)
                 return
             self._pairing.answered()
-            self._unanswered_us = 0
+            self._unanswered.start(self._deadline_ms() * TICK_US)
             self.block.interlock.settle(Watchdog.MEASUREMENT)
             self.block.cycle()
             self._send_drive()
@@ -246,15 +251,38 @@ class StimulatorNode(Application):
         self._sent.write()
         self.device.trigger(DRIVE_TPDO)
 
+    def on_store(self) -> None:
+        """Not while armed or running: a file may take longer than a cycle has."""
+        if self.block.interlock.sharp:
+            raise Abort(AbortCode.STATE)
+
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
         if entry is self._mode and value and self.device.nmt_state is not NMTState.OPERATIONAL:
             raise Abort(AbortCode.STATE)
+        if entry in self._deadlines:
+            shortest = min(value, *(e.value for e in self._deadlines if e is not entry))
+            self._unanswered.follow(shortest * TICK_US)
         before = self.block.interlock.state
         self.block.on_write(entry, value)
         self._show_change(before)
         if entry.name == "Simulation.Start run":
             self._pairing.start_run()
+
+    def _deadline_ms(self) -> int:
+        """Time in ms within which a plate node has to be answered, whatever becomes of its PDOs."""
+        first, second, third = self._deadlines
+        return int(min(first.value, second.value, third.value))
+
+    def _on_unanswered(self) -> None:
+        if self.block.interlock.live:
+            self._trip(Watchdog.MEASUREMENT)
+
+    def _tick(self) -> None:
+        """Have a cycle with the plate inside; those that were slept through are counted."""
+        self._missed.count(self._ticker.missed)
+        self.block.tick()
+        self._publish()
 
     def _show_change(self, before: State) -> None:
         """Publish another state at once, and 0 V if it was left with a voltage."""

@@ -17,8 +17,16 @@ GAUGE_CYCLES: Final = 5
 EXCESS_CYCLES: Final = 3
 SILENT_CYCLES: Final = 10
 RESONANCE_CYCLES: Final = 100
-SYNC_LOST_CYCLES: Final = 3
-SYNC_WINDOW_CYCLES: Final = 8
+
+
+def sync_window(deadline_ms: int) -> int:
+    """Periods over which SYNCs are counted: 8 for the shortest deadline of the loop, 3 ms."""
+    return 2 * deadline_ms + 2
+
+
+def sync_tolerance(deadline_ms: int) -> int:
+    """SYNCs too many or too few in a window that are no fault: what the deadline lets pass."""
+    return deadline_ms - 1
 
 
 class Watchdog(IntEnum):
@@ -45,6 +53,7 @@ class Watchdog(IntEnum):
     RESONANCE = 18
     CONTROLLER = 19
     CALIBRATION = 20
+    PLATE = 21
 
 
 class Row(NamedTuple):
@@ -67,6 +76,7 @@ class Row(NamedTuple):
 
 _COMMUNICATION: Final = ErrorRegister.COMMUNICATION
 _MANUFACTURER: Final = ErrorRegister.MANUFACTURER
+_DEADLINE: Final = "event timer of RPDO 5 to 7"
 _AT_ONCE: Final = "acted on where it is noticed"
 _ONE_SAMPLE: Final = "one sample is enough: its noise is far below the limit"
 
@@ -83,9 +93,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     ),
     Watchdog.MEASUREMENT: Row(
         "the measurements of the plate are late",
-        EmergencyCode.MEASUREMENT_LOST, _COMMUNICATION, "event timer of RPDO 5 to 7",
-        "3 ms by default: one lost cycle passes, a second in a row does not",
-        "event timer of RPDO 5 to 7",
+        EmergencyCode.MEASUREMENT_LOST, _COMMUNICATION, _DEADLINE,
+        "the shortest of the three; see the deadline of the loop", _DEADLINE,
     ),
     Watchdog.SETPOINT: Row(
         "a set-point PDO is late",
@@ -94,14 +103,15 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     ),
     Watchdog.SYNC_LOST: Row(
         "SYNC is lost",
-        EmergencyCode.SYNC_LOST, _COMMUNICATION, SYNC_LOST_CYCLES,
-        "one lost SYNC passes, a second in a row does not",
+        EmergencyCode.SYNC_LOST, _COMMUNICATION, _DEADLINE,
+        "without SYNC there are no measurements", _DEADLINE,
     ),
     Watchdog.SYNC_IRREGULAR: Row(
         "SYNC is irregular",
-        EmergencyCode.SYNC_IRREGULAR, _COMMUNICATION, 2 * SYNC_WINDOW_CYCLES,
-        "SYNCs are counted over 8 periods, 6 to 10 are right: the clocks of two nodes drift, and "
-        "device time moves by whole ticks",
+        EmergencyCode.SYNC_IRREGULAR, _COMMUNICATION, f"4 x ({_DEADLINE}) + 4",
+        "counted over two deadlines and 2 periods, with one less than the deadline too many or too "
+        "few: at 3 ms 6 to 10 in 8 are right; the window in which it begins may end too early to "
+        "tell", _DEADLINE,
     ),
     Watchdog.SYNC_COUNTER: Row(
         "the SYNC counter has jumped",
@@ -174,10 +184,17 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         EmergencyCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
         "Calibration.Plate serial number",
     ),
+    Watchdog.PLATE: Row(
+        "the plate went to 0 V by itself: its drives were late",
+        EmergencyCode.DRIVE_LOST, _COMMUNICATION, 1,
+        "the plate says so, by 8253h, in the cycle after it did",
+        "event timer of the plate's RPDO 1",
+        lasting=False,
+    ),
 }  # fmt: skip
 """Every watchdog."""
 
-_EVENT_DRIVEN: Final = frozenset(range(Watchdog.NMT, Watchdog.VOLTAGE))
+_EVENT_DRIVEN: Final = frozenset((*range(Watchdog.NMT, Watchdog.VOLTAGE), Watchdog.PLATE))
 CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _EVENT_DRIVEN)
 """Bits of those that look at every cycle."""
 

@@ -2,7 +2,8 @@
 
 import random
 import signal
-import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import can
@@ -18,10 +19,12 @@ from smarttac_can.host.local_bus import LocalBus, Port
 from smarttac_can.host.python_can import PythonCanBus
 
 
-@pytest.fixture
-def short_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lost cycle costs 1 s of the clock: not here."""
-    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.3)
+@contextmanager
+def short_cycles() -> Iterator[None]:
+    """A lost cycle costs 1 s of the clock: not where some are lost for certain."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.3)
+        yield
 
 
 def local_bench() -> tuple[Stimulator, list[Port]]:
@@ -60,20 +63,29 @@ def test_a_node_pulled_off_in_the_middle_of_a_run() -> None:
 
 
 @pytest.mark.parametrize("who", ["plate", "stimulator"])
-def test_a_process_that_dies(who: str, multicast: dict[str, Any], short_cycle: None) -> None:
+def test_a_process_that_dies(who: str, multicast: dict[str, Any]) -> None:
     commands = ["plate --lockstep", "node --lockstep --plate-node 33"]
     with processes(multicast, *commands) as (plate, stimulator):
-        bench = Stimulator.connect(**multicast, plate_node_id=33, lockstep=True, timeout=0.3)
+        victim, survivor = (plate, stimulator) if who == "plate" else (stimulator, plate)
+        bench = Stimulator.connect(**multicast, plate_node_id=33, lockstep=True)
         bench.run(0.05)
-        victim = plate if who == "plate" else stimulator
-        killer = threading.Timer(0.2, victim.process.kill)
-        killer.start()
-        with pytest.raises(NotRunningError, match="3 cycles in a row were lost"), bench:
+        cycles = 0
+
+        def kill(_can_id: int, _data: bytes, _time: float) -> None:
+            nonlocal cycles
+            cycles += 1
+            if cycles == 50:
+                victim.process.kill()
+
+        with (
+            short_cycles(),
+            pytest.raises(NotRunningError, match="3 cycles in a row were lost"),
+            bench,
+        ):
             bench.amplitude = 1.0
             bench.mode = "amplitude"
+            bench._link._network.subscribe(0x2A0, kill)  # type: ignore[attr-defined]
             bench.run(1000.0)
-        killer.join()
-        survivor = stimulator if who == "plate" else plate
         status, lines, complaints = survivor.end(signal.SIGTERM)
         assert (status, complaints) == (0, "")
         assert lines[-1].endswith("stopped at 0 V")
@@ -93,7 +105,7 @@ class LossyBus(PythonCanBus):
 
 
 def test_lost_frames_cost_rows_and_no_more(
-    virtual: dict[str, Any], short_cycle: None, monkeypatch: pytest.MonkeyPatch
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seeds = iter((1, 2))
     monkeypatch.setattr("nodes_on_a_bus.PythonCanBus", lambda **bus: LossyBus(next(seeds), bus))
@@ -103,7 +115,8 @@ def test_lost_frames_cost_rows_and_no_more(
     ):
         bench.amplitude = 1.0
         bench.mode = "amplitude"
-        trace = bench.run(0.4)
+        with short_cycles():
+            trace = bench.run(0.4)
         assert 300 < len(trace) < 400
         assert trace.tick[-1] - trace.tick[0] > 380, "the plate goes on"
         assert bench.get("Cycle.Lost cycles") > 0
@@ -116,7 +129,7 @@ def test_lost_frames_cost_rows_and_no_more(
     [(0x80, "3 cycles in a row were lost"), (0x02, "node 32 does not answer")],
 )
 def test_a_stimulator_that_another_master_takes_out_of_operational(
-    command: int, message: str, virtual: dict[str, Any], short_cycle: None
+    command: int, message: str, virtual: dict[str, Any]
 ) -> None:
     def nmt(command: int) -> None:
         master.send(can.Message(arbitration_id=0, data=[command, 32], is_extended_id=False))
@@ -124,11 +137,11 @@ def test_a_stimulator_that_another_master_takes_out_of_operational(
     with (
         in_threads(virtual, stimulator_with_plate()),
         can.Bus(**virtual) as master,
-        Stimulator.connect(**virtual, lockstep=True, timeout=0.2) as bench,
+        Stimulator.connect(**virtual, lockstep=True) as bench,
     ):
         bench.run(0.005)
         nmt(command)
-        with pytest.raises(BenchError, match=message):
+        with short_cycles(), pytest.raises(BenchError, match=message):
             bench.run(0.05)
         nmt(0x01)
         assert len(bench.run(0.05)) == 50

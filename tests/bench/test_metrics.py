@@ -57,7 +57,7 @@ class TestResponseTime:
         W = np.array([0.0, 1.0, 1.0, 1.0, 0.9, 1.0])
         assert metrics.response_time(W, 1.0) == pytest.approx(4.5)
 
-    @settings(deadline=None, max_examples=50)
+    @settings(max_examples=50)
     @given(st.floats(0.3, 5.0), st.floats(0.1, 3.0), st.floats(0.01, 0.2))
     def test_of_an_exponential_is_that_of_the_formula(self, time_constant, reference, band):
         W = reference * (1 - np.exp(-np.arange(80.0) / time_constant))

@@ -16,6 +16,8 @@ from smarttac_can.bench import (
 )
 from smarttac_can.bench.link import Row, Snapshot
 from smarttac_can.bench.open_link import LinkName, stimulator_od
+from smarttac_can.bench.traces import COLUMNS
+from smarttac_can.nodes.state_machine import Control, State
 from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.plant.faults import FaultKind
 
@@ -154,6 +156,36 @@ def test_a_run_has_a_row_a_millisecond(bench: Stimulator, seconds: float) -> Non
     assert bench.run(0.01).tick[0] == len(trace), "the next run goes on"
 
 
+@pytest.mark.parametrize("mode", ["open_loop", "amplitude", "amplitude_resonance", "friction"])
+def test_a_run_that_is_to_drive_at_once_drives_after_a_cycle_at_0_v(
+    bench: Stimulator, mode: str
+) -> None:
+    bench.run(0.07)
+    bench.voltage, bench.amplitude = 20.0, 1.0
+    bench.start_run()
+    bench.mode = mode  # type: ignore[assignment]
+    at_once = bench.run(0.1)
+    assert (bench.state, bench.mode) == (State.RUNNING, Mode[mode.upper()])
+    assert at_once.V[0] == 0
+    assert (at_once.V[1:] > 0).all()
+    bench.start_run()
+    bench.run(0.001)
+    bench.mode = mode  # type: ignore[assignment]
+    later = bench.run(0.099)
+    for column in COLUMNS:
+        assert getattr(at_once, column.name)[1:].tolist() == getattr(later, column.name).tolist()
+
+
+def test_a_run_that_begins_at_0_v_anyway_is_in_its_mode_at_once(bench: Stimulator) -> None:
+    bench.run(0.07)
+    bench.cof = 0.35
+    bench.start_run()
+    bench.mode = "friction"
+    trace = bench.run(0.01)
+    assert trace.mu_ref.tolist() == [3500] * 10
+    assert trace.V[0] == 0
+
+
 @pytest.mark.parametrize("seconds", [0.0, 0.0004, -1.0])
 def test_a_run_of_no_length_is_refused(seconds: float) -> None:
     with (
@@ -279,6 +311,104 @@ def test_identify_says_that_a_finger_is_on_the_plate(bench: Stimulator) -> None:
     assert "loaded" in bench.message
     bench.run(0.01)
     assert bench.read().voltage == 0.0
+
+
+def test_identify_says_that_a_fault_ended_it(bench: Stimulator) -> None:
+    bench.run(0.07)
+    stick(bench, delay=150)
+    with pytest.raises(FaultError, match=r"^a fault is latched \(a sensor is stuck\): remove"):
+        bench.identify()
+
+
+@pytest.mark.parametrize("percent", [50, 100])
+def test_identify_hides_no_fault_behind_its_model(percent: int) -> None:
+    done: list[int] = []
+
+    def trip(progress: int) -> None:
+        done.append(progress)
+        if progress >= percent:
+            interlock.trip(Watchdog.HEARTBEAT)
+
+    with Stimulator.simulate("local") as bench:
+        bench.run(0.07)
+        interlock = bench._link._block.interlock  # type: ignore[attr-defined]
+        with pytest.raises(FaultError, match="the heartbeat of a watched node is lost"):
+            bench.identify(trip)
+    assert [progress >= percent for progress in done].count(True) == 1, "at once"
+
+
+def stick(bench: Stimulator, delay: int = 0) -> None:
+    """Have S3 stuck, which trips a watchdog in 12 cycles while armed."""
+    bench.set("Fault.Sensor", 3)
+    bench.set("Fault.Delay in cycles", delay)
+    bench.set("Fault.Kind", FaultKind.STUCK)
+
+
+def drive(bench: Stimulator) -> None:
+    """Drive at 20 V; time for a sensor to move again, and no fault that is known, go before."""
+    bench.set("Fault.Kind", FaultKind.NONE)
+    bench._link.run(100)
+    bench.reset_fault()
+    bench.voltage = 20.0
+    bench.mode = "open_loop"
+
+
+def test_a_run_says_that_it_ended_in_a_fault(bench: Stimulator) -> None:
+    for _ in range(2):
+        drive(bench)
+        stick(bench, delay=50)
+        with pytest.raises(
+            FaultError, match=r"\(a sensor is stuck\): .*; \.trace holds the rec"
+        ) as e:
+            bench.run(0.1, "broken", 3)
+        trace = e.value.trace
+        assert trace is not None
+        assert (trace.experiment, trace.subject, len(trace)) == ("broken", 3, 100)
+        assert (trace.V[0], trace.V[-1]) == (2000, 0)
+        assert not bench.run(0.1).V.any(), "told once"
+
+
+def test_who_has_read_the_state_has_been_told(bench: Stimulator) -> None:
+    drive(bench)
+    stick(bench)
+    bench._link.run(20)
+    assert bench.state is State.FAULT
+    bench.run(0.01)
+    bench.run(0.01)
+
+
+def test_who_was_refused_to_arm_has_been_told(bench: Stimulator) -> None:
+    drive(bench)
+    stick(bench)
+    bench._link.run(20)
+    with pytest.raises(FaultError) as e:
+        bench.mode = "amplitude"
+    assert e.value.trace is None
+    bench.run(0.01)
+
+
+def reset_by_another(bench: Stimulator) -> None:
+    for word in (0, Control.FAULT_RESET, 0):
+        bench._link.write("Controlword", word)
+    assert bench.state is State.READY
+
+
+@pytest.mark.parametrize("reset", [Stimulator.reset_fault, reset_by_another])
+def test_another_fault_has_to_be_told_again(
+    bench: Stimulator, reset: Callable[[Stimulator], None]
+) -> None:
+    drive(bench)
+    stick(bench)
+    bench._link.run(20)
+    assert bench.state is State.FAULT
+    bench.set("Fault.Kind", FaultKind.NONE)
+    bench.run(0.1)
+    reset(bench)
+    for word in (Control.ARM, Control.ARM | Control.RUN):
+        bench._link.write("Controlword", word)
+    stick(bench)
+    with pytest.raises(FaultError):
+        bench.run(0.1)
 
 
 def test_tare(bench: Stimulator) -> None:

@@ -25,7 +25,7 @@ def written(path, *traces):
     return path.read_bytes().decode("ascii")
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(first=rows, second=rows)
 def test_any_integers_come_back_exactly(tmp_path_factory, first, second):
     path = tmp_path_factory.mktemp("traces") / "traces.csv"

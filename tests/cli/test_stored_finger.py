@@ -20,7 +20,7 @@ Node = PlateNode | StimulatorNode
 def made(monkeypatch: pytest.MonkeyPatch) -> list[Node]:
     """Nodes that the command would have run."""
     nodes_made: list[Node] = []
-    monkeypatch.setattr(nodes, "_run", lambda name, node, *rest: nodes_made.append(node))
+    monkeypatch.setattr(nodes, "run_in_process", lambda name, node, *rest: nodes_made.append(node))
     return nodes_made
 
 

@@ -1,44 +1,51 @@
 """The commands conform and device, as processes on a real bus."""
 
 import json
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from nodes_on_a_bus import NodeProcess, multicast_options
 
 from smarttac_can.cli import main
 
 EDS = Path(__file__).parents[1] / "eds" / "rich.eds"
-BUS = ("--interface", "udp_multicast", "--channel", "239.74.163.91", "--bus-option", "port=43591")
 NODE = ("--eds", str(EDS), "--node-id", "9")
 
 
+Conform = Callable[..., tuple[int, str]]
+
+
 @pytest.fixture
-def device() -> Iterator[None]:
-    command = [sys.executable, "-u", "-m", "smarttac_can", "device", *NODE, *BUS]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "device 9 ready on udp_multicast:239.74.163.91\n"
+def conform(multicast: dict[str, Any]) -> Conform:
+    """The command's exit status and output, with arguments of one's own."""
+
+    def run(*arguments: str) -> tuple[int, str]:
+        command = ["conform", *NODE, *multicast_options(multicast), *arguments]
+        result = CliRunner().invoke(main, command)
+        return result.exit_code, result.output
+
+    return run
+
+
+@pytest.fixture
+def device(multicast: dict[str, Any]) -> Iterator[None]:
+    node = NodeProcess("device", *NODE, *multicast_options(multicast))
+    try:
+        node.wait_for(f"device 9 ready on udp_multicast:{multicast['channel']}")
         yield
-        process.send_signal(signal.SIGTERM)
-        assert process.stdout.read() == "device 9 stopped\n"
-        assert process.wait(30) == 0
-
-
-def conform(*arguments: str) -> tuple[int, str]:
-    result = CliRunner().invoke(main, ["conform", *NODE, *BUS, *arguments])
-    return result.exit_code, result.output
+    finally:
+        ended = node.end()
+    assert ended == (0, ["device 9 stopped"], "")
 
 
 @pytest.mark.usefixtures("device")
-def test_device_on_a_bus_is_judged(tmp_path: Path) -> None:
+def test_device_on_a_bus_is_judged(conform: Conform, tmp_path: Path) -> None:
     report, results = tmp_path / "report.md", tmp_path / "results.json"
     code, output = conform(
-        "--time-out", "1", "--case", "SDO-01", "--case", "od-01", "--case", "HB-01",
+        "--time-out", "3", "--case", "SDO-01", "--case", "od-01", "--case", "HB-01",
         "--report", str(report), "--json", str(results),
     )  # fmt: skip
     assert (code, output.splitlines()) == (
@@ -56,7 +63,7 @@ def test_device_on_a_bus_is_judged(tmp_path: Path) -> None:
     assert [case["id"] for case in data["cases"]] == ["SDO-01", "OD-01", "HB-01"]
 
 
-def test_no_device_is_a_failed_case() -> None:
+def test_no_device_is_a_failed_case(conform: Conform) -> None:
     code, output = conform("--time-out", "0.01", "--case", "HB-01")
     assert code == 1
     assert "FAIL  HB-01     Boot-up: no boot-up (709h) within 0.1 s" in output
@@ -70,7 +77,7 @@ def test_no_device_is_a_failed_case() -> None:
         (("--time-out", "nan"), "nan is not a finite number"),
     ],
 )
-def test_wrong_options_are_refused(arguments: tuple[str, ...], said: str) -> None:
+def test_wrong_options_are_refused(conform: Conform, arguments: tuple[str, ...], said: str) -> None:
     code, output = conform(*arguments)
     assert code == 2
     assert said in output

@@ -54,7 +54,7 @@ def run(cascade, plate, target, ticks, forces=None):
         max_size=30,
     )
 )
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_no_drive_leaves_the_limits_whatever_comes_in(ticks):
     cascade = Cascade(LIMITS)
     for mode, measurement, target in ticks:
@@ -145,7 +145,7 @@ def test_off_is_at_once(mode):
     amplitude=st.floats(0.2e-6, 2e-6),
     detuning=st.floats(-100.0, 100.0),
 )
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_a_mode_change_moves_the_drive_by_what_the_new_error_asks_for(
     before, after, ticks, amplitude, detuning
 ):

@@ -26,7 +26,7 @@ def impulse_response(model, dead_time):
 
 
 @given(tau=st.floats(0.3e-3, 3e-3), dead_time=st.floats(0.0, 0.999e-3), pole=st.floats(0.02, 0.95))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_closed_loop_has_the_pole_asked_for_or_the_fastest_possible(tau, dead_time, pole):
     model = PlateModel(gain=30e-9, tau=tau)
     a, b0, b1 = impulse_response(model, dead_time)

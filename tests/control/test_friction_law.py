@@ -26,7 +26,7 @@ def test_equation_9(E, dW):
 
 
 @given(st.floats(allow_nan=False))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_equation_9_is_odd_and_bounded(E):
     law = friction_law()
     assert law.step(-E) == -law.step(E)

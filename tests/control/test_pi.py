@@ -35,7 +35,7 @@ def test_a_thousand_ticks_at_the_limit_leave_no_windup():
 
 
 @given(Kp=number, a=st.floats(0.0, 1.0), output=number, error=number)
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_preset_is_bumpless(Kp, a, output, error):
     pi = PI(Kp, a)
     pi.update(123.0, 456.0)

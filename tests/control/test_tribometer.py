@@ -33,7 +33,7 @@ def seen_through(crosstalk, forces, nulls=(0.0,) * 6):
     Fn=st.floats(0.2, 3.0),
     x=st.floats(-0.02, 0.02),
 )
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_forces_and_position_come_back(Fx, Fy, Fn, x):
     instrument = tribometer(CROSSTALK)
     for _ in range(64):

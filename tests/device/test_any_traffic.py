@@ -55,21 +55,21 @@ def assert_sound(device: Device) -> None:
 
 
 @given(st.lists(event, max_size=60), st.booleans())
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_any_traffic(events: list[Frame | int], operational: bool) -> None:
     device = started(operational=operational)
     for item in events:
         sent = device.advance(item) if isinstance(item, int) else device.receive(item)
         for tpdo in range(1, 7):
             device.trigger(tpdo)
-        for frame in [*sent, *device.take()]:
+        for frame in [*sent, *device.take(), *device.segments(9)]:
             assert 0 <= frame.can_id <= 0x7FF
             assert len(frame.data) <= 8
     assert_sound(device)
 
 
 @given(st.lists(event, max_size=40))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_same_traffic_gives_the_same_frames(events: list[Frame | int]) -> None:
     def run() -> list[Frame]:
         device = started()
@@ -83,7 +83,7 @@ def test_same_traffic_gives_the_same_frames(events: list[Frame | int]) -> None:
 
 
 @given(st.lists(event, max_size=40))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_reset_node_brings_back_the_defaults(events: list[Frame | int]) -> None:
     device = started()
     for item in events:

@@ -236,7 +236,7 @@ class Bus:
 
 
 @given(st.integers(0, 0xFFFFFFFF), st.integers(0, 0xFFFFFFFF))
-@settings(deadline=None, max_examples=3)
+@settings(max_examples=3)
 def test_fastscan_by_python_canopen(serial: int, product: int) -> None:
     od = load_eds(RICH, 1)
     od.entry(0x1018, 2).value = product

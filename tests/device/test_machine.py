@@ -145,4 +145,4 @@ class DeviceMachine(RuleBasedStateMachine):
 
 
 TestDeviceMachine = DeviceMachine.TestCase
-TestDeviceMachine.settings = settings(deadline=None, max_examples=60, stateful_step_count=40)
+TestDeviceMachine.settings = settings(max_examples=60, stateful_step_count=40)

@@ -2,6 +2,7 @@ import pytest
 from transcript import download, play, started
 
 from smarttac_can.device.application import Application
+from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 
 
@@ -161,3 +162,24 @@ def test_window_drops_synchronous_rpdos_that_come_late() -> None:
     receive(3)
     device.receive(Frame(0x080))
     assert target.value == 3
+
+
+def produced(device: Device, step: int) -> bool:
+    return any(frame.can_id == 0x080 for frame in device.advance(step))
+
+
+def test_after_a_late_sync_the_next_comes_a_whole_period_later() -> None:
+    device = started()
+    download(device, 0x1006, 0, 1000, 4)
+    download(device, 0x1005, 0, 0x40000080, 4)
+    assert produced(device, 1000)
+    assert produced(device, 1250), "a quarter of the period late"
+    assert produced(device, 750), "the phase is kept"
+    assert produced(device, 1251)
+    assert not produced(device, 999)
+    assert produced(device, 1)
+    assert device.sync_missed == 0
+    assert produced(device, 4750)
+    assert device.sync_missed == 4, "0.251 and 3.75 ms"
+    assert not produced(device, 999)
+    assert produced(device, 1)

@@ -1,10 +1,10 @@
 """The buses a node is run on, and a look for what they leave behind."""
 
-import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import can.interfaces.virtual
 import psutil
@@ -16,15 +16,17 @@ from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
 
-GROUP = "239.74.163.2"
-GUARD_S = 10.0
+GUARD_S = 60.0
 """Only ever waited for by a test that is about to fail."""
 
 
+GROUP = "239.74.163.2"
+
+
 @pytest.fixture
-def multicast_port() -> int:
-    """A port of this process: two test runs at once must not hear each other."""
-    return 20000 + os.getpid() % 20000
+def multicast_port(multicast: dict[str, Any]) -> int:
+    """A port that no other test run uses."""
+    return int(multicast["port"])
 
 
 @pytest.fixture(autouse=True)
@@ -109,13 +111,11 @@ Line = LocalLine | PythonCanLine
 
 
 @pytest.fixture(params=["local", "virtual", "udp_multicast"])
-def line(request: pytest.FixtureRequest, multicast_port: int) -> Iterator[Line]:
+def line(request: pytest.FixtureRequest, multicast: dict[str, Any]) -> Iterator[Line]:
     lines: dict[str, Callable[[], Line]] = {
         "local": LocalLine,
         "virtual": lambda: PythonCanLine(lambda: PythonCanBus("virtual", "toy")),
-        "udp_multicast": lambda: PythonCanLine(
-            lambda: PythonCanBus("udp_multicast", GROUP, port=multicast_port)
-        ),
+        "udp_multicast": lambda: PythonCanLine(lambda: PythonCanBus(**multicast)),
     }
     opened = lines[request.param]()
     yield opened

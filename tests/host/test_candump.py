@@ -29,7 +29,7 @@ def test_line_is_that_of_candump() -> None:
     )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(records=st.lists(st.tuples(STAMPS, FRAMES), max_size=20))
 def test_round_trip(
     records: list[tuple[int, Frame]], tmp_path_factory: pytest.TempPathFactory

@@ -8,8 +8,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.lasting_bus import FIRST_WAIT_S, LONGEST_WAIT_S, LastingBus
 
-HELLO, GOODBYE = Frame(0x701, b"\x7f"), Frame(0x081, bytes(8))
-FULL = Frame(0x081, b"\x11\x81".ljust(8, b"\0"))
+HELLO, AGAIN, GOODBYE = Frame(0x701, b"\x7f"), Frame(0x081, bytes(8)), Frame(0x081, b"\1")
 
 
 class Interface:
@@ -19,9 +18,14 @@ class Interface:
         self.now = 0.0
         self.plugged = True
         self.down = False
-        self.full = False
+        self.deaf = False
+        """It is heard, but takes no frame."""
+        self.room = 1000
         self.tries: list[float] = []
         self.sent: list[Frame] = []
+        self.inbox: list[Frame] = []
+        self.waits: list[tuple[float, float]] = []
+        self.filters: list[frozenset[int]] = []
         self.open = 0
 
     def connect(self) -> "Connection":
@@ -41,14 +45,23 @@ class Connection:
 
     def send(self, frame: Frame) -> None:
         self.check()
-        if self.interface.full:
+        if self.interface.deaf:
+            raise BusError("bus error")
+        if self.interface.room == 0:
             raise QueueFullError("queue full")
+        self.interface.room -= 1
         self.interface.sent.append(frame)
 
-    def receive(self, timeout: float) -> Frame | None:
+    def receive(self, timeout: float, patience: float) -> Frame | None:
         self.check()
+        self.interface.waits.append((timeout, patience))
+        if self.interface.inbox:
+            return self.interface.inbox.pop(0)
         self.interface.sleep(timeout)
         return None
+
+    def listen_to(self, can_ids: frozenset[int]) -> None:
+        self.interface.filters.append(can_ids)
 
     def check(self) -> None:
         if not self.interface.plugged or self.interface.down:
@@ -56,6 +69,8 @@ class Connection:
 
     def close(self) -> None:
         self.interface.open -= 1
+        if not self.interface.plugged:
+            raise BusError("cannot leave the bus")
 
 
 def lasting(interface: Interface) -> tuple[LastingBus, list[str]]:
@@ -63,21 +78,23 @@ def lasting(interface: Interface) -> tuple[LastingBus, list[str]]:
 
     def back() -> list[Frame]:
         said.append("back")
-        return [HELLO]
-
-    def full(reason: BusError) -> list[Frame]:
-        said.append(f"full: {reason}")
-        return [FULL] if len(said) == 1 else []
+        return [HELLO, AGAIN]
 
     bus = LastingBus(
         interface.connect,
         lost=lambda reason: said.append(f"lost: {reason}"),
         back=back,
-        full=full,
         clock=lambda: interface.now,
         pause=interface.sleep,
     )
     return bus, said
+
+
+def lose_and_plug_in(interface: Interface, bus: LastingBus) -> None:
+    interface.plugged = False
+    bus.receive(0.001)
+    interface.plugged = True
+    interface.sleep(2 * FIRST_WAIT_S)
 
 
 @pytest.mark.parametrize("use", [lambda bus: bus.send(GOODBYE), lambda bus: bus.receive(0.001)])
@@ -115,46 +132,82 @@ def test_back_is_told_its_frames_are_sent_and_the_interval_begins_anew():
         interface.sleep(2 * FIRST_WAIT_S + 0.001)
         bus.receive(0.001)
     assert said == ["lost: network is down", "back"] * 2
-    assert interface.sent == [HELLO, HELLO]
+    assert interface.sent == [HELLO, AGAIN] * 2
+    bus.close()
     bus.close()
     assert interface.open == 0
 
 
-def test_a_full_queue_is_told_and_no_reason_to_leave():
+def test_a_full_queue_passes_through_and_is_no_reason_to_leave():
     interface = Interface()
     bus, said = lasting(interface)
-    interface.full = True
-    bus.send(GOODBYE)
-    interface.full = False
-    bus.send(GOODBYE)
-    assert said == ["full: queue full"]
-    assert (interface.sent, interface.tries) == ([FULL, GOODBYE], [0.0])
-
-
-def test_what_is_to_say_of_a_full_queue_goes_out_before_the_next_frame_it_takes():
-    interface = Interface()
-    bus, said = lasting(interface)
-    interface.full = True
+    interface.room = 0
     for _ in range(3):
-        bus.send(GOODBYE)
-    interface.full = False
+        with pytest.raises(QueueFullError, match="queue full"):
+            bus.send(GOODBYE)
+    assert bus.receive(0.001) is None
+    interface.room = 1
     bus.send(GOODBYE)
-    bus.send(GOODBYE)
-    assert said == ["full: queue full"] * 3
-    assert interface.sent == [FULL, GOODBYE, GOODBYE]
+    assert (said, interface.sent, interface.tries) == ([], [GOODBYE], [0.0])
 
 
-def test_what_was_to_say_of_a_full_queue_ends_with_the_bus():
+def test_nothing_is_waited_for_while_sending():
     interface = Interface()
     bus, _ = lasting(interface)
-    interface.full = True
-    bus.send(GOODBYE)
-    interface.full = interface.plugged = False
-    bus.send(GOODBYE)
-    interface.plugged = True
-    interface.sleep(LONGEST_WAIT_S)
+    interface.room = 0
+    with pytest.raises(QueueFullError):
+        bus.send(GOODBYE)
+    interface.plugged = False
+    for _ in range(3):
+        bus.send(GOODBYE)
+    assert interface.now == 0.0
+
+
+@pytest.mark.parametrize("room", [0, 1])
+def test_what_back_returns_waits_for_the_queue_and_goes_out_before_the_next_frame(room):
+    interface = Interface()
+    bus, said = lasting(interface)
+    lose_and_plug_in(interface, bus)
+    interface.room = room
     bus.receive(0.001)
-    assert interface.sent == [HELLO]
+    assert said == ["lost: network is down", "back"]
+    assert interface.sent == [HELLO, AGAIN][:room]
+    interface.room = 0
+    with pytest.raises(QueueFullError):
+        bus.send(GOODBYE)
+    interface.room = 1000
+    bus.send(GOODBYE)
+    bus.send(GOODBYE)
+    assert interface.sent == [HELLO, AGAIN, GOODBYE, GOODBYE]
+
+
+def test_what_back_returned_ends_with_the_bus():
+    interface = Interface()
+    bus, said = lasting(interface)
+    lose_and_plug_in(interface, bus)
+    interface.room = 0
+    bus.receive(0.001)
+    lose_and_plug_in(interface, bus)
+    interface.room = 1000
+    bus.receive(0.001)
+    assert said == ["lost: network is down", "back"] * 2
+    assert interface.sent == [HELLO, AGAIN]
+
+
+def test_a_bus_that_is_heard_but_takes_no_frame_is_lost_again():
+    interface = Interface()
+    bus, said = lasting(interface)
+    interface.inbox = [GOODBYE]
+    lose_and_plug_in(interface, bus)
+    interface.deaf = True
+    assert bus.receive(0.001) == GOODBYE, "what was heard is not lost with the bus"
+    assert said == ["lost: network is down", "back", "lost: bus error"]
+    assert (interface.open, interface.sent) == (0, [])
+    interface.deaf = False
+    interface.sleep(2 * FIRST_WAIT_S)
+    bus.receive(0.001)
+    assert said[3:] == ["back"]
+    assert interface.sent == [HELLO, AGAIN]
 
 
 def test_an_interface_that_opens_while_it_is_down_is_not_back():
@@ -170,7 +223,42 @@ def test_an_interface_that_opens_while_it_is_down_is_not_back():
     interface.down = False
     interface.sleep(LONGEST_WAIT_S)
     bus.receive(0.1)
-    assert (said[1:], interface.sent) == (["back"], [HELLO])
+    assert (said[1:], interface.sent) == (["back"], [HELLO, AGAIN])
+
+
+def test_what_is_listened_to_is_in_force_again_on_a_bus_that_is_back():
+    interface = Interface()
+    bus, _ = lasting(interface)
+    lose_and_plug_in(interface, bus)
+    bus.receive(0.001)
+    assert interface.filters == [], "at first everything is heard"
+    bus.listen_to(frozenset({1}))
+    lose_and_plug_in(interface, bus)
+    bus.listen_to(frozenset({2}))
+    bus.receive(0.001)
+    lose_and_plug_in(interface, bus)
+    bus.receive(0.001)
+    assert interface.filters == [{1}, {2}, {2}]
+
+
+def test_timeout_and_patience_are_those_of_the_bus():
+    interface = Interface()
+    bus, _ = lasting(interface)
+    interface.inbox = [HELLO]
+    assert bus.receive(0.5, 0.008) == HELLO
+    assert bus.receive(0.25) is None
+    assert interface.waits == [(0.5, 0.008), (0.25, 0.0)]
+
+
+def test_without_a_bus_nobody_waits_longer_than_asked_for():
+    interface = Interface()
+    bus, _ = lasting(interface)
+    interface.plugged = False
+    bus.send(GOODBYE)
+    for timeout in (0.0, 0.001, 1.0):
+        before = interface.now
+        assert bus.receive(timeout, 1.0) is None
+        assert interface.now - before == pytest.approx(min(timeout, 0.02))
 
 
 def test_the_first_connection_must_be_there():

@@ -3,10 +3,11 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import toy_node
-from conftest import GROUP
+from conftest import GUARD_S
 from toy_node import BOOT_UP, OFF
 
 from smarttac_can.device.frame import Frame
@@ -37,18 +38,18 @@ def test_handlers_come_back_after_an_error() -> None:
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_process_told_to_stop_says_zero_volts_and_ends_well(
-    number: signal.Signals, multicast_port: int
+    number: signal.Signals, multicast: dict[str, Any]
 ) -> None:
     def wait_for(can_id: int) -> Frame | None:
-        frame = master.receive(20)
+        frame = master.receive(GUARD_S)
         while frame is not None and frame.can_id != can_id:
-            frame = master.receive(20)
+            frame = master.receive(GUARD_S)
         return frame
 
-    master = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
+    master = PythonCanBus(**multicast)
     root = Path(toy_node.__file__).parents[2]
     node = subprocess.Popen(
-        [sys.executable, toy_node.__file__, GROUP, str(multicast_port)],
+        [sys.executable, toy_node.__file__, multicast["channel"], str(multicast["port"])],
         env={**os.environ, "PYTHONPATH": str(root)},
         stderr=subprocess.PIPE,
         text=True,
@@ -57,7 +58,7 @@ def test_process_told_to_stop_says_zero_volts_and_ends_well(
         assert wait_for(BOOT_UP + 1) is not None
         node.send_signal(number)
         assert wait_for(OFF + 1) == Frame(OFF + 1, bytes(2))
-        _, errors = node.communicate(timeout=20)
+        _, errors = node.communicate(timeout=GUARD_S)
         assert (node.returncode, errors) == (0, "")
     finally:
         node.kill()

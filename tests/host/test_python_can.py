@@ -1,15 +1,18 @@
+import errno
+import threading
 from collections.abc import Iterator
+from typing import Any
 
 import can
 import pytest
-from conftest import GROUP
+from conftest import GROUP, GUARD_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_node import SYNC
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import python_can
-from smarttac_can.host.bus import BusError
+from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.lasting_bus import LastingBus
 from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
 
@@ -25,7 +28,7 @@ def bus() -> Iterator[PythonCanBus]:
     opened.close()
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(DATA_FRAMES | REMOTE_FRAMES)
 def test_conversion_loses_nothing(frame: Frame) -> None:
     message = to_message(frame)
@@ -51,7 +54,7 @@ def test_what_is_no_classical_base_frame_is_passed_over(
         assert bus.receive(0) is None
         other.send(foreign)
         other.send(to_message(SYNC))
-        assert bus.receive(5) == SYNC
+        assert bus.receive(GUARD_S) == SYNC
 
 
 def test_receive_without_waiting(bus: PythonCanBus) -> None:
@@ -80,45 +83,178 @@ def test_what_is_not_given_comes_from_python_can(monkeypatch: pytest.MonkeyPatch
     configured = PythonCanBus()
     named = PythonCanBus("virtual", "from the environment")
     configured.send(SYNC)
-    assert named.receive(5) == SYNC
+    assert named.receive(GUARD_S) == SYNC
     configured.close()
     named.close()
 
 
-class JammedOnce:
-    """A transmit path that is full for a number of tries."""
+class Driver:
+    """A driver of python-can by script, and its clock."""
 
-    def __init__(self, tries: int, error: Exception) -> None:
-        self.tries = tries
-        self.error = error
+    def __init__(self, bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 0.0
+        self.error: Exception | None = None
         self.sent: list[can.Message] = []
+        self.tries = 0
+        self.inbox: list[tuple[float, Frame]] = []
+        """What comes, and how long it takes."""
+        self.waits: list[float] = []
+        monkeypatch.setattr(bus._bus, "send", self.send)
+        monkeypatch.setattr(bus._bus, "recv", self.recv)
+        monkeypatch.setattr(python_can, "monotonic", lambda: self.now)
 
     def send(self, message: can.Message) -> None:
-        if self.tries:
-            self.tries -= 1
+        self.tries += 1
+        if self.error is not None:
             raise self.error
         self.sent.append(message)
+
+    def recv(self, timeout: float) -> can.Message | None:
+        self.waits.append(timeout)
+        if not self.inbox:
+            self.now += timeout
+            return None
+        takes, frame = self.inbox.pop(0)
+        self.now += takes
+        return to_message(frame)
+
+
+@pytest.fixture
+def driver(bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch) -> Iterator[Driver]:
+    with monkeypatch.context() as patch:
+        yield Driver(bus, patch)
+
+
+def test_a_driver_that_does_not_say_why_has_a_tenth_of_a_second(
+    bus: PythonCanBus, driver: Driver
+) -> None:
+    for start in (0.0, 50.0):
+        driver.error = can.CanOperationError("Transmit buffer full")
+        for driver.now in (start, start + 0.05, start + 0.0999):
+            with pytest.raises(QueueFullError, match="cannot send frame 080: Transmit buffer full"):
+                bus.send(SYNC)
+        driver.error = None
+        bus.send(SYNC)
+    assert len(driver.sent) == 2, "it took one meanwhile: the time begins anew"
+    driver.error = can.CanOperationError("Transmit buffer full")
+    driver.now = 60.0
+    with pytest.raises(QueueFullError):
+        bus.send(SYNC)
+    driver.now = 60.1001
+    with pytest.raises(BusError, match="cannot send frame 080: Transmit buffer full") as refusal:
+        bus.send(SYNC)
+    assert not isinstance(refusal.value, QueueFullError)
 
 
 @pytest.mark.parametrize(
     "error",
-    [can.CanOperationError("Transmit buffer full"), OSError(105, "No buffer space available")],
+    [
+        OSError(errno.ENOBUFS, "No buffer space available"),
+        can.CanOperationError("No buffer space available", errno.ENOBUFS),
+        OSError(errno.EAGAIN, "Resource temporarily unavailable"),
+        can.CanOperationError("Resource temporarily unavailable", errno.EAGAIN),
+    ],
 )
-def test_full_transmit_queue_is_tried_again_for_a_while(
-    bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch, error: Exception
+def test_a_full_queue_is_one_for_as_long_as_it_lasts(
+    bus: PythonCanBus, driver: Driver, error: Exception
 ) -> None:
-    naps: list[float] = []
-    monkeypatch.setattr(python_can, "sleep", naps.append)
-    for_a_while = JammedOnce(50, error)
-    monkeypatch.setattr(bus._bus, "send", for_a_while.send)
-    bus.send(SYNC)
-    assert [to_frame(message) for message in for_a_while.sent] == [SYNC]
-    for_good = JammedOnce(10**9, error)
-    monkeypatch.setattr(bus._bus, "send", for_good.send)
-    del naps[:]
-    with pytest.raises(BusError, match="cannot send frame 080: "):
-        bus.send(SYNC)
-    assert sum(naps) == pytest.approx(0.1)
+    driver.error = error
+    for driver.now in (0.0, 0.2, 3600.0):
+        with pytest.raises(QueueFullError, match="cannot send frame 080: "):
+            bus.send(SYNC)
+    assert driver.tries == 3, "it is tried once, and not waited for"
+    assert driver.now == 3600.0
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (errno.ENOBUFS, QueueFullError),
+        (errno.EAGAIN, QueueFullError),
+        (errno.ENETDOWN, BusError),
+        (errno.ENODEV, BusError),
+        (errno.EIO, BusError),
+    ],
+)
+def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
+    multicast_port: int, monkeypatch: pytest.MonkeyPatch, number: int, kind: type[BusError]
+) -> None:
+    def refuse(frame: Frame) -> None:
+        raise OSError(number, "refused")
+
+    connection = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
+    monkeypatch.setattr(connection._socket, "send", refuse)
+    for _ in range(3):
+        with pytest.raises(BusError, match=r"cannot send frame 080: .*refused") as refusal:
+            connection.send(SYNC)
+        assert type(refusal.value) is kind
+    connection.close()
+    connection.close()
+
+
+@pytest.mark.parametrize(("interface", "channel"), [("virtual", "toy"), ("udp_multicast", GROUP)])
+def test_only_frames_that_are_listened_to_are_received(
+    interface: str, channel: str, multicast_port: int
+) -> None:
+    mine, other = (PythonCanBus(interface, channel, port=multicast_port) for _ in range(2))
+    mine.listen_to(frozenset({2, 3}))
+    for can_id in (1, 2, 4, 3):
+        other.send(Frame(can_id))
+    heard = [mine.receive(5), mine.receive(5), mine.receive(0, 5)]
+    mine.listen_to(frozenset({4}))
+    for can_id in (2, 4):
+        other.send(Frame(can_id))
+    heard.append(mine.receive(5))
+    mine.close()
+    other.close()
+    assert heard == [Frame(2), Frame(3), None, Frame(4)]
+
+
+@pytest.mark.parametrize(("interface", "channel"), [("virtual", "toy"), ("udp_multicast", GROUP)])
+def test_a_frame_that_comes_later_is_waited_for(
+    interface: str, channel: str, multicast_port: int
+) -> None:
+    mine, other = (PythonCanBus(interface, channel, port=multicast_port) for _ in range(2))
+    later = threading.Timer(0.05, other.send, [SYNC])
+    later.start()
+    heard = mine.receive(GUARD_S)
+    later.join()
+    mine.close()
+    other.close()
+    assert heard == SYNC
+
+
+def test_what_is_passed_over_does_not_prolong_the_wait(bus: PythonCanBus, driver: Driver) -> None:
+    bus.listen_to(frozenset({1}))
+    driver.inbox = [(0.3, Frame(2)), (0.2, Frame(2))]
+    assert bus.receive(1.0) is None
+    assert driver.waits == pytest.approx([1.0, 0.7, 0.5])
+    assert driver.now == pytest.approx(1.0)
+
+
+def test_a_flood_of_what_is_passed_over_ends_the_wait(bus: PythonCanBus, driver: Driver) -> None:
+    bus.listen_to(frozenset({1}))
+    driver.inbox = [(0.3, Frame(2))] * 10
+    assert bus.receive(1.0) is None
+    assert driver.now == pytest.approx(1.2)
+    assert all(wait >= 0.0 for wait in driver.waits)
+
+
+@pytest.mark.parametrize(("patience", "passed"), [(0.0, 1), (0.0035, 4), (0.0055, 5)])
+def test_patience_is_for_what_is_there_and_passed_over(
+    bus: PythonCanBus, driver: Driver, patience: float, passed: int
+) -> None:
+    bus.listen_to(frozenset({1}))
+    driver.inbox = [*[(0.001, Frame(2))] * 5, (0.0, Frame(1)), (0.0, Frame(2))]
+    wanted = Frame(1) if passed == 5 else None
+    assert bus.receive(0.0, patience) == wanted
+    assert len(driver.waits) == passed + (wanted is not None)
+    assert set(driver.waits) == {0.0}, "nothing is waited for"
+
+
+def test_patience_waits_for_nothing(bus: PythonCanBus, driver: Driver) -> None:
+    assert bus.receive(0.0, 1.0) is None
+    assert (driver.waits, driver.now) == ([0.0], 0.0)
 
 
 def test_failure_to_receive(bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,27 +266,44 @@ def test_failure_to_receive(bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch) 
         bus.receive(0)
 
 
-def test_log_has_both_directions_in_order() -> None:
+@pytest.mark.parametrize(("interface", "channel"), [("virtual", "toy"), ("udp_multicast", GROUP)])
+def test_log_has_both_directions_in_order_and_everything(
+    interface: str, channel: str, multicast_port: int
+) -> None:
     log: list[tuple[int, Frame]] = []
-    mine = PythonCanBus("virtual", "toy", log=lambda time, frame: log.append((time, frame)))
-    other = PythonCanBus("virtual", "toy")
+    options = {"interface": interface, "channel": channel, "port": multicast_port}
+    mine = PythonCanBus(**options, log=lambda time, frame: log.append((time, frame)))
+    other = PythonCanBus(**options)
+    mine.listen_to(frozenset())
     mine.send(Frame(1))
     other.send(Frame(2))
-    mine.receive(5)
+    heard = mine.receive(GUARD_S)
     mine.close()
     other.close()
+    assert heard == Frame(2)
     assert [frame for _, frame in log] == [Frame(1), Frame(2)]
     assert 1_500_000_000_000_000 < log[0][0] <= log[1][0]
 
 
+def test_what_was_not_sent_is_not_in_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    log: list[Frame] = []
+    mine = PythonCanBus("virtual", "toy", log=lambda _, frame: log.append(frame))
+    with monkeypatch.context() as patch:
+        Driver(mine, patch).error = can.CanOperationError("Transmit buffer full")
+        with pytest.raises(QueueFullError):
+            mine.send(SYNC)
+    mine.close()
+    assert log == []
+
+
 def test_multicast_party_hears_an_equal_frame_of_another_but_not_its_own(
-    multicast_port: int,
+    multicast: dict[str, Any],
 ) -> None:
-    parties = [PythonCanBus("udp_multicast", GROUP, port=multicast_port) for _ in range(3)]
+    parties = [PythonCanBus(**multicast) for _ in range(3)]
     parties[0].send(SYNC)
     parties[1].send(SYNC)
     parties[2].send(Frame(1))
-    heard = [[party.receive(5), party.receive(5)] for party in parties]
+    heard = [[party.receive(GUARD_S), party.receive(GUARD_S)] for party in parties]
     leftover = [party.receive(0) for party in parties]
     for party in parties:
         party.close()
@@ -179,7 +332,7 @@ def test_an_interface_that_is_gone_and_cannot_be_closed_is_only_lost(
 
     connection = PythonCanBus("virtual", "toy")
     lost: list[BusError] = []
-    lasting = LastingBus(lambda: connection, lost=lost.append, back=list, full=lambda _: [])
+    lasting = LastingBus(lambda: connection, lost=lost.append, back=list)
     with monkeypatch.context() as patch:
         for method in ("recv", "shutdown"):
             patch.setattr(connection._bus, method, gone)

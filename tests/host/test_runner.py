@@ -1,135 +1,353 @@
-"""The loop alone, on a scripted bus and clock."""
+"""The loop alone, on a simulated bus and clock: what each thing costs is part of the case."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from itertools import count
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy_node import AT_SYNC, BOOT_UP, OFF, REPLY, REQUEST, SYNC, TICKER, ToyNode
+from toy_node import AT_SYNC, BOOT_UP, EMERGENCY, OFF, REPLY, REQUEST, SYNC, TICKER, ToyNode
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import BusError
+from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.runner import run_node
 
-TICK_NS = 1_000_000
+PROMISE_US = 20_000
+HEARD_LATE_US = 10_000
+TICK_US = 1000
+REQUESTED = Frame(REQUEST + 1)
+OTHER = Frame(AT_SYNC + 1)
+"""Heard, and not answered."""
 
 
-class ScriptedBus:
-    """Hands out a script of (ns that pass, frame); the clock only moves while it waits."""
+class Host:
+    """A clock in us that moves only by what things cost, and a bus on it.
 
-    def __init__(self, *script: tuple[int | None, Frame | None]) -> None:
-        self.script = list(script)
+    `arrivals` are (us, frame) in order, the frames that come over the bus; `pauses` are (us, how
+    long) at which the process is not run, first chance after that time.
+    """
+
+    def __init__(
+        self,
+        arrivals: Iterable[tuple[int, Frame]] = (),
+        *,
+        until: int,
+        frame_cost: int = 0,
+        send_cost: int = 0,
+        pauses: tuple[tuple[int, int], ...] = (),
+        full: Callable[[int], bool] = lambda now: False,
+    ) -> None:
         self.now = 0
-        self.sent: list[Frame] = []
+        self.paused = 0
+        self.until = until
+        self.sent: list[tuple[int, Frame]] = []
         self.closed = 0
         self.broken = False
+        self.rests = 0
+        self.listened: list[frozenset[int]] = []
+        self._arrivals = iter(arrivals)
+        self._next = next(self._arrivals, None)
+        self._queue: deque[Frame] = deque()
+        self._frame_cost = frame_cost
+        self._send_cost = send_cost
+        self._pauses = deque(pauses)
+        self._full = full
 
     def clock(self) -> int:
-        return self.now
+        if self._pauses and self.now >= self._pauses[0][0]:
+            _, length = self._pauses.popleft()
+            self.now += length
+            self.paused += length
+        return 1000 * self.now
+
+    def rest(self, seconds: float) -> None:
+        self.rests += 1
+        self.now += round(seconds * 1e6)
+
+    def at_end(self) -> bool:
+        return self.now - self.paused >= self.until
 
     def send(self, frame: Frame) -> None:
+        self.now += self._send_cost
         if self.broken:
             raise BusError(f"broken at {frame.can_id:03X}")
-        self.sent.append(frame)
+        if self._full(self.now):
+            raise QueueFullError("queue full")
+        self.sent.append((self.now, frame))
 
-    def receive(self, timeout: float) -> Frame | None:
-        passes, frame = self.script.pop(0)
-        self.now += round(timeout * 1e9) if passes is None else passes
-        return frame
+    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+        end = self.now + round(timeout * 1e6)
+        self._arrive()
+        if not self._queue:
+            next_at = end if self._next is None else max(self.now, self._next[0])
+            self.now = max(self.now, min(end, next_at))
+            self._arrive()
+        if not self._queue:
+            return None
+        self.now += self._frame_cost
+        return self._queue.popleft()
+
+    def listen_to(self, can_ids: frozenset[int]) -> None:
+        self.listened.append(can_ids)
 
     def close(self) -> None:
         self.closed += 1
 
-    def at_end(self) -> bool:
-        return not self.script
+    def ids_sent(self) -> list[int]:
+        return [frame.can_id for _, frame in self.sent]
+
+    def _arrive(self) -> None:
+        while self._next is not None and self._next[0] <= self.now:
+            self._queue.append(self._next[1])
+            self._next = next(self._arrivals, None)
 
 
-class CountingNode(ToyNode):
-    def __init__(self) -> None:
+class PunctualNode(ToyNode):
+    """Has a timer of a tick, and notes how late it was asked for, pauses apart."""
+
+    def __init__(self, host: Host, advance_cost: int = 0) -> None:
         super().__init__()
-        self.calls: list[tuple[str, int]] = []
+        self.host = host
+        self.advance_cost = advance_cost
+        self.behind: list[int] = []
+        self.ticks = 0
+        self.missed = 0
+        self._loop = self.clock.timer(self._cycle)
+        self._paused = 0
 
-    def missed(self, ticks: int) -> None:
-        self.calls.append(("missed", ticks))
+    def start(self) -> list[Frame]:
+        self._loop.start(TICK_US, periodic=True)
+        return super().start()
 
     def advance(self, microseconds: int) -> list[Frame]:
-        self.calls.append(("advance", microseconds))
+        if self._loop.due <= self.clock.now:
+            behind = self.host.now - self._loop.due
+            self.behind.append(behind - (self.host.paused - self._paused))
+            self._paused = self.host.paused
+        self.host.now += self.advance_cost
         return super().advance(microseconds)
 
-
-ON_TIME = (None, None)
-NEVER_ASKED = (0, None)
-
-
-def run(node: ToyNode, bus: ScriptedBus, *, lockstep: bool = False) -> None:
-    run_node(node, bus, bus.at_end, lockstep=lockstep, clock=bus.clock)
+    def _cycle(self) -> None:
+        self.ticks += 1
+        self.missed += self._loop.missed
 
 
-def test_on_time_no_deadline_is_missed() -> None:
-    node, bus = CountingNode(), ScriptedBus(*[ON_TIME] * 8, NEVER_ASKED)
-    run(node, bus)
-    assert node.calls == [("advance", 1000)] * 8
-    assert [frame.can_id for frame in bus.sent] == [BOOT_UP + 1, TICKER + 1, OFF + 1]
+def run(node: ToyNode, host: Host, *, lockstep: bool = False) -> None:
+    run_node(node, host, host.at_end, lockstep=lockstep, clock=host.clock, rest=host.rest)
 
 
-def test_late_ticks_are_made_up_in_one_call_and_counted_first() -> None:
-    bus = ScriptedBus((4 * TICK_NS + 300_000, None), ON_TIME, NEVER_ASKED)
-    node = CountingNode()
-    run(node, bus)
-    assert node.calls == [("missed", 3), ("advance", 4000), ("advance", 1000)]
-    assert bus.now == 5 * TICK_NS
+def every(period: int, frame: Frame = REQUESTED, start: int = 0) -> Iterator[tuple[int, Frame]]:
+    return ((at, frame) for at in count(start, period))
 
 
-def test_node_that_counts_nothing_is_made_up_all_the_same() -> None:
-    node, bus = ToyNode(), ScriptedBus((3 * TICK_NS, None), NEVER_ASKED)
-    run(node, bus)
-    assert node.advances == [3000]
+def burst(at: int, number: int, frame: Frame = REQUESTED) -> Iterator[tuple[int, Frame]]:
+    return iter([(at, frame)] * number)
 
 
-def test_flood_of_frames_does_not_hold_up_the_ticks() -> None:
+def test_on_time_every_tick_is_had_and_the_clock_is_device_time() -> None:
+    host = Host(until=50_500)
+    node = PunctualNode(host)
+    run(node, host)
+    assert (node.ticks, node.missed) == (50, 0)
+    assert set(node.behind) == {0}
+    assert [frame for _, frame in host.sent if frame.can_id == TICKER + 1] == [
+        Frame(TICKER + 1, at.to_bytes(8, "little")) for at in range(5000, 50_001, 5000)
+    ]
+
+
+def test_a_frame_is_heard_at_the_time_at_which_it_comes() -> None:
+    host = Host(iter([(1234, SYNC), (7891, SYNC)]), until=10_000)
     node = ToyNode()
-    bus = ScriptedBus(*[(100_000, Frame(REQUEST + 1))] * 100, NEVER_ASKED)
-    run(node, bus)
-    assert node.advances == [1000] * 10
-    assert sum(frame.can_id == REPLY + 1 for frame in bus.sent) == 100
+    run(node, host)
+    assert [frame for _, frame in host.sent if frame.can_id == AT_SYNC + 1] == [
+        Frame(AT_SYNC + 1, at.to_bytes(8, "little")) for at in (1234, 7891)
+    ]
 
 
-def test_node_that_is_always_late_still_hears_the_bus() -> None:
-    class SlowNode(CountingNode):
-        def advance(self, microseconds: int) -> list[Frame]:
-            bus.now += 2 * TICK_NS
-            return super().advance(microseconds)
-
-    node = SlowNode()
-    bus = ScriptedBus(ON_TIME, *[(0, Frame(REQUEST + 1))] * 24, NEVER_ASKED)
-    run(node, bus)
-    assert sum(frame.can_id == REPLY + 1 for frame in bus.sent) == 24
-    assert len([call for call, _ in node.calls if call == "advance"]) in (2, 3, 4)
+def test_timers_are_asked_only_when_the_next_is_due() -> None:
+    host = Host(every(130), until=20_000)
+    node = ToyNode()
+    run(node, host)
+    assert node.advances == [0] * 3, "at 5, 10 and 15 ms, whatever comes over the bus"
 
 
-@settings(deadline=None, max_examples=60)
-@given(st.lists(st.integers(0, 10 * TICK_NS), min_size=1, max_size=30))
-def test_no_tick_is_lost_or_invented(stalls: list[int]) -> None:
-    node, bus = CountingNode(), ScriptedBus(*[(stall, None) for stall in stalls], NEVER_ASKED)
-    run(node, bus)
-    ticks = node.time // 1000
-    missed = sum(count for call, count in node.calls if call == "missed")
-    assert node.time % 1000 == 0
-    assert bus.now // TICK_NS - 1 <= ticks <= bus.now // TICK_NS
-    assert missed == ticks - len(node.advances)
+@pytest.mark.parametrize("cost", [0, 10, 100, 125, 130, 500, 999, 1000, 1001, 2000, 3500, 5000])
+@pytest.mark.parametrize("period", [0, 100, 1000, 2500])
+def test_a_flood_does_not_hold_up_time(cost: int, period: int) -> None:
+    host = Host(every(max(period, 10)), until=500_000, frame_cost=cost)
+    node = PunctualNode(host)
+    run(node, host)
+    assert max(node.behind) <= PROMISE_US
+    assert node.ticks + node.missed >= 480
+    assert host.ids_sent().count(REPLY + 1) > 80, "and the bus is heard"
+
+
+@pytest.mark.parametrize("cost", [10, 125, 1000, 5000])
+def test_a_flood_leaves_the_processor_to_others_now_and_then(cost: int) -> None:
+    host = Host(every(10), until=500_000, frame_cost=cost)
+    run(PunctualNode(host), host)
+    assert host.rests * 500 >= 0.02 * 500_000
+
+
+def test_a_node_that_waits_for_its_frames_needs_no_rest() -> None:
+    host = Host(every(300), until=500_000, frame_cost=10)
+    run(PunctualNode(host), host)
+    assert host.rests == 0
+
+
+@pytest.mark.parametrize("cost", [1, 1500, 3000])
+def test_a_node_whose_cycles_take_too_long_still_hears_the_bus(cost: int) -> None:
+    host = Host(every(700), until=1_000_000, frame_cost=10)
+    node = PunctualNode(host, advance_cost=cost)
+    run(node, host)
+    answered = host.ids_sent().count(REPLY + 1)
+    assert answered > 1400, "of 1429 that came"
+    assert node.ticks + node.missed >= 990
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    frame_cost=st.integers(0, 5000),
+    send_cost=st.integers(0, 4000),
+    bursts=st.lists(st.tuples(st.integers(0, 300_000), st.integers(1, 200)), max_size=6),
+    pauses=st.lists(st.tuples(st.integers(1, 300_000), st.integers(1, 400_000)), max_size=4),
+    period=st.integers(50, 10_000),
+)
+def test_device_time_is_never_far_behind(
+    frame_cost: int,
+    send_cost: int,
+    bursts: list[tuple[int, int]],
+    pauses: list[tuple[int, int]],
+    period: int,
+) -> None:
+    arrivals = [(at, REQUESTED) for at, number in bursts for _ in range(number)]
+    arrivals += [(at, REQUESTED) for at in range(0, 300_000, period)]
+    host = Host(
+        iter(sorted(arrivals)),
+        until=400_000,
+        frame_cost=frame_cost,
+        send_cost=send_cost,
+        pauses=tuple(sorted(pauses)),
+    )
+    node = PunctualNode(host)
+    run(node, host)
+    assert max(node.behind) <= PROMISE_US
+    lost = node.missed + node.ticks
+    assert host.now // TICK_US - 40 <= lost <= host.now // TICK_US, "no tick is lost or invented"
+
+
+class WatchingNode(ToyNode):
+    """Waits for a request within 50 ms of the last one, as for a heartbeat."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lost: list[int] = []
+        self._watch = self.clock.timer(lambda: self.lost.append(self.clock.now))
+
+        self.order: list[tuple[str, int]] = []
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        self.order.append(("heard", self.clock.now))
+        if frame == REQUESTED:
+            self._watch.start(50_000)
+        return super().receive(frame)
+
+    def overdue(self) -> list[Frame]:
+        self.order.append(("late", self.clock.now))
+        return super().overdue()
+
+
+def test_what_waited_is_heard_before_its_deadline_is_looked_at() -> None:
+    host = Host(every(10_000), until=600_000, frame_cost=20, pauses=((200_001, 300_000),))
+    node = WatchingNode()
+    run(node, host)
+    assert node.lost == [], "the bus was never silent: the process was not run"
+    after = [event for event in node.order if event[1] > 300_000]
+    assert after[:2] == [("late", 500_020), ("heard", 500_020)], "what must not wait comes before"
+
+
+def test_but_not_for_longer_than_10_ms() -> None:
+    def frames() -> Iterator[tuple[int, Frame]]:
+        yield 0, REQUESTED
+        yield from ((1000 + k, OTHER) for k in range(500))
+        yield 60_000, REQUESTED
+
+    host = Host(frames(), until=200_000, frame_cost=100, pauses=((1000, 100_000),))
+    node = WatchingNode()
+    run(node, host)
+    (lost,) = node.lost[:1]
+    assert 101_000 + 5_000 < lost <= 101_000 + HEARD_LATE_US + 100
+
+
+def test_a_watch_that_ends_in_a_flood_ends_in_time() -> None:
+    def frames() -> Iterator[tuple[int, Frame]]:
+        yield 0, REQUESTED
+        yield from every(10, OTHER, start=10)
+
+    for cost in (10, 125, 130, 1000, 5000):
+        host = Host(frames(), until=100_000, frame_cost=cost)
+        node = WatchingNode()
+        run(node, host)
+        assert node.lost[0] <= cost + 50_000 + PROMISE_US, cost
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_a_full_queue_holds_nothing_up_and_is_told_when_the_cycle_is_over(lockstep: bool) -> None:
+    syncs = every(1000, SYNC, start=1000)
+    host = Host(syncs, until=30_000, full=lambda now: 10_500 <= now < 20_500)
+    node = ToyNode()
+    told: list[int] = []
+    run_node(
+        node, host, host.at_end, lockstep=lockstep, clock=host.clock, rest=host.rest,
+        full=lambda reason: told.append(host.now),
+    )  # fmt: skip
+    assert node.failures >= 9, "each cycle that had no answer"
+    (began,) = told
+    assert 11_000 <= began <= 12_200, "an answer made at 11 ms is late at 12 ms"
+    times = [int.from_bytes(f.data, "little") for _, f in host.sent if f.can_id == AT_SYNC + 1]
+    assert times[:10] == [k * 1000 for k in range(1, 11)]
+    assert not [at for at in times if 11_000 <= at <= 18_000], "old ones are of no use"
+    first_after = next(frame for at, frame in host.sent if at >= 20_500)
+    assert first_after.can_id == EMERGENCY + 1
+    assert len(node.heard) >= 28
+
+
+def test_other_frames_wait_and_are_no_fault() -> None:
+    host = Host(burst(10_500, 3), until=40_000, full=lambda now: 10_200 <= now < 14_000)
+    node = ToyNode()
+    run(node, host)
+    assert host.ids_sent().count(REPLY + 1) == 3
+    assert node.failures == 0
+
+
+def test_who_has_time_is_told() -> None:
+    host = Host(every(400), until=10_000)
+    spare: list[int] = []
+    node = PunctualNode(host)
+    run_node(
+        node, host, host.at_end, clock=host.clock, rest=host.rest,
+        spare=lambda: spare.append(host.now % TICK_US),
+    )  # fmt: skip
+    assert spare
+    assert max(spare) < 500, "half a tick at least is left"
+
+
+def test_the_bus_is_told_what_is_listened_to() -> None:
+    host = Host(until=1000)
+    node = ToyNode()
+    run(node, host)
+    assert host.listened == [node.ids.heard]
 
 
 def test_lockstep_knows_no_clock() -> None:
+    host = Host(iter([(50_000, SYNC), (100_000, REQUESTED), (100_001, SYNC)]), until=150_000)
     node = ToyNode()
-    bus = ScriptedBus(
-        (50 * TICK_NS, None),
-        (0, SYNC),
-        (50 * TICK_NS, Frame(REQUEST + 1)),
-        (0, SYNC),
-    )
-    run(node, bus, lockstep=True)
+    run(node, host, lockstep=True)
     assert node.advances == [1000, 1000]
-    assert bus.sent == [
+    assert [frame for _, frame in host.sent] == [
         Frame(BOOT_UP + 1, b"\0"),
         Frame(AT_SYNC + 1, (1000).to_bytes(8, "little")),
         Frame(REPLY + 1),
@@ -146,20 +364,20 @@ def fail(frame: Frame) -> list[Frame]:
 def test_failing_node_is_shut_down_and_the_bus_closed(
     lockstep: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node, bus = ToyNode(), ScriptedBus((0, Frame(1)), NEVER_ASKED)
+    node, host = ToyNode(), Host(iter([(0, REQUESTED)]), until=1000)
     monkeypatch.setattr(node, "receive", fail)
     with pytest.raises(ZeroDivisionError):
-        run(node, bus, lockstep=lockstep)
-    assert bus.sent[-1] == Frame(OFF + 1, bytes(2))
-    assert bus.closed == 1
+        run(node, host, lockstep=lockstep)
+    assert host.sent[-1][1] == Frame(OFF + 1, bytes(2))
+    assert host.closed == 1
 
 
 def test_dead_bus_is_reported_by_its_first_failure() -> None:
-    node, bus = ToyNode(), ScriptedBus((0, SYNC), NEVER_ASKED)
+    node, host = ToyNode(), Host(iter([(0, SYNC)]), until=1000)
     shut_down: list[Callable[[], list[Frame]]] = []
 
     def receive(frame: Frame) -> list[Frame]:
-        bus.broken = True
+        host.broken = True
         return [Frame(0x111)]
 
     def shutdown() -> list[Frame]:
@@ -168,6 +386,16 @@ def test_dead_bus_is_reported_by_its_first_failure() -> None:
 
     node.receive, node.shutdown = receive, shutdown  # type: ignore[method-assign]
     with pytest.raises(BusError, match="broken at 111"):
-        run(node, bus)
+        run(node, host)
     assert len(shut_down) == 1
-    assert bus.closed == 1
+    assert host.closed == 1
+
+
+def test_the_farewell_waits_for_a_full_queue_but_not_for_long() -> None:
+    host = Host(until=10_000, full=lambda now: 9_000 <= now < 50_000)
+    run(ToyNode(), host)
+    assert host.sent[-1] == (50_000, Frame(OFF + 1, bytes(2))) or host.sent[-1][0] < 51_000
+    host = Host(until=10_000, full=lambda now: now >= 9_000)
+    run(ToyNode(), host)
+    assert host.now <= 10_000 + 100_000 + 1000
+    assert host.closed == 1

@@ -7,6 +7,8 @@ Run as a program it is a node on a multicast bus, for tests that need another pr
 import sys
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.port import Identifiers
+from smarttac_can.device.timer import Clock
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
@@ -15,6 +17,8 @@ SYNC = Frame(0x080)
 REQUEST, REPLY = 0x600, 0x580
 AT_SYNC, TICKER = 0x180, 0x280
 BOOT_UP, OFF = 0x700, 0x300
+EMERGENCY = 0x080
+SEGMENT = 0x380
 TICKER_US = 5000
 
 
@@ -24,9 +28,24 @@ class ToyNode:
         self.follows = follows
         self.heard: list[Frame] = []
         self.advances: list[int] = []
-        self.time = 0
+        self.failures = 0
+        self.late: list[int] = []
+        self.clock = Clock()
+        self._ticker = self.clock.timer(self._tick)
+        self._out: list[Frame] = []
+        self.ids = Identifiers(
+            frozenset({SYNC.can_id, AT_SYNC + node_id})
+            | {base + other for base in (BOOT_UP, REPLY, REQUEST, OFF) for other in (1, 2)},
+            frozenset({AT_SYNC + node_id, TICKER + node_id, EMERGENCY + node_id}),
+            EMERGENCY + node_id,
+        )
+
+    @property
+    def time(self) -> int:
+        return self.clock.now
 
     def start(self) -> list[Frame]:
+        self._ticker.start(TICKER_US, periodic=True)
         return [Frame(BOOT_UP + self.node_id, b"\0")]
 
     def receive(self, frame: Frame) -> list[Frame]:
@@ -39,14 +58,43 @@ class ToyNode:
 
     def advance(self, microseconds: int) -> list[Frame]:
         self.advances.append(microseconds)
-        before = self.time // TICKER_US
-        self.time += microseconds
-        if self.time // TICKER_US == before:
-            return []
-        return [Frame(TICKER + self.node_id, self.time.to_bytes(8, "little"))]
+        self.clock.advance(microseconds)
+        out, self._out = self._out, []
+        return out
+
+    def overdue(self) -> list[Frame]:
+        self.late.append(self.time)
+        return []
+
+    def transmit_failed(self) -> list[Frame]:
+        self.failures += 1
+        return [Frame(EMERGENCY + self.node_id, bytes(8))]
+
+    def segments(self, most: int) -> list[Frame]:
+        return []
 
     def shutdown(self) -> list[Frame]:
         return [Frame(OFF + self.node_id, bytes(2))]
+
+    def _tick(self) -> None:
+        self._out.append(Frame(TICKER + self.node_id, self.time.to_bytes(8, "little")))
+
+
+class StreamingNode(ToyNode):
+    """Follows its answer by as many segments as the first byte of the request says."""
+
+    def __init__(self, node_id: int = 1) -> None:
+        super().__init__(node_id)
+        self.left: list[Frame] = []
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        if frame.can_id == REQUEST + self.node_id:
+            self.left = [Frame(SEGMENT + self.node_id, bytes((k,))) for k in range(frame.data[0])]
+        return super().receive(frame)
+
+    def segments(self, most: int) -> list[Frame]:
+        taken, self.left = self.left[:most], self.left[most:]
+        return taken
 
 
 def main() -> None:

@@ -95,13 +95,13 @@ class Line:
 
 
 def plate_alone(**options: object) -> tuple[Line, PlateNode]:
-    node = PlateNode(plate_od(), **options)  # type: ignore[arg-type]
+    node = PlateNode(plate_od(), **{"deadline_ms": 3, **options})  # type: ignore[arg-type]
     return Line(node), node
 
 
 def ready_plate(node_id: int = PLATE_ID) -> tuple[Line, PlateNode]:
     """A plate that has had tick 0, and 0 V."""
-    plate = PlateNode(plate_od(node_id))
+    plate = PlateNode(plate_od(node_id), deadline_ms=3)
     line = Line(plate)
     line.nmt(START, node_id)
     line.sync()
@@ -111,7 +111,7 @@ def ready_plate(node_id: int = PLATE_ID) -> tuple[Line, PlateNode]:
 
 def stimulator_alone() -> tuple[Line, StimulatorNode]:
     """A stimulator that waits for the measurements of a plate node the test plays."""
-    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
     return Line(node), node
 
 
@@ -122,8 +122,8 @@ def plate_inside(*, lockstep: bool = False, **presets: int) -> tuple[Line, Stimu
 
 
 def both_nodes() -> tuple[Line, PlateNode, StimulatorNode]:
-    plate = PlateNode(plate_od())
-    stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    plate = PlateNode(plate_od(), deadline_ms=3)
+    stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
     return Line(plate, stimulator), plate, stimulator
 
 

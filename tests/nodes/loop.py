@@ -27,8 +27,8 @@ class Loop:
         self.heartbeat = True
         self.setpoints = True
         self.counter = 0
-        self.plate = PlateNode(plate_od())
-        self.node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+        self.plate = PlateNode(plate_od(), deadline_ms=3)
+        self.node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
         for node in (self.plate, self.node):
             node.receive = self._lossy(node.device.receive)  # type: ignore[method-assign]
         self.line = Line(self.plate, self.node, lockstep=False)

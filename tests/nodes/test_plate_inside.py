@@ -152,7 +152,6 @@ def test_a_simulated_finger_by_sdo() -> None:
 
 def test_a_late_call_has_one_cycle_and_keeps_the_phase() -> None:
     line, node = plate_inside()
-    node.missed(6)
     node.advance(7400)
     assert line.read(node, "Cycle.Cycles") == 1
     assert line.read(node, "Cycle.Missed deadlines") == 6

@@ -48,7 +48,7 @@ def test_every_other_event_is_refused(state: State, event: Event) -> None:
         assert machine.state is (allowed[0].next if allowed else state)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.lists(st.tuples(st.integers(0, 255), st.sampled_from([Guard.NONE, Guard.CLEAR, ALL]))))
 def test_no_controlword_skips_a_step(words: list[tuple[int, Guard]]) -> None:
     machine = StateMachine()

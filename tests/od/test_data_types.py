@@ -32,7 +32,7 @@ def test_transfer_syntax(data_type: DataType, value: object, data: str) -> None:
 
 @pytest.mark.parametrize("data_type", [*SIGNED, *UNSIGNED])
 @given(data=st.data())
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_integers_survive(data_type: DataType, data: st.DataObject) -> None:
     low, high = bounds(data_type)
     for value in (low, high, data.draw(st.integers(int(low), int(high)))):
@@ -62,6 +62,17 @@ def test_what_is_no_character_is_refused(data_type: DataType, data: bytes, code:
     with pytest.raises(Abort) as refusal:
         unpack(data_type, data)
     assert refusal.value.code == code
+
+
+def test_visible_characters() -> None:
+    """CiA 301: 0 and 20h to 7Eh."""
+    for byte in range(256):
+        data = b"ab" + bytes((byte,)) + b"c"
+        if byte == 0 or 0x20 <= byte <= 0x7E:
+            assert unpack(DataType.VISIBLE_STRING, data) == data.decode("ascii")
+        else:
+            with pytest.raises(Abort):
+                unpack(DataType.VISIBLE_STRING, data)
 
 
 @pytest.mark.parametrize("data_type", list(DataType))

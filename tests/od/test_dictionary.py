@@ -56,7 +56,7 @@ def test_quantise_refuses_what_has_no_nearest_integer() -> None:
 
 
 @given(st.floats(allow_nan=False))
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_quantise_never_leaves_the_limits(si: float) -> None:
     entry = voltage()
     dictionary(entry).write(entry, entry.quantise(si))

@@ -228,7 +228,7 @@ def test_bom_and_spelling_do_not_matter() -> None:
 
 
 @given(st.text(alphabet="[]=0129AFSub$NODEID+x;\n -.\\", max_size=80), st.integers(0, 900))
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_any_damage_gives_a_dictionary_or_one_line(noise: str, line: int) -> None:
     lines = RICH.splitlines()[60:160]
     at = line % len(lines)

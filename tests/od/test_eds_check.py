@@ -146,14 +146,14 @@ def test_the_text_itself() -> None:
     assert "[nonsense] warning: is no section of an EDS" in lines(RICH + "\n[Nonsense]\n")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.text(alphabet=st.sampled_from("[]=\n10x2AsubParameterName$NODEID+;. "), max_size=80))
 def test_no_text_makes_it_fail(text: str) -> None:
     assert check_eds(text, "x.eds")
     check_eds(RICH + "\n" + text, "rich.eds")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, RICH.count("\n") - 1), st.text(max_size=6))
 def test_no_damaged_line_makes_it_fail(number: int, text: str) -> None:
     broken = RICH.split("\n")

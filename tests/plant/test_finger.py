@@ -52,7 +52,7 @@ def test_speed_is_constant_in_the_middle_and_varies_from_pass_to_pass():
 @given(
     times=st.lists(st.floats(0.0, 30.0), min_size=1, max_size=20), seed=st.integers(0, 2**63 - 1)
 )
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_stroke_is_a_function_of_time_in_any_order(times, seed):
     asked = Stroke(seed=seed)
     answers = [asked.at(t) for t in times]

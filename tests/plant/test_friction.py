@@ -25,7 +25,7 @@ def coefficient(subject, W, v=0.06, Fn=0.5, occlusion=0.0):
 
 
 @given(subject=subjects, W=st.floats(0.0, 5e-6), more=st.floats(1e-8, 1e-6), v=st.floats(0.0, 1.0))
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_more_vibration_never_means_more_friction(subject, W, more, v):
     g0 = reduction(SCALAR, subject, W, v, F0)
     g1 = reduction(SCALAR, subject, W + more, v, F0)
@@ -33,7 +33,7 @@ def test_more_vibration_never_means_more_friction(subject, W, more, v):
 
 
 @given(subject=subjects, W=st.floats(1e-8, 5e-6), v=st.floats(0.0, 0.5))
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_speed_weakens_the_reduction(subject, W, v):
     slow = reduction(SCALAR, subject, W, v, F0)
     assert reduction(SCALAR, subject, W, v + 0.1, F0) >= slow

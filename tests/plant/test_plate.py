@@ -110,7 +110,7 @@ def test_dead_time_0_ignores_the_old_drive_and_1_ms_the_new():
     new=st.floats(0.0, 150.0),
     detuning=st.floats(-500.0, 500.0),
 )
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_any_dead_time_with_equal_drives_is_none(dead_time, old, new, detuning):
     drives = [Drive(old, 43390.0 + detuning), Drive(new, 43390.0)]
     plain, delayed = make(PRESSED), make(PRESSED, dead_time=dead_time)

@@ -105,7 +105,7 @@ def test_at_resonance_the_vibration_is_on_the_d_axis():
     damping=st.floats(0.0, 100.0),
     parts=st.integers(2, 9),
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_many_short_steps_are_one_long_step(voltage, detuning, damping, parts):
     load = (PLATE.damping + damping, PLATE.stiffness(20.0))
     whole = envelope([(1e-3, voltage, 43390.0 + detuning, load)])[-1]
@@ -117,7 +117,7 @@ def test_many_short_steps_are_one_long_step(voltage, detuning, damping, parts):
     steps=st.lists(st.tuples(st.floats(1e-6, 1e-3), st.floats(0.0, 1e5)), min_size=2, max_size=20),
     damping=st.floats(0.0, 200.0),
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_without_drive_the_energy_falls_whatever_the_frame_does(steps, damping):
     resonator = Resonator(PLATE.mass)
     stiffness = PLATE.stiffness(20.0)

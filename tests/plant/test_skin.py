@@ -88,7 +88,7 @@ def test_agrees_with_the_differential_equations():
         max_size=40,
     ),
 )
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_friction_is_bounded_at_any_step(subject, steps):
     skin = Skin(SCALAR, subject, F0)
     fastest = max(abs(v_bone) for _, _, v_bone, _ in steps)

@@ -13,7 +13,7 @@ import pytest
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 from test_left_at_0_v import connect, stage_voltage
 
-from smarttac_can.bench import BenchError, HeartbeatLostError, Mode, Stimulator
+from smarttac_can.bench import BenchError, FaultError, HeartbeatLostError, Mode, Stimulator
 from smarttac_can.bench.fault_matrix import cases, fault_matrix
 from smarttac_can.bench.open_link import STIMULATOR_ID
 from smarttac_can.bench.rig import Rig
@@ -113,7 +113,10 @@ def test_broken_sensor(nodes: tuple[NodeProcess, NodeProcess], name: str) -> Non
         assert stage_voltage() > 0
         bench.set("Fault.Sensor", sensor)
         bench.set("Fault.Kind", kind)
-        voltages = bench.run(0.1).V.tolist()
+        with pytest.raises(FaultError) as told:
+            bench.run(0.1)
+        assert told.value.trace is not None
+        voltages = told.value.trace.V.tolist()
         assert voltages.index(0) + 1 <= bound + 1
         assert emergencies(bus)[0] == code
         assert stage_voltage() == 0

@@ -8,7 +8,7 @@ import time
 import pytest
 from processes import CHANNEL, NodeProcess
 
-from smarttac_can.bench import BusLostError, Mode, Stimulator
+from smarttac_can.bench import BusLostError, FaultError, Mode, Stimulator
 
 
 def switch(state: str) -> None:
@@ -44,8 +44,10 @@ def test_the_node_goes_to_0_v_lives_on_and_comes_back() -> None:
             said.append(node.process.stdout.readline())
             assert said[-1], said
         with connect() as bench:
-            assert bench.run(0.02).voltage_v.max() == 0.0
-            assert bench.message == "the CAN controller is bus-off"
+            with pytest.raises(FaultError, match="the CAN controller is bus-off") as told:
+                bench.run(0.02)
+            assert told.value.trace is not None
+            assert told.value.trace.voltage_v.max() == 0.0
         assert node.terminate() == 0
         said += node.said
         assert sum("lost" in line for line in said) == 1

@@ -9,7 +9,7 @@ import can
 import canopen
 import pytest
 from eds_decoder import EDS
-from processes import CHANNEL, PLATE_ID, NodeProcess
+from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 
 from smarttac_can.bench import HeartbeatLostError, Mode, Stimulator
 from smarttac_can.od.cia import SYNC_ID
@@ -42,6 +42,7 @@ def stage_voltage() -> int:
     network.connect(interface="socketcan", channel=CHANNEL)
     try:
         node = network.add_node(PLATE_ID, str(EDS / "plate.eds"))
+        node.sdo.RESPONSE_TIMEOUT = GUARD_S
         return int(node.sdo["Stage"]["Voltage [10 mV]"].raw)
     finally:
         network.disconnect()

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+import re
+import runpy
 import signal
 import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import psutil
 import pytest
 
 WITH_VCAN = Path(__file__).parents[2] / "tools" / "with-vcan"
-GUARD_S = 120.0
+GUARD_S = 600.0
+"""Only ever waited for by a test that is about to fail, or for a slow net."""
 
 
 def left_in(folder: Path) -> list[psutil.Process]:
@@ -63,11 +67,50 @@ sys.exit(42)
     assert (folder / "made").read_bytes() == odd
 
 
+APT_WITHOUT_NET = """#!/bin/sh
+echo chatter
+echo "E: no net" >&2
+exit 100
+"""
+FETCHING = r"with-vcan: fetching Debian's [a-z-]+ \.\.\.\n"
+NOT_FETCHED = r"with-vcan: cannot fetch [a-z-]+: E: no net\n"
+
+
+@pytest.fixture
+def fresh_machine(tmp_path: Path) -> dict[bytes, bytes]:
+    """Environment with nothing in the cache, and apt-get, in vain, as the only command."""
+    apt = tmp_path / "bin" / "apt-get"
+    apt.parent.mkdir()
+    apt.write_text(APT_WITHOUT_NET)
+    apt.chmod(0o755)
+    changed = {"PATH": apt.parent, "XDG_CACHE_HOME": tmp_path / "cache"}
+    return {**os.environb, **{os.fsencode(n): os.fsencode(value) for n, value in changed.items()}}
+
+
+def test_a_pipe_is_not_told_that_something_is_fetched(
+    fresh_machine: dict[bytes, bytes], tmp_path: Path
+) -> None:
+    done = with_vcan("--", "true", folder=tmp_path, env=fresh_machine)
+    assert (done.stdout, done.returncode) == (b"", 125)
+    assert re.fullmatch(NOT_FETCHED, done.stderr.decode())
+
+
+def test_a_terminal_is_told_what_is_fetched(fresh_machine: dict[bytes, bytes]) -> None:
+    reader, terminal = os.openpty()
+    command = [sys.executable, WITH_VCAN, "--", "true"]
+    with os.fdopen(reader, "rb", buffering=0) as screen:
+        with os.fdopen(terminal, "wb") as stderr:
+            subprocess.run(command, stderr=stderr, env=fresh_machine, timeout=GUARD_S, check=False)
+        told = b""
+        with suppress(OSError):  # which is how a terminal ends
+            while words := screen.read(1 << 12):
+                told += words
+    assert re.fullmatch(FETCHING + NOT_FETCHED, told.decode().replace("\r\n", "\n"))
+
+
 def test_two_buses_and_candump(tmp_path: Path) -> None:
-    log = (
-        "candump -L -n 1 -T 20000 vcan0 & sleep 1; cansend vcan1 111#; cansend vcan0 123#4567; wait"
-    )
-    done = with_vcan("--", "sh", "-c", f"{log}; wait", folder=tmp_path)
+    frames = "while sleep 0.1; do cansend vcan1 111#; cansend vcan0 123#4567; done"
+    done = with_vcan("--", "sh", "-c", f"{frames} & exec candump -L -n 1 vcan0", folder=tmp_path)
     assert done.stdout.endswith(b" vcan0 123#4567\n")
     assert done.stdout.count(b"\n") == 1
 
@@ -101,3 +144,17 @@ def test_interrupted(number: signal.Signals, tmp_path: Path) -> None:
 )
 def test_killed_or_not_found(command: tuple[str, ...], status: int, tmp_path: Path) -> None:
     assert with_vcan("--", *command, folder=tmp_path).returncode == status
+
+
+@pytest.mark.parametrize(
+    ("free", "flags", "place"),
+    [(1 << 30, 0, "/dev/shm"), (1 << 20, 0, "/tmp"), (1 << 30, os.ST_NOEXEC, "/tmp")],
+    ids=["roomy", "small", "noexec"],
+)
+def test_place_of_the_machines_memory(
+    free: int, flags: int, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine_environment = runpy.run_path(str(WITH_VCAN))["machine_environment"]
+    shared = SimpleNamespace(f_bavail=free, f_frsize=1, f_flag=flags)
+    monkeypatch.setattr(os, "statvfs", lambda _folder: shared)
+    assert machine_environment("/folder", 512)["TMPDIR"] == place

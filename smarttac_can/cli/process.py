@@ -1,0 +1,113 @@
+"""A node as the process of a command: its pace, its bus, and its lines on the terminal."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import ExitStack
+from functools import wraps
+from typing import Any, NamedTuple
+
+import click
+
+from smarttac_can.cli.options import BusChoice, Command, with_options
+from smarttac_can.cli.state_lines import StateLines
+from smarttac_can.host.lasting_bus import LastingBus
+from smarttac_can.host.line_writer import LineWriter
+from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.host.realtime import collecting_between_cycles, request_real_time
+from smarttac_can.host.runner import run_node
+from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
+from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+
+class Pace(NamedTuple):
+    """What a node follows: SYNC, or the clock, and how punctually."""
+
+    lockstep: bool = False
+    priority: int | None = None
+    """Of SCHED_FIFO, 1..99; None for an ordinary process."""
+    cpu: int | None = None
+
+    def begin(self) -> int | None:
+        """Ask the system for what was asked for, and say on stderr what it refuses.
+
+        Returns
+        -------
+        int or None
+            Default in ms for the deadlines of a loop over the bus; None for that of the EDS.
+        """
+        if self.lockstep:
+            return SHORT_DEADLINE_MS
+        if self.priority is None:
+            return None
+        refused = request_real_time(self.priority, self.cpu)
+        for line in refused:
+            click.echo(line, err=True)
+        return None if refused else SHORT_DEADLINE_MS
+
+
+lockstep_option = click.option(
+    "--lockstep",
+    is_flag=True,
+    help="Let SYNC be the only clock: for simulated time at any pace.",
+)
+
+
+def pace_options(command: Command) -> Command:
+    """Let a command choose its pace: it is called with ``pace``, a `Pace`."""
+
+    @wraps(command)
+    def called(
+        *args: Any, lockstep: bool, realtime: int | None, cpu: int | None, **others: Any
+    ) -> Any:
+        if lockstep and realtime is not None:
+            raise click.UsageError(
+                "--realtime follows the clock, --lockstep does not: leave out one"
+            )
+        if cpu is not None and realtime is None:
+            raise click.UsageError("--cpu is for --realtime PRIORITY: none is given")
+        return command(*args, pace=Pace(lockstep, realtime, cpu), **others)
+
+    return with_options(
+        lockstep_option,
+        click.option(
+            "--realtime",
+            type=click.IntRange(1, 99),
+            metavar="PRIORITY",
+            help="Run at this priority of SCHED_FIFO, 1..99, with the memory locked and deadlines"
+            f" of {SHORT_DEADLINE_MS} ms. Needs CAP_SYS_NICE, or rtprio in limits.conf.",
+        ),
+        click.option(
+            "--cpu",
+            type=click.IntRange(min=0),
+            metavar="N",
+            help="Stay on this processor, with --realtime.",
+        ),
+    )(called)
+
+
+def run_in_process(
+    name: str, node: StimulatorNode | PlateNode | PlainNode, bus: BusChoice, pace: Pace
+) -> None:
+    """Run a node until a signal ends it, with a line on stdout for each change of its state."""
+    with ExitStack() as stack:
+        stop = stack.enter_context(stop_on_signals())
+        writer = stack.enter_context(LineWriter(_stdout()))
+        lines = StateLines(name, bus.where, node, writer.say)
+        lasting = LastingBus(bus.open, lost=lines.lost, back=lines.back)
+        if pace.lockstep:
+            run_node(lines, lasting, stop, lockstep=True, full=lines.full)
+        else:
+            spare = stack.enter_context(collecting_between_cycles())
+            run_node(lines, lasting, stop, full=lines.full, spare=spare)
+
+
+def _stdout() -> int:
+    """Return the descriptor of stdout; one that swallows everything where there is none."""
+    try:
+        return sys.stdout.fileno()
+    except (OSError, AttributeError, ValueError):
+        return os.open(os.devnull, os.O_WRONLY)

@@ -1,0 +1,119 @@
+"""What a process asks of the operating system so that its cycles come in time."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import gc
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import Final
+
+_LOCK_NOW_AND_LATER: Final = 1 | 2
+_WITHOUT_SLEEP_S: Final = 1.0
+"""Processor time without one wait after which a real-time process is told to end. The runner rests
+far more often: who gets there hangs."""
+_KILLED_S: Final = 3.0
+_COLLECT_S: Final = 1.0
+
+
+@contextmanager
+def collecting_between_cycles() -> Iterator[Callable[[], None]]:
+    """Keep garbage collection out of the way while the block runs.
+
+    What there is at the beginning is never looked at again; of what comes then, Python collects
+    nothing by itself.
+
+    Yields
+    ------
+    Callable
+        To be called when there is time: collects once a second.
+    """
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    due = monotonic() + _COLLECT_S
+
+    def collect() -> None:
+        nonlocal due
+        now = monotonic()
+        if now >= due:
+            due = now + _COLLECT_S
+            gc.collect()
+
+    try:
+        yield collect
+    finally:
+        gc.unfreeze()
+        if enabled:
+            gc.enable()
+
+
+def request_real_time(priority: int, cpu: int | None) -> list[str]:
+    """Ask for a real-time priority and for memory that stays, and for one processor.
+
+    Parameters
+    ----------
+    priority
+        Of SCHED_FIFO, 1..99.
+    cpu
+        Number of the processor to stay on; None for any.
+
+    Returns
+    -------
+    list of str
+        What the system has refused, a line each, with the cure.
+
+    Notes
+    -----
+    The policy is that of the calling thread, not of threads that it starts from then on. A process
+    at this priority that never waits would have its processor for itself: RLIMIT_RTTIME ends it
+    with SIGXCPU after 1 s, which is to be handled as SIGTERM is, and with SIGKILL after 3 s.
+    """
+    if sys.platform != "linux":
+        return [f"real time: {sys.platform} has no SCHED_FIFO for us, going on without"]
+    refused = []
+    if cpu is not None:
+        try:
+            os.sched_setaffinity(0, {cpu})
+        except (OSError, OverflowError):
+            allowed = ",".join(str(number) for number in sorted(os.sched_getaffinity(0)))
+            refused.append(f"real time: processor {cpu} is refused: give one of {allowed}")
+    try:
+        # Threads started from here on, which serve the terminal, are ordinary.
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except OSError:
+        refused.append(
+            f"real time: SCHED_FIFO {priority} is refused, going on without: allow it by a line "
+            f"'USER - rtprio {priority}' in /etc/security/limits.conf, or CAP_SYS_NICE"
+        )
+    else:
+        _limit_time_without_sleep()
+    refused += _lock_memory()
+    return refused
+
+
+def _limit_time_without_sleep() -> None:
+    import resource  # noqa: PLC0415  # not on Windows
+
+    _, most = resource.getrlimit(resource.RLIMIT_RTTIME)
+    wanted = [int(seconds * 1e6) for seconds in (_WITHOUT_SLEEP_S, _KILLED_S)]
+    if most != resource.RLIM_INFINITY:
+        wanted = [min(limit, most) for limit in wanted]
+    resource.setrlimit(resource.RLIMIT_RTTIME, (wanted[0], wanted[1]))
+
+
+def _lock_memory() -> list[str]:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_LOCK_NOW_AND_LATER) == 0:
+        return []
+    reason = errno.errorcode.get(ctypes.get_errno(), "unknown")
+    return [
+        f"real time: locking the memory is refused ({reason}), going on without: allow it by a "
+        "line 'USER - memlock unlimited' in /etc/security/limits.conf, or CAP_IPC_LOCK"
+    ]

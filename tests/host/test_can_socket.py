@@ -1,0 +1,491 @@
+"""Sockets of python-can's interfaces, with python-can as the other party and as the oracle."""
+
+import signal
+import socket
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import can
+import msgpack
+import pytest
+from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.socketcan.constants import CAN_RTR_FLAG
+from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_frame
+from can.interfaces.udp_multicast import UdpMulticastBus
+from can.interfaces.udp_multicast.utils import pack_message, unpack_message
+from conftest import GROUP, GUARD_S
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host import can_socket
+from smarttac_can.host.can_socket import CanSocket, _Multicast, _SocketCan, open_socket
+from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
+
+WIDTHS = (0, 0x7F, 0x80, 0xFF, 0x100, 0x7FF)
+"""Identifiers at which the width of an integer in MessagePack changes, and the last one."""
+CAN_IDS = st.sampled_from(WIDTHS) | st.integers(0, 0x7FF)
+HEARD = st.none() | st.frozensets(CAN_IDS, max_size=8)
+FRAMES = st.builds(Frame, CAN_IDS, st.binary(max_size=8), st.just(False)) | st.builds(
+    Frame, CAN_IDS, st.just(b""), st.just(True)
+)
+CODECS = {"socketcan": _SocketCan, "udp_multicast": _Multicast}
+
+many = settings(deadline=None, max_examples=200)
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> can.Message:
+    """Every kind of message that python-can takes."""
+    kind = draw(st.sampled_from(["data", "remote", "error", "fd"]))
+    extended = draw(st.booleans())
+    options: dict[str, object] = {"dlc": draw(st.integers(0, 8))} if kind == "remote" else {}
+    if kind == "data":
+        options["data"] = draw(st.binary(max_size=8))
+    if kind == "fd":
+        options["data"] = bytes(draw(st.sampled_from([*range(9), 12, 16, 20, 24, 32, 48, 64])))
+        options["bitrate_switch"] = draw(st.booleans())
+        options["error_state_indicator"] = draw(st.booleans())
+    return can.Message(
+        timestamp=draw(st.floats(0, 1e10)),
+        arbitration_id=draw(CAN_IDS | st.integers(0, 0x1FFFFFFF) if extended else CAN_IDS),
+        is_extended_id=extended,
+        is_remote_frame=kind == "remote",
+        is_error_frame=kind == "error",
+        is_fd=kind == "fd",
+        channel=draw(st.none() | st.integers(0, 300) | st.text(max_size=40)),
+        check=True,
+        **options,
+    )
+
+
+def to_hear(message: can.Message, can_ids: frozenset[int] | None) -> Frame | None:
+    """What is heard of a message, as the rest of the host layer has it."""
+    frame = to_frame(message)
+    return frame if frame and (can_ids is None or frame.can_id in can_ids) else None
+
+
+@contextmanager
+def guard() -> Iterator[None]:
+    """End what waits although it must not."""
+
+    def give_up(*_: object) -> None:
+        raise TimeoutError("it waits")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.setitimer(signal.ITIMER_REAL, GUARD_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+# Bytes of udp_multicast
+
+
+@many
+@given(FRAMES)
+def test_python_can_unpacks_what_goes_to_the_group(frame: Frame) -> None:
+    message = unpack_message(_Multicast().encode(frame), check=True)
+    assert to_frame(message) == frame
+    assert message.dlc == len(frame.data)
+
+
+@many
+@given(messages(), HEARD)
+def test_what_python_can_packs_is_heard(
+    message: can.Message, can_ids: frozenset[int] | None
+) -> None:
+    assert _Multicast().decode(pack_message(message), can_ids) == to_hear(message, can_ids)
+
+
+@pytest.mark.parametrize("can_id", WIDTHS)
+@pytest.mark.parametrize("write", [_Multicast().encode, lambda f: pack_message(to_message(f))])
+def test_a_frame_not_listened_to_is_not_even_unpacked(
+    can_id: int, write: Callable[[Frame], bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    codec, data = _Multicast(), write(Frame(can_id, b"data"))
+    everything = frozenset(range(0x800))
+    assert codec.decode(data, frozenset({can_id})) == Frame(can_id, b"data")
+    assert codec.decode(data, everything - {can_id}) is None
+
+    def refuse(data: bytes) -> None:
+        raise AssertionError("unpacked")
+
+    monkeypatch.setattr(can_socket.msgpack, "unpackb", refuse)
+    assert codec.decode(data, everything - {can_id}) is None
+    assert codec.decode(data, frozenset()) is None
+    with pytest.raises(AssertionError, match="unpacked"):
+        codec.decode(data, frozenset({can_id}))
+
+
+INTEGERS = {
+    b"\xcc": ">B", b"\xcd": ">H", b"\xce": ">I", b"\xcf": ">Q",
+    b"\xd0": ">b", b"\xd1": ">h", b"\xd2": ">i", b"\xd3": ">q",
+}  # fmt: skip
+MAPS = {b"\xde": ">H", b"\xdf": ">I"}
+
+
+@pytest.mark.parametrize("can_id", WIDTHS)
+@pytest.mark.parametrize("kind", INTEGERS)
+def test_an_identifier_at_its_place_may_have_any_width(can_id: int, kind: bytes) -> None:
+    try:
+        value = kind + struct.pack(INTEGERS[kind], can_id)
+    except struct.error:
+        return
+    narrow = msgpack.packb(can_id)
+    head, tail = pack_message(to_message(Frame(can_id))).split(b"arbitration_id" + narrow)
+    packed = head + b"arbitration_id" + value + tail
+    for can_ids in (None, frozenset({can_id, 0x123})):
+        assert _Multicast().decode(packed, can_ids) == Frame(can_id)
+    assert _Multicast().decode(packed, frozenset(range(0x800)) - {can_id}) is None
+
+
+@st.composite
+def by_another_library(draw: st.DrawFn, message: can.Message) -> bytes:
+    """The same map, of keys in another order and numbers in other widths."""
+
+    def text(value: str) -> bytes:
+        if draw(st.booleans()):
+            return msgpack.packb(value)
+        return b"\xd9" + bytes((len(value),)) + value.encode()
+
+    def number(value: int) -> bytes:
+        if value < 0x80 and draw(st.booleans()):
+            return bytes((value,))
+        fitting = [k for k, form in INTEGERS.items() if value < 1 << 8 * struct.calcsize(form) - 1]
+        kind = draw(st.sampled_from(fitting))
+        return kind + struct.pack(INTEGERS[kind], value)
+
+    fields = msgpack.unpackb(pack_message(message))
+    keys = draw(st.just(list(fields)) | st.permutations(list(fields)))
+    head = draw(st.sampled_from([*MAPS, b""]))
+    packed = head + struct.pack(MAPS[head], len(keys)) if head else bytes((0x80 | len(keys),))
+    for key in keys:
+        packed += text(key)
+        if key == "timestamp":
+            whole = number(int(fields[key]))
+            packed += draw(st.sampled_from([whole, b"\xca\0\0\0\0", msgpack.packb(fields[key])]))
+        elif type(fields[key]) is int:
+            packed += number(fields[key])
+        else:
+            packed += msgpack.packb(fields[key])
+    return packed
+
+
+@many
+@given(st.data(), messages(), HEARD)
+def test_another_library_may_write_the_message(
+    data: st.DataObject, message: can.Message, can_ids: frozenset[int] | None
+) -> None:
+    packed = data.draw(by_another_library(message))
+    assert to_frame(unpack_message(packed, check=True)) == to_frame(message)
+    assert _Multicast().decode(packed, can_ids) == to_hear(message, can_ids)
+
+
+SOUND = {
+    "arbitration_id": 1,
+    "is_extended_id": False,
+    "is_remote_frame": False,
+    "is_error_frame": False,
+    "is_fd": False,
+    "data": b"",
+}
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text()
+    | st.binary(max_size=70),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=8,
+)  # fmt: skip
+
+
+def sound(frame: Frame | None) -> bool:
+    """Whether it is one that a node can be given."""
+    return frame is None or (
+        type(frame.can_id) is int
+        and 0 <= frame.can_id <= 0x7FF
+        and type(frame.data) is bytes
+        and len(frame.data) <= 8
+        and type(frame.rtr) is bool
+    )
+
+
+@many
+@given(st.dictionaries(st.sampled_from(list(SOUND)), ANYTHING), st.sets(st.sampled_from([*SOUND])))
+@example({"data": 2**63 - 1}, set())
+@example({"data": 2**64 - 1}, set())
+@example({"arbitration_id": True}, set())
+@example({"arbitration_id": 1.0}, set())
+@example({"arbitration_id": -1}, set())
+@example({"arbitration_id": 0x800}, set())
+@example({"data": bytes(9)}, set())
+def test_a_map_of_anything_is_a_frame_or_none(
+    replaced: dict[str, object], missing: set[str]
+) -> None:
+    fields = {key: value for key, value in {**SOUND, **replaced}.items() if key not in missing}
+    packed = msgpack.packb(fields)
+    heard = _Multicast().decode(packed, None)
+    assert sound(heard)
+    if missing or fields["arbitration_id"] not in range(0x800):
+        assert heard is None
+    for can_ids in (frozenset(), frozenset({1})):
+        expected = heard if heard and heard.can_id in can_ids else None
+        assert _Multicast().decode(packed, can_ids) == expected
+
+
+@pytest.mark.parametrize("data", [3, True, "text", [1, 2], {1: 2}, 1.5])
+def test_data_that_are_no_bytes_are_none(data: object) -> None:
+    assert _Multicast().decode(msgpack.packb({**SOUND, "data": data}), None) is None
+
+
+def test_no_data_are_empty_data() -> None:
+    assert _Multicast().decode(msgpack.packb({**SOUND, "data": None}), None) == Frame(1)
+
+
+def test_a_remote_frame_has_no_data() -> None:
+    packed = msgpack.packb({**SOUND, "is_remote_frame": True, "data": b"data"})
+    assert _Multicast().decode(packed, None) == Frame(1, rtr=True)
+
+
+def test_own_echo_is_dropped_and_an_equal_frame_of_another_party_heard() -> None:
+    mine, other = _Multicast(), _Multicast()
+    frame = Frame(0x123, b"same")
+    assert mine.encode(frame) != other.encode(frame)
+    for can_ids in (None, frozenset({0x123})):
+        assert mine.decode(mine.encode(frame), can_ids) is None
+        assert mine.decode(other.encode(frame), can_ids) == frame
+        assert mine.decode(pack_message(to_message(frame)), can_ids) == frame
+
+
+# Bytes of SocketCAN
+
+
+@many
+@given(FRAMES)
+def test_struct_of_the_kernel_as_python_can_builds_and_dissects_it(frame: Frame) -> None:
+    data = _SocketCan().encode(frame)
+    built = bytearray(build_can_frame(to_message(frame)))
+    built[7] = 0  # len8_dlc, which counts from 9 on only
+    assert data == built
+    can_id, dlc, flags, payload = dissect_can_frame(data)
+    assert (can_id, dlc, flags) == (frame.can_id | frame.rtr * CAN_RTR_FLAG, len(frame.data), 0)
+    assert payload == frame.data
+
+
+@many
+@given(messages(), HEARD)
+def test_struct_that_python_can_builds_is_heard(
+    message: can.Message, can_ids: frozenset[int] | None
+) -> None:
+    assert _SocketCan().decode(build_can_frame(message), can_ids) == to_hear(message, can_ids)
+
+
+@many
+@given(st.integers(0, 2**32 - 1) | CAN_IDS, st.integers(0, 255), st.binary(min_size=8, max_size=8))
+def test_any_struct_is_read_as_python_can_reads_it(word: int, size: int, payload: bytes) -> None:
+    packed = struct.pack("=IB3x8s", word, size, payload)
+    frame = _SocketCan().decode(packed, None)
+    assert sound(frame)
+    if word <= 0x7FF and size <= 8:
+        can_id, _, _, data = dissect_can_frame(packed)
+        assert frame == Frame(can_id, data)
+
+
+# Both
+
+
+@many
+@pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
+@given(data=st.binary(max_size=120), can_ids=HEARD)
+def test_garbage_is_nothing_to_hear(
+    codec: Callable[[], _Multicast | _SocketCan], data: bytes, can_ids: frozenset[int] | None
+) -> None:
+    assert sound(codec().decode(data, can_ids))
+
+
+@many
+@pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
+@given(st.data(), FRAMES, HEARD)
+def test_what_was_cut_off_or_turned_over_is_nothing_to_worry_about(
+    codec: Callable[[], _Multicast | _SocketCan],
+    data: st.DataObject,
+    frame: Frame,
+    can_ids: frozenset[int] | None,
+) -> None:
+    whole = codec().encode(frame)
+    for end in range(len(whole)):
+        assert codec().decode(whole[:end], can_ids) is None
+    broken = bytearray(whole)
+    for _ in range(data.draw(st.integers(1, 4))):
+        broken[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    assert sound(codec().decode(bytes(broken), can_ids))
+
+
+# The socket
+
+
+class Party:
+    """One end of a pair of sockets, where a bus of python-can is expected."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self.fileno = end.fileno
+
+
+Pair = tuple[CanSocket, socket.socket]
+
+
+@pytest.fixture(params=["socketcan", "udp_multicast"])
+def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
+    """A socket under test, and the other end."""
+    mine, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with mine, other, guard():
+        mine.setblocking(True)
+        under_test = CanSocket(Party(mine), CODECS[request.param](), None)
+        yield under_test, other
+        under_test.close()
+        assert mine.fileno() >= 0, "the bus keeps its own descriptor"
+        mine.getsockname()
+
+
+def written(under_test: CanSocket, frame: Frame) -> bytes:
+    """A frame as another party writes it."""
+    return type(under_test._codec)().encode(frame)
+
+
+def test_an_empty_socket_is_not_waited_for(pair: Pair) -> None:
+    under_test, _ = pair
+    assert under_test.read() == (False, None)
+
+
+def test_what_is_there_is_read_in_order(pair: Pair) -> None:
+    under_test, other = pair
+    frames = [Frame(number, bytes(number)) for number in range(9)]
+    for frame in frames:
+        other.send(written(under_test, frame))
+    assert [under_test.read() for _ in range(10)] == [
+        *((True, frame) for frame in frames),
+        (False, None),
+    ]
+
+
+def test_a_full_queue_is_not_waited_for(pair: Pair) -> None:
+    under_test, other = pair
+    sent = 0
+    with pytest.raises(BlockingIOError):
+        while sent < 1_000_000:
+            under_test.send(Frame(sent & 0x7FF, sent.to_bytes(8, "little")))
+            sent += 1
+    assert sent > 0
+    reader = type(under_test._codec)()
+    for number in range(sent):
+        frame = Frame(number & 0x7FF, number.to_bytes(8, "little"))
+        assert reader.decode(other.recv(4096), None) == frame
+
+
+def test_wait_tells_whether_there_is_something(pair: Pair) -> None:
+    under_test, other = pair
+    assert not under_test.wait(0.0)
+    assert not under_test.wait(0.0001)
+    other.send(b"whatever")
+    assert under_test.wait(GUARD_S)
+    assert under_test.read() == (True, None)
+    assert not under_test.wait(0.0)
+
+
+def test_what_is_not_listened_to_was_there_all_the_same(pair: Pair) -> None:
+    under_test, other = pair
+    for listened in (frozenset({1}), frozenset({2})):
+        under_test.listen_to(listened)
+        for can_id in (1, 2):
+            other.send(written(under_test, Frame(can_id)))
+            assert under_test.read() == (True, Frame(can_id) if can_id in listened else None)
+
+
+class KernelFilters(SocketcanBus):
+    """A SocketCAN bus without its socket, which may not exist here."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self.end = end
+        self.asked: list[list[dict[str, object]] | None] = []
+        self._is_shutdown = True
+
+    def fileno(self) -> int:
+        return self.end.fileno()
+
+    def set_filters(self, filters: list[dict[str, object]] | None) -> None:
+        self.asked.append(filters)
+
+
+def test_on_socketcan_the_kernel_drops_what_is_not_listened_to() -> None:
+    mine, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with mine, other:
+        bus = KernelFilters(mine)
+        under_test = open_socket(bus, "vcan0")
+        assert under_test is not None
+        under_test.listen_to(frozenset({0x700, 0x080}))
+        wanted = [
+            {"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in (0x080, 0x700)
+        ]
+        assert bus.asked == [wanted]
+        other.send(_SocketCan().encode(Frame(600)))
+        assert under_test.read() == (True, None)
+        under_test.close()
+
+
+def test_only_an_interface_whose_bytes_are_known_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    with can.Bus("toy", "virtual") as bus:
+        assert open_socket(bus, "toy") is None
+    monkeypatch.setattr(can_socket, "_NOW", 0)
+    with can.Bus(GROUP, "udp_multicast") as bus:
+        assert open_socket(bus, GROUP) is None, "a system whose sockets cannot but wait"
+
+
+def test_python_can_on_the_same_group(multicast_port: int) -> None:
+    ours = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
+    with can.Bus(GROUP, "udp_multicast", port=multicast_port) as theirs:
+        frames = [Frame(0x7FF, bytes(range(8))), Frame(0), Frame(0x181, rtr=True)]
+        for frame in frames:
+            ours.send(frame)
+        messages = [theirs.recv(GUARD_S) for _ in frames]
+        for frame in frames:
+            theirs.send(to_message(frame))
+        heard = [ours.receive(GUARD_S) for _ in frames]
+    leftover = ours.receive(0.0)
+    ours.close()
+    assert [message and to_frame(message) for message in messages] == frames
+    assert (heard, leftover) == (frames, None)
+
+
+def test_group_that_python_can_is_configured_for(
+    multicast_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CAN_CHANNEL", GROUP)
+    configured = PythonCanBus("udp_multicast", port=multicast_port)
+    named = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
+    configured.send(Frame(1))
+    assert named.receive(GUARD_S) == Frame(1)
+    configured.close()
+    named.close()
+
+
+class NoGroup(UdpMulticastBus):
+    """A multicast bus without the network."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self.fileno = end.fileno
+        self._is_shutdown = True
+
+
+def test_group_without_any_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind(("127.0.0.1", 0))
+        under_test = open_socket(NoGroup(end), None)
+        assert under_test is not None
+        port = end.getsockname()[1]
+        assert under_test._address == (UdpMulticastBus.DEFAULT_GROUP_IPv6, port)
+        under_test.close()

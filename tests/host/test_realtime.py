@@ -1,0 +1,310 @@
+"""What a process asks of the system; what concerns a whole process is asked in one of its own."""
+
+import gc
+import json
+import os
+import signal
+import subprocess
+import sys
+import weakref
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import GUARD_S
+
+import smarttac_can
+from smarttac_can.host import realtime
+from smarttac_can.host.realtime import collecting_between_cycles, request_real_time
+
+NOBODY = 65534
+MEGABYTE = 1 << 20
+
+
+class Garbage:
+    """An object in a cycle, which only garbage collection frees."""
+
+    def __init__(self) -> None:
+        self.itself = self
+
+
+def garbage() -> "weakref.ref[Garbage]":
+    return weakref.ref(Garbage())
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The clock of the module: set its only item."""
+    time = [100.0]
+    monkeypatch.setattr(realtime, "monotonic", lambda: time[0])
+    return time
+
+
+def test_garbage_is_collected_when_asked_for_and_once_a_second(now: list[float]) -> None:
+    with collecting_between_cycles() as collect:
+        first = garbage()
+        for now[0] in (100.0, 100.5, 100.999):
+            collect()
+            assert first() is not None
+        now[0] = 101.0
+        assert first() is not None, "nothing is collected by itself"
+        collect()
+        assert first() is None
+        second = garbage()
+        now[0] = 101.9
+        collect()
+        assert second() is not None
+        now[0] = 105.0
+        collect()
+        assert second() is None
+
+
+def test_python_collects_nothing_by_itself() -> None:
+    with collecting_between_cycles():
+        kept = garbage()
+        many = [[number] for number in range(20 * gc.get_threshold()[0])]
+        assert kept() is not None
+    del many
+    gc.collect()
+    assert kept() is None
+
+
+def test_what_there_was_is_not_looked_at() -> None:
+    before = [Garbage()]
+    with collecting_between_cycles():
+        assert gc.get_freeze_count() > 0
+        assert not any(thing is before[0] for thing in gc.get_objects())
+    assert gc.get_freeze_count() == 0
+    assert any(thing is before[0] for thing in gc.get_objects())
+
+
+def test_what_was_garbage_before_is_not_kept() -> None:
+    before = garbage()
+    with collecting_between_cycles():
+        assert before() is None
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+@pytest.mark.parametrize("fails", [True, False])
+def test_garbage_collection_is_as_it_was(enabled: bool, fails: bool) -> None:
+    assert gc.isenabled()
+    if not enabled:
+        gc.disable()
+    try:
+        with collecting_between_cycles():
+            assert not gc.isenabled()
+            if fails:
+                raise ZeroDivisionError
+    except ZeroDivisionError:
+        assert fails
+    finally:
+        left = gc.isenabled()
+        gc.enable()
+    assert left is enabled
+    assert gc.get_freeze_count() == 0
+
+
+ASK = """
+import json, os, resource, sys, threading
+from pathlib import Path
+from smarttac_can.host.realtime import request_real_time
+
+priority, cpu, unprivileged, locked = json.loads(sys.argv[1])
+if unprivileged:
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (locked, locked))
+    if os.geteuid() == 0:
+        os.setgroups([])
+        os.setgid(unprivileged)
+        os.setuid(unprivileged)
+before = resource.getrlimit(resource.RLIMIT_RTTIME)
+refused = request_real_time(priority, cpu)
+threads = []
+thread = threading.Thread(target=lambda: threads.append(os.sched_getscheduler(0)))
+thread.start()
+thread.join()
+status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+print(json.dumps({
+    "refused": refused,
+    "policy": os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK,
+    "priority": os.sched_getparam(0).sched_priority,
+    "thread": threads[0],
+    "before": before,
+    "limits": resource.getrlimit(resource.RLIMIT_RTTIME),
+    "locked_kb": int(status["VmLck"].split()[0]),
+    "cpus": sorted(os.sched_getaffinity(0)),
+}))
+"""
+
+
+def child(program: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    """Run a Python program; it must end by itself."""
+    root = Path(smarttac_can.__file__).parents[1]
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", program, *arguments],
+        env={**os.environ, "PYTHONPATH": str(root)},
+        capture_output=True,
+        text=True,
+        timeout=10 * GUARD_S,
+        check=False,
+    )
+
+
+def ask(
+    priority: int, cpu: int | None = None, *, unprivileged: bool = False, locked: int = 0
+) -> dict[str, Any]:
+    """What a process is given that asks for real time, or may have nothing but little memory."""
+    asked = json.dumps([priority, cpu, NOBODY if unprivileged else 0, locked])
+    done = child(ASK, asked)
+    assert (done.returncode, done.stderr) == (0, "")
+    return dict(json.loads(done.stdout))
+
+
+def cure_of_priority(priority: int) -> str:
+    return (
+        f"real time: SCHED_FIFO {priority} is refused, going on without: allow it by a line "
+        f"'USER - rtprio {priority}' in /etc/security/limits.conf, or CAP_SYS_NICE"
+    )
+
+
+def cure_of_memory(reason: str) -> str:
+    return (
+        f"real time: locking the memory is refused ({reason}), going on without: allow it by a "
+        "line 'USER - memlock unlimited' in /etc/security/limits.conf, or CAP_IPC_LOCK"
+    )
+
+
+GRANT = """
+import ctypes, json, os, sys
+
+answer = {"memory": ctypes.CDLL(None).mlockall(3) == 0, "priority": True}
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(int(sys.argv[1])))
+except PermissionError:
+    answer["priority"] = False
+print(json.dumps(answer))
+"""
+
+
+def granted(priority: int) -> dict[str, bool]:
+    """What the system grants a process like ours."""
+    return dict(json.loads(child(GRANT, str(priority)).stdout))
+
+
+@pytest.mark.parametrize("priority", [1, 42, 99])
+def test_priority_is_given_or_the_cure(priority: int) -> None:
+    answer = ask(priority)
+    if granted(priority)["priority"]:
+        assert (answer["policy"], answer["priority"]) == (os.SCHED_FIFO, priority)
+        assert answer["limits"] == [1_000_000, 3_000_000]
+        assert cure_of_priority(priority) not in answer["refused"]
+    else:
+        assert (answer["policy"], answer["priority"]) == (os.SCHED_OTHER, 0)
+        assert answer["limits"] == answer["before"]
+        assert cure_of_priority(priority) in answer["refused"]
+
+
+def test_threads_from_then_on_are_ordinary() -> None:
+    answer = ask(10)
+    assert answer["thread"] == os.SCHED_OTHER
+    expected = os.SCHED_FIFO if granted(10)["priority"] else os.SCHED_OTHER
+    assert answer["policy"] == expected, "of the thread that asked"
+
+
+def test_memory_is_locked_or_the_cure_given() -> None:
+    answer = ask(10)
+    if granted(10)["memory"]:
+        assert answer["locked_kb"] > 1000
+        assert not any("locking" in line for line in answer["refused"])
+    else:
+        assert answer["locked_kb"] == 0
+        assert any(line in answer["refused"] for line in map(cure_of_memory, ("ENOMEM", "EPERM")))
+
+
+def test_everything_granted_is_nothing_to_say() -> None:
+    assert len(ask(10)["refused"]) == list(granted(10).values()).count(False)
+
+
+@pytest.mark.parametrize(("locked", "reason"), [(0, "EPERM"), (MEGABYTE, "ENOMEM")])
+def test_an_ordinary_user_is_told_the_cure_of_each_and_goes_on(locked: int, reason: str) -> None:
+    answer = ask(7, unprivileged=True, locked=locked)
+    assert answer["refused"] == [cure_of_priority(7), cure_of_memory(reason)]
+    assert all("\n" not in line for line in answer["refused"])
+    assert (answer["policy"], answer["priority"]) == (os.SCHED_OTHER, 0)
+    assert answer["limits"] == answer["before"], "of no use without"
+    assert answer["locked_kb"] == 0
+
+
+def test_processor() -> None:
+    allowed = sorted(os.sched_getaffinity(0))
+    for cpu in {allowed[0], allowed[-1]}:
+        answer = ask(10, cpu, unprivileged=True)
+        assert answer["cpus"] == [cpu]
+        assert not any("processor" in line for line in answer["refused"])
+    assert ask(10, None)["cpus"] == allowed
+
+
+@pytest.mark.parametrize("cpu", [1023, 10**6, 10**12, 10**30])
+def test_a_processor_that_is_not_there_is_refused_with_those_that_are(cpu: int) -> None:
+    allowed = sorted(os.sched_getaffinity(0))
+    answer = ask(10, cpu, unprivileged=True)
+    given = ",".join(str(number) for number in allowed)
+    assert answer["refused"][0] == f"real time: processor {cpu} is refused: give one of {given}"
+    assert answer["refused"][1] == cure_of_priority(10), "the rest is asked for all the same"
+    assert answer["cpus"] == allowed
+
+
+def test_a_system_without_that_policy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "win32")
+    refused = request_real_time(10, 0)
+    assert refused == ["real time: win32 has no SCHED_FIFO for us, going on without"]
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+LIMITED = """
+import json, resource, sys
+from smarttac_can.host.realtime import _limit_time_without_sleep
+
+most = int(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_RTTIME, (most, most))
+_limit_time_without_sleep()
+print(json.dumps(resource.getrlimit(resource.RLIMIT_RTTIME)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("most", "limits"),
+    [
+        (500_000, [500_000, 500_000]),
+        (2_000_000, [1_000_000, 2_000_000]),
+        (9_000_000, [1_000_000, 3_000_000]),
+    ],
+)
+def test_a_limit_that_is_lower_already_is_not_raised(most: int, limits: list[int]) -> None:
+    done = child(LIMITED, str(most))
+    assert (done.stderr, json.loads(done.stdout)) == ("", limits)
+
+
+SPIN = """
+import signal
+from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.host.realtime import request_real_time
+
+with stop_on_signals() as stop:
+    refused = request_real_time(1, None)
+    print(*refused, sep="\\n", flush=True)
+    if any("SCHED_FIFO" in line for line in refused):
+        signal.alarm(1)
+    while not stop():
+        pass
+    print("ended")
+"""
+
+
+def test_a_process_that_never_sleeps_is_told_to_end() -> None:
+    done = child(SPIN)
+    lines = done.stdout.splitlines()
+    if cure_of_priority(1) in lines:
+        assert done.returncode == -signal.SIGALRM, "nobody ends an ordinary process"
+    else:
+        assert (done.returncode, done.stderr, lines[-1]) == (0, "", "ended")

@@ -1,0 +1,164 @@
+"""The deadlines of the loop in real time: in microseconds, by default, and for a late process."""
+
+from __future__ import annotations
+
+import pytest
+from line import EMCY_STIMULATOR, MEASUREMENT, START, Line, both_nodes, drive, measurement
+from loop import AMPLITUDE, Loop
+
+from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.nodes.watchdogs import Watchdog
+from smarttac_can.od.cia import Abort
+
+DEFAULT_US = 20_000
+SAVE_ALL = bytes.fromhex("2310100173617665")
+STATE = 0x08000022
+
+
+def driven_plate(**options: int) -> PlateNode:
+    plate = PlateNode(plate_od(), **options)
+    plate.start()
+    for frame in (Frame(0, bytes((START, 0))), Frame(0x80), drive(0, 0), Frame(0x80)):
+        plate.receive(frame)
+    plate.receive(drive(2000, 1))
+    assert stage(plate) == 2000
+    return plate
+
+
+def stage(plate: PlateNode) -> int:
+    return int(plate.od["Stage.Voltage"].value)
+
+
+@pytest.mark.parametrize(("options", "deadline_us"), [({}, DEFAULT_US), ({"deadline_ms": 3}, 3000)])
+def test_a_plate_without_drives_is_at_0_v_to_the_microsecond(
+    options: dict[str, int], deadline_us: int
+) -> None:
+    plate = driven_plate(**options)
+    plate.advance(deadline_us - 1)
+    assert stage(plate) == 2000
+    plate.advance(1)
+    assert stage(plate) == 0
+    assert plate.block.barred
+
+
+def test_a_deadline_is_another_from_the_write_on_but_counts_from_the_last_drive() -> None:
+    plate = driven_plate()
+    line = Line(plate)
+    entry = plate.od.entry(0x1400, 5)
+    plate.receive(Frame(0, bytes((START, 0))))
+    for tick in range(2):
+        plate.receive(Frame(0x80))
+        plate.receive(drive(2000 * tick, tick))
+    assert stage(plate) == 2000
+    plate.advance(4000)
+    assert line.write_data(plate, entry, b"\x05\0") == 0
+    plate.advance(999)
+    assert stage(plate) == 2000
+    plate.advance(1)
+    assert stage(plate) == 0
+
+
+def test_a_plate_that_comes_late_is_at_0_v_before_it_hears_what_waited() -> None:
+    plate = driven_plate()
+    plate.clock.now += DEFAULT_US - 1
+    assert plate.overdue() == []
+    assert stage(plate) == 2000
+    plate.clock.now += 1
+    plate.overdue()
+    assert stage(plate) == 0
+    for frame in (drive(2000, 1), Frame(0x80), drive(2000, 2)):
+        plate.receive(frame)
+        assert stage(plate) == 0, "the queue is full of sound drives"
+
+
+def running_stimulator() -> StimulatorNode:
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    node.start()
+    node.receive(Frame(0, bytes((START, 0))))
+    node.od["Gauge zero.Zero of S1"].value = 1
+    node.block.start_run()
+    for frame in measurement(0):
+        node.receive(frame)
+    for word in (0, 1, 3):
+        node.block.interlock.command(word)
+    assert node.block.state is State.RUNNING
+    return node
+
+
+def test_a_stimulator_without_measurements_is_in_fault_to_the_microsecond() -> None:
+    node = running_stimulator()
+    assert EMCY_STIMULATOR not in [f.can_id for f in node.advance(DEFAULT_US - 1)]
+    assert node.block.state is State.RUNNING
+    sent = node.advance(1)
+    assert node.block.state is State.FAULT
+    assert node.block.interlock.latched == 1 << Watchdog.MEASUREMENT
+    assert EMCY_STIMULATOR in [frame.can_id for frame in sent]
+
+
+def test_a_stimulator_that_comes_late_is_in_fault_before_it_hears_what_waited() -> None:
+    node = running_stimulator()
+    node.clock.now += DEFAULT_US
+    sent = node.overdue()
+    assert node.block.state is State.FAULT
+    assert 0x200 + PLATE_ID in [frame.can_id for frame in sent], "0 V for the plate"
+    for frame in measurement(1):
+        node.receive(frame)
+    assert node.block.state is State.FAULT
+
+
+def test_who_produces_sync_counts_the_ticks_that_it_came_too_late_for() -> None:
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True)
+    node.start()
+    node.receive(Frame(0, bytes((START, 0))))
+    missed = node.od["Cycle.Missed deadlines"]
+    node.advance(1000)
+    assert missed.value == 0
+    node.advance(3400)
+    assert missed.value == 2, "a SYNC at 4.4 ms is that of 2 ms, and 0.4 ms are owed"
+    node.advance(1600)
+    assert missed.value == 3, "0.6 ms more"
+
+
+@pytest.mark.parametrize("server", [0x20, 0x21])
+def test_nothing_is_stored_while_something_drives(server: int) -> None:
+    loop = Loop(AMPLITUDE)
+    node = loop.node if server == 0x20 else loop.plate
+
+    def save() -> int:
+        (answer,) = [
+            frame
+            for frame in loop.line.answers(Frame(0x600 + server, SAVE_ALL))
+            if frame.can_id == 0x580 + server
+        ]
+        return int.from_bytes(answer.data[4:], "little") if answer.data[0] == 0x80 else 0
+
+    assert save() == STATE
+    with pytest.raises(Abort):
+        node.on_store()
+    loop.cycle(5)
+    assert loop.state is State.RUNNING
+    assert loop.line.write(loop.node, "Controlword", 0) == 0
+    loop.cycle(2)
+    assert save() == 0
+
+
+def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> None:
+    line, plate, node = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    line.write(node, "Setpoint.Voltage", 2000)
+    line.run(node, 1)
+    line.sync(5)
+    plate.receive(Frame(0x80))  # two SYNCs that the stimulator does not hear the answer to
+    plate.receive(Frame(0x80))
+    plate.advance(3000)
+    assert stage(plate) == 0
+    line.sync()
+    assert node.block.state is State.FAULT
+    assert node.od["Message"].value == "the plate went to 0 V by itself: its drives were late"
+    assert node.block.interlock.latched == 1 << Watchdog.PLATE
+    assert MEASUREMENT[0] in [frame.can_id for frame in line.sync()], "the loop goes on at 0 V"
