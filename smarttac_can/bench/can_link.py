@@ -14,15 +14,17 @@ import canopen
 from smarttac_can.bench.errors import BenchError, BusLostError, NotRunningError
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
-from smarttac_can.bench.presence import Presence
+from smarttac_can.bench.presence import Presence, bench_id
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.nodes.state_machine import Control
 from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
+    HEARTBEAT_ID,
     PDO_TRANSMISSION,
     SYNC_ID,
     TPDO_COMMUNICATION,
@@ -32,6 +34,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 LOST_CYCLE_S: Final = 1.0
 """How long a cycle in lockstep may take before it counts as lost."""
 _PUBLIC_TPDOS: Final = range(1, 5)
+_TICK: Final = RECORDED.index("Contact.Tick")
 _LOST_IN_A_ROW: Final = 3
 
 
@@ -85,6 +88,9 @@ class CanLink:
                 device.start()
         # In lockstep the nodes' time stands still without the bench.
         self._presence = None if lockstep else Presence(network, self._stimulator)
+        if self._threaded:
+            heartbeat = HEARTBEAT_ID + bench_id(stimulator.node_id)
+            hear_only(network.bus, {*network.subscribers, heartbeat})
 
     def drive(self) -> None:
         """Have this bench watched from now on, in real time; refused while another one drives."""
@@ -239,11 +245,17 @@ class CanLink:
             if pdo.number == last:
                 # A row with a lost frame would mix two cycles.
                 if come >= wanted:
-                    self._rows.append(tuple([place.values[at] for place, at in columns]))
+                    self._record(tuple([place.values[at] for place, at in columns]))
                 come.clear()
                 self._cycle.set()
 
         return on_pdo
+
+    def _record(self, row: Row) -> None:
+        rows = self._rows
+        # When a cycle comes late, the event timers of the TPDOs repeat the one before.
+        if not rows or row[_TICK] != rows[-1][_TICK]:
+            rows.append(row)
 
     def _produce_sync(self, cycles: int) -> None:
         cycle = self._cycle

@@ -19,6 +19,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from smarttac_can.bench.errors import BenchError
 from smarttac_can.bench.loop_timing import LoopTiming
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.host.python_can import to_frame
 from smarttac_can.od.cia import SYNC_ID
 
@@ -169,8 +170,10 @@ def listening(bus: Mapping[str, Any], timing: LoopTiming) -> Iterator[None]:
         if frame is not None:
             timing.feed(message.timestamp, frame)
 
-    with _stamped(bus) as opened, can.Notifier(opened, [hear], timeout=_POLL_S):
-        yield
+    with _stamped(bus) as opened:
+        hear_only(opened, timing.can_ids)
+        with can.Notifier(opened, [hear], timeout=_POLL_S):
+            yield
 
 
 def require_quiet(bus: Mapping[str, Any]) -> None:

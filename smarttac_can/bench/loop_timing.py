@@ -34,6 +34,8 @@ _DRIVE: Final = 1
 """RPDO of the plate."""
 _IN_TURN: Final = 50
 """How often SYNC and measurement come in turn until neither can be a whole tick late."""
+_TICKS: Final = 256
+"""Of which the tick counts show the remainder."""
 _WAITING_MAX: Final = DEADLINE_MAX_MS
 
 
@@ -100,8 +102,6 @@ class LoopTiming:
         From SYNC to the drive that answers that measurement.
     lost
         Cycles that the listener has not heard.
-    gap_s
-        Longest time between two drives in s.
     """
 
     def __init__(self, plate: ObjectDictionary, sync_id: int = SYNC_ID) -> None:
@@ -109,7 +109,6 @@ class LoopTiming:
         self.measurement = Delays()
         self.drive = Delays()
         self.lost = 0
-        self.gap_s = 0.0
         measurement = TPDO_COMMUNICATION + _LAST_MEASUREMENT - 1
         drive = RPDO_COMMUNICATION + _DRIVE - 1
         self._handlers = {
@@ -134,6 +133,7 @@ class LoopTiming:
         self._unheard_sync = False
         self._in_turn = 0
         self._drive_time: float | None = None
+        self._gap_s = 0.0
 
     @property
     def ticks(self) -> int:
@@ -144,6 +144,13 @@ class LoopTiming:
     def missed(self) -> int:
         """Those without a SYNC, and those whose drive did not come before the next SYNC."""
         return max(0, self._span - self._intervals + self._undriven - self.lost)
+
+    @property
+    def gap_s(self) -> float:
+        """Longest time between two drives in s, or from the last one to the last SYNC."""
+        if self._cycle is None or self._drive_time is None:
+            return self._gap_s
+        return max(self._gap_s, self._cycle.sync - self._drive_time)
 
     @property
     def ran(self) -> bool:
@@ -164,6 +171,11 @@ class LoopTiming:
             "deadline_ms": deadline,
             "stage": None if deadline is None else frozen_stage(deadline).as_json(),
         }
+
+    @property
+    def can_ids(self) -> frozenset[int]:
+        """Identifiers of the frames that it is made from."""
+        return frozenset(self._handlers)
 
     def feed(self, time: float, frame: Frame) -> None:
         """Take a frame with its time stamp in s, in the order of the bus; others are ignored."""
@@ -218,9 +230,11 @@ class LoopTiming:
     def _forget_unheard(self, tick: int) -> None:
         """See by the tick count whether cycles seem to be missed that were only not heard."""
         assert self._cycle is not None
-        unheard = 0 if self._tick is None else tick - self._tick - 1 & 0xFF
-        # A run that starts anew jumps as well, but not by the time that has passed.
-        if 0 < unheard < round((self._cycle.sync - self._tick_time) / _TICK_S):
+        unheard = 0 if self._tick is None else (tick - self._tick - 1) % _TICKS
+        most = round((self._cycle.sync - self._tick_time) / _TICK_S) - 1
+        # A run that starts anew jumps as well, but seldom by no more than the time allows.
+        if 0 < unheard <= most:
+            unheard += (most - unheard) // _TICKS * _TICKS
             self.lost += unheard
             self._drive_time = None
             for _ in range(min(unheard, len(self._unmeasured) - 1)):
@@ -239,7 +253,7 @@ class LoopTiming:
         cycle.driven = True
         self.drive.add(time - cycle.sync)
         if self._drive_time is not None:
-            self.gap_s = max(self.gap_s, time - self._drive_time)
+            self._gap_s = max(self._gap_s, time - self._drive_time)
         self._drive_time = time
 
 

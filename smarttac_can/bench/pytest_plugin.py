@@ -5,9 +5,7 @@ Installed with the package; a test that takes ``stimulator`` gets one.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 from uuid import uuid4
 
@@ -15,12 +13,10 @@ import pytest
 
 from smarttac_can.bench.open_link import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.host.node_thread import node_in_thread
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.host.runner import run_node
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-
-_START_S = 10.0
 
 
 @pytest.fixture
@@ -34,16 +30,9 @@ def smarttac_bus() -> Iterator[dict[str, Any]]:
     """
     options: dict[str, Any] = {"interface": "virtual", "channel": f"smarttac-{uuid4().hex}"}
     node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
-    bus = PythonCanBus(**options)
-    stop = threading.Event()
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="stimulator") as executor:
-        running = executor.submit(run_node, node, bus, stop.is_set, lockstep=True)
-        try:
-            yield options
-        finally:
-            stop.set()
-        # An error of the node is an error of the test.
-        running.result(timeout=_START_S)
+    # An error of the node is an error of the test.
+    with node_in_thread(node, PythonCanBus(**options), lockstep=True):
+        yield options
 
 
 @pytest.fixture

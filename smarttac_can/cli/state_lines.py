@@ -50,6 +50,7 @@ class StateLines:
         self._off = stimulator.bus_off if stimulator else node.device.bus_off
         self._recovered = stimulator.bus_recovered if stimulator else node.device.bus_recovered
         self.clock = node.clock
+        self.segments = node.segments
 
     @property
     def ids(self) -> Identifiers:

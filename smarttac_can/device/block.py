@@ -5,6 +5,7 @@ from __future__ import annotations
 from binascii import crc_hqx
 from typing import Final
 
+from smarttac_can.device.late import LateSegments
 from smarttac_can.device.segmented import SEGMENT
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import MAX_BYTES, Entry
@@ -39,16 +40,23 @@ class BlockDownload:
         self.data = bytearray()
         self.receiving = True
         self._size = size
-        self._crc = crc
+        self._with_crc = crc
+        self._crc = 0
+        self._summed = 0
         self._limit = size if size is not None else entry.size or MAX_BYTES
         self._most = max(self._limit, 1) + SEGMENT - 1
-        self._heard = False
+        self._heard = 0
         self._sequence = 0
+        self._late = LateSegments()
 
     @property
     def interrupted(self) -> bool:
         """Whether a sub-block has begun and not ended."""
-        return self._heard
+        return self._heard > 0
+
+    def rest(self) -> LateSegments:
+        """What may be under way when the transfer is aborted."""
+        return LateSegments(self._late.follows or self._heard + 1, aborted=True)
 
     def segment(self, request: bytes) -> bytes | None:
         """Take a segment; return the confirmation at the end of a sub-block.
@@ -63,10 +71,12 @@ class BlockDownload:
             SEQUENCE for number 0, TOO_LONG.
         """
         command = request[0]
+        if self._late.include(command):
+            return None
         sequence = command & _SEQUENCE
         if not sequence:
             raise Abort(AbortCode.SEQUENCE)
-        self._heard = True
+        self._heard = sequence
         if sequence == self._sequence + 1:
             self._sequence = sequence
             if len(self.data) <= self._most:
@@ -74,16 +84,26 @@ class BlockDownload:
             if command & _LAST:
                 self.receiving = False
         if command & _LAST or sequence == BLOCK_SIZE:
+            self._heard = 0
             if len(self.data) > self._most:
                 raise Abort(AbortCode.TOO_LONG)
-            return self.confirm()
+            return self._confirm()
         return None
 
-    def confirm(self) -> bytes:
-        """Confirm what came in order; the next segment is number 1 again."""
+    def confirm_early(self) -> bytes:
+        """Confirm what came in order of a sub-block whose last segment is perhaps lost.
+
+        If it is not, but late, the rest of the sub-block has no confirmation of its own.
+        """
+        self._late = LateSegments(self._heard + 1)
+        self._heard = 0
+        return self._confirm()
+
+    def _confirm(self) -> bytes:
         response = bytes((0xA2, self._sequence, BLOCK_SIZE)) + bytes(5)
         self._sequence = 0
-        self._heard = False
+        # How much of the last segment is data is only known at the end.
+        self._sum_up(len(self.data) - SEGMENT)
         return response
 
     def end(self, request: bytes) -> bytes:
@@ -99,9 +119,15 @@ class BlockDownload:
             raise Abort(AbortCode.TOO_LONG)
         if self._size is not None and len(self.data) < self._size:
             raise Abort(AbortCode.TOO_SHORT)
-        if self._crc and crc_hqx(self.data, 0) != int.from_bytes(request[1:3], "little"):
+        self._sum_up(len(self.data))
+        if self._with_crc and self._crc != int.from_bytes(request[1:3], "little"):
             raise Abort(AbortCode.CRC)
         return b"\xa1" + bytes(7)
+
+    def _sum_up(self, end: int) -> None:
+        if self._with_crc and end > self._summed:
+            self._crc = crc_hqx(self.data[self._summed : end], self._crc)
+            self._summed = end
 
 
 class BlockUpload:
@@ -113,24 +139,43 @@ class BlockUpload:
         Segments in a sub-block as the client asks for.
     crc
         Whether the client wants a checksum.
+
+    Attributes
+    ----------
+    ended
+        Whether the client has all, and only its last word is missing.
     """
 
     def __init__(self, data: bytes, block_size: int, *, crc: bool) -> None:
         self._data = data
-        self._crc = crc
+        self._with_crc = crc
+        self._crc = 0
         self._position = 0
+        self._count = 0
         self._sent = 0
-        self._ended = False
+        self.ended = False
         self._block_size = _checked(block_size)
 
-    def start(self) -> list[bytes]:
-        """Give the first sub-block; raises `Abort` with COMMAND if it was given before."""
-        if self._sent:
+    def start(self) -> None:
+        """Begin the first sub-block; raises `Abort` with COMMAND if it was begun before."""
+        if self._count:
             raise Abort(AbortCode.COMMAND)
-        return self._sub_block()
+        self._begin()
 
-    def confirm(self, request: bytes) -> list[bytes]:
-        """Give the next sub-block, from the first segment that was lost, or the end.
+    def segment(self) -> bytes | None:
+        """Cut the next segment of the sub-block, None if there are no more."""
+        if self._sent == self._count:
+            return None
+        begin = self._position + SEGMENT * self._sent
+        end = begin + SEGMENT
+        self._sent += 1
+        command = self._sent | (_LAST if end >= len(self._data) else 0)
+        return bytes((command,)) + self._data[begin:end].ljust(SEGMENT, b"\0")
+
+    def confirm(self, request: bytes) -> bytes | None:
+        """Begin the next sub-block, with the first segment that was lost, or return the end.
+
+        What was not yet sent of the last one is dropped.
 
         Raises
         ------
@@ -138,35 +183,31 @@ class BlockUpload:
             SEQUENCE if more is confirmed than was sent, BLOCK_SIZE, COMMAND if nothing is to be
             confirmed.
         """
-        if not self._sent or self._ended:
+        if not self._count or self.ended:
             raise Abort(AbortCode.COMMAND)
         if request[1] > self._sent:
             raise Abort(AbortCode.SEQUENCE)
         self._block_size = _checked(request[2])
+        begin = self._position
         self._position += SEGMENT * request[1]
+        if self._with_crc:
+            self._crc = crc_hqx(self._data[begin : self._position], self._crc)
         if self._position < len(self._data) or not request[1]:
-            return self._sub_block()
-        self._ended = True
-        crc = crc_hqx(self._data, 0) if self._crc else 0
+            self._begin()
+            return None
+        self.ended = True
         unused = min(self._position - len(self._data), SEGMENT)
-        return [bytes((0xC1 | unused << 2,)) + crc.to_bytes(2, "little") + bytes(5)]
+        return bytes((0xC1 | unused << 2,)) + self._crc.to_bytes(2, "little") + bytes(5)
 
     def end(self) -> None:
         """Take the client's last word; raises `Abort` with COMMAND if it comes too early."""
-        if not self._ended:
+        if not self.ended:
             raise Abort(AbortCode.COMMAND)
 
-    def _sub_block(self) -> list[bytes]:
-        data, position = self._data, self._position
-        left = max(1, -(-(len(data) - position) // SEGMENT))
-        self._sent = count = min(left, self._block_size)
-        segments = [
-            bytes((k + 1,)) + data[position + SEGMENT * k : position + SEGMENT * (k + 1)]
-            for k in range(count)
-        ]
-        if count == left:
-            segments[-1] = bytes((_LAST | count,)) + segments[-1][1:].ljust(SEGMENT, b"\0")
-        return segments
+    def _begin(self) -> None:
+        left = max(1, -(-(len(self._data) - self._position) // SEGMENT))
+        self._count = min(left, self._block_size)
+        self._sent = 0
 
 
 def _checked(block_size: int) -> int:

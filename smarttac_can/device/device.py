@@ -210,6 +210,15 @@ class Device:
         self.clock.advance(microseconds)
         return self._port.take()
 
+    def segments(self, most: int) -> list[Frame]:
+        """Next frames, at most so many, of transfers that go on as fast as the bus takes them.
+
+        Empty when there is nothing to go on with. These are the segments of SDO block uploads: they
+        exist from the request for them on, and are gone when their transfer is. Who asks for none
+        lets the transfer time out.
+        """
+        return self._port.segments(most)
+
     def take(self) -> list[Frame]:
         """Frames caused by `trigger` and `emergency` outside of the hooks."""
         return self._port.take()
@@ -318,7 +327,7 @@ class Device:
         self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
         emcy = self._emergency.can_id
-        loop = [tpdo.can_id for tpdo in self._loop_tpdos]
+        loop = [tpdo.can_id for tpdo in self._loop_tpdos if tpdo.valid]
         urgent = (self._sync.can_id, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
         self.ids = Identifiers(frozenset(self._port.listeners), frozenset(urgent), emcy)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -34,12 +35,13 @@ class Port:
         Handlers by identifier.
     """
 
-    __slots__ = ("clock", "listeners", "out")
+    __slots__ = ("_streams", "clock", "listeners", "out")
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self.out: list[Frame] = []
         self.listeners: dict[int, list[Callable[[Frame], None]]] = {}
+        self._streams: deque[Callable[[], Frame | None]] = deque()
 
     def listen(self, can_id: int, handler: Callable[[Frame], None]) -> None:
         """Hand frames with this identifier to the handler."""
@@ -50,3 +52,20 @@ class Port:
         out = self.out[:]
         self.out.clear()
         return out
+
+    def stream(self, source: Callable[[], Frame | None]) -> None:
+        """Have a source asked for frames as fast as the bus takes them, until it gives None."""
+        if source not in self._streams:
+            self._streams.append(source)
+
+    def segments(self, most: int) -> list[Frame]:
+        """Take the next frames of the sources, at most so many; the sources take turns."""
+        frames: list[Frame] = []
+        streams = self._streams
+        while streams and len(frames) < most:
+            source = streams.popleft()
+            frame = source()
+            if frame is not None:
+                frames.append(frame)
+                streams.append(source)
+        return frames

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, ClassVar, Final
 
 from smarttac_can.device.access import Access
 from smarttac_can.device.block import BLOCK_SIZE, BlockDownload, BlockUpload
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.late import LateRequest, LateSegments
 from smarttac_can.device.nmt import CONFIGURABLE
 from smarttac_can.device.port import Port
 from smarttac_can.device.segmented import Download, Upload
@@ -31,7 +31,6 @@ TIME_OUT_NAME: Final = "SDO server time-out"
 
 _ABORT: Final = 0x80
 _NO_TRANSFER: Final = bytes(3)
-_NOTHING: Final = ()
 
 
 class SDOServer(Service):
@@ -48,6 +47,7 @@ class SDOServer(Service):
         self._time_out = None if entry is None or entry.data_type not in UNSIGNED else entry
         self._address = _NO_TRANSFER
         self._transfer: Download | Upload | BlockDownload | BlockUpload | None = None
+        self._late: LateSegments | LateRequest | None = None
         self._commands: Final = (
             self._download_segment,
             self._initiate_download,
@@ -99,19 +99,32 @@ class SDOServer(Service):
             return
         tx = self._tx
         transfer = self._transfer
-        responses: Sequence[bytes]
+        late = self._late
+        if late is not None and late.include(data[0]):
+            self._wait(late.part)
+            return
         try:
             if type(transfer) is BlockDownload and transfer.receiving and data[0] != _ABORT:
-                responses = self._block_segment(transfer, data)
+                response = self._block_segment(transfer, data)
             else:
-                responses = self._commands[data[0] >> 5](data)
+                response = self._commands[data[0] >> 5](data)
         except Abort as abort:
-            responses = (self._abort(abort.code),)
-        # The write may have moved the server; the client still waits at the old CAN-ID.
-        for response in responses:
-            self.port.out.append(Frame(tx & CAN_ID_MASK, response))
+            response = self._abort(abort.code, self._rest())
+        if response is not None:
+            # The write may have moved the server; the client still waits at the old CAN-ID.
+            self._send(response, tx)
 
-    def _initiate_download(self, request: bytes) -> Sequence[bytes]:
+    def segment(self) -> Frame | None:
+        """Cut the next segment of a block upload, None if there is none to send now."""
+        transfer = self._transfer
+        data = transfer.segment() if isinstance(transfer, BlockUpload) else None
+        if data is None:
+            return None
+        # The client cannot answer before it has the last segment, however slow the bus is.
+        self._wait()
+        return Frame(self._tx & CAN_ID_MASK, data)
+
+    def _initiate_download(self, request: bytes) -> bytes:
         command, index, subindex = self._address_of(request)
         if command & 2:
             size = 4 - (command >> 2 & 3) if command & 1 else None
@@ -123,21 +136,21 @@ class SDOServer(Service):
             entry = self._access.writable(index, subindex, size)
             self._transfer = Download(entry, size)
             self._wait()
-        return (b"\x60" + request[1:4] + bytes(4),)
+        return b"\x60" + request[1:4] + bytes(4)
 
-    def _initiate_upload(self, request: bytes) -> Sequence[bytes]:
+    def _initiate_upload(self, request: bytes) -> bytes:
         _, index, subindex = self._address_of(request)
         return self._upload(self._access.read(index, subindex), request)
 
-    def _upload(self, data: bytes, request: bytes) -> Sequence[bytes]:
+    def _upload(self, data: bytes, request: bytes) -> bytes:
         if 1 <= len(data) <= 4:
             self._end()
-            return (bytes((0x43 | (4 - len(data)) << 2,)) + request[1:4] + data.ljust(4, b"\0"),)
+            return bytes((0x43 | (4 - len(data)) << 2,)) + request[1:4] + data.ljust(4, b"\0")
         self._transfer = Upload(data)
         self._wait()
-        return (b"\x41" + request[1:4] + len(data).to_bytes(4, "little"),)
+        return b"\x41" + request[1:4] + len(data).to_bytes(4, "little")
 
-    def _download_segment(self, request: bytes) -> Sequence[bytes]:
+    def _download_segment(self, request: bytes) -> bytes:
         transfer = self._transfer
         if not isinstance(transfer, Download):
             raise Abort(AbortCode.COMMAND)
@@ -145,17 +158,17 @@ class SDOServer(Service):
         if last:
             self._access.write(transfer.entry, bytes(transfer.data))
         self._go_on(last)
-        return (response,)
+        return response
 
-    def _upload_segment(self, request: bytes) -> Sequence[bytes]:
+    def _upload_segment(self, request: bytes) -> bytes:
         transfer = self._transfer
         if not isinstance(transfer, Upload):
             raise Abort(AbortCode.COMMAND)
         response, last = transfer.segment(request)
         self._go_on(last)
-        return (response,)
+        return response
 
-    def _block_download(self, request: bytes) -> Sequence[bytes]:
+    def _block_download(self, request: bytes) -> bytes:
         transfer = self._transfer
         if request[0] & 1:
             if not isinstance(transfer, BlockDownload):
@@ -163,24 +176,21 @@ class SDOServer(Service):
             response = transfer.end(request)
             self._access.write(transfer.entry, bytes(transfer.data))
             self._end()
-            return (response,)
+            return response
         command, index, subindex = self._address_of(request)
         size = int.from_bytes(request[4:], "little") if command & 2 else None
         entry = self._access.writable(index, subindex, size)
         self._transfer = BlockDownload(entry, size, crc=bool(command & 4))
         self._wait()
-        return (b"\xa4" + request[1:4] + bytes((BLOCK_SIZE, 0, 0, 0)),)
+        return b"\xa4" + request[1:4] + bytes((BLOCK_SIZE, 0, 0, 0))
 
-    def _block_segment(self, transfer: BlockDownload, request: bytes) -> Sequence[bytes]:
+    def _block_segment(self, transfer: BlockDownload, request: bytes) -> bytes | None:
         response = transfer.segment(request)
-        if response is not None:
-            self._wait()
-            return (response,)
         # A sub-block whose last segment is lost is confirmed half-way to the time-out.
-        self._wait(2)
-        return _NOTHING
+        self._wait(2 if response is None else 1)
+        return response
 
-    def _block_upload(self, request: bytes) -> Sequence[bytes]:
+    def _block_upload(self, request: bytes) -> bytes | None:
         step = request[0] & 3
         if step == 0:
             return self._initiate_block_upload(request)
@@ -190,12 +200,17 @@ class SDOServer(Service):
         if step == 1:
             transfer.end()
             self._end()
-            return _NOTHING
-        responses = transfer.confirm(request) if step == 2 else transfer.start()
+            return None
+        response = None
+        if step == 3:
+            transfer.start()
+        else:
+            response = transfer.confirm(request)
+        self.port.stream(self.segment)
         self._wait()
-        return responses
+        return response
 
-    def _initiate_block_upload(self, request: bytes) -> Sequence[bytes]:
+    def _initiate_block_upload(self, request: bytes) -> bytes:
         command, index, subindex = self._address_of(request)
         data = self._access.read(index, subindex)
         block_size, threshold = request[4:6]
@@ -204,14 +219,13 @@ class SDOServer(Service):
             return self._upload(data, request)
         self._transfer = transfer
         self._wait()
-        return (b"\xc6" + request[1:4] + len(data).to_bytes(4, "little"),)
+        return b"\xc6" + request[1:4] + len(data).to_bytes(4, "little")
 
-    def _drop(self, _: bytes) -> Sequence[bytes]:
+    def _drop(self, _: bytes) -> None:
         """Take the client's abort, which has no answer."""
         self._end()
-        return _NOTHING
 
-    def _unknown(self, _: bytes) -> Sequence[bytes]:
+    def _unknown(self, _: bytes) -> None:
         raise Abort(AbortCode.COMMAND)
 
     def _go_on(self, last: bool) -> None:
@@ -231,21 +245,40 @@ class SDOServer(Service):
         self._address = request[1:4]
         return request[0], int.from_bytes(request[1:3], "little"), request[3]
 
-    def _end(self) -> None:
+    def _end(self, late: LateSegments | LateRequest | None = None) -> None:
         self._transfer = None
+        self._late = late
         self._address = _NO_TRANSFER
-        self._timer.stop()
+        if late is None:
+            self._timer.stop()
+        else:
+            self._wait(late.part)
 
-    def _abort(self, code: int) -> bytes:
+    def _abort(self, code: int, late: LateSegments | LateRequest | None) -> bytes:
         response = b"\x80" + self._address + code.to_bytes(4, "little")
-        self._end()
+        self._end(late)
         return response
+
+    def _rest(self) -> LateSegments | None:
+        """What may be under way of the segments that the client sends."""
+        transfer = self._transfer
+        if isinstance(transfer, BlockDownload) and transfer.receiving:
+            return transfer.rest()
+        return None
 
     def _on_time_out(self) -> None:
         transfer = self._transfer
         if isinstance(transfer, BlockDownload) and transfer.interrupted:
-            response = transfer.confirm()
+            self._send(transfer.confirm_early(), self._tx)
             self._wait(2)
+        elif transfer is None:
+            self._end()
+        elif isinstance(transfer, BlockUpload) and transfer.ended:
+            # The client waits for nothing: it would take an abort for its next answer.
+            self._end(LateRequest())
         else:
-            response = self._abort(AbortCode.TIME_OUT)
-        self.port.out.append(Frame(self._tx & CAN_ID_MASK, response))
+            late = self._rest() or LateRequest()
+            self._send(self._abort(AbortCode.TIME_OUT, late), self._tx)
+
+    def _send(self, response: bytes, tx: int) -> None:
+        self.port.out.append(Frame(tx & CAN_ID_MASK, response))

@@ -18,6 +18,8 @@ from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.host.kernel_filter import ID_AT, ID_KEY, PLAIN_END, UINT8, UINT16, hear_only
+from smarttac_can.od.cia import CAN_ID_MASK
 
 try:
     import msgpack
@@ -25,10 +27,7 @@ except ImportError:  # python-can says so itself when such a bus is opened
     msgpack = None
 
 _MOST_BYTES: Final = 4096
-_STANDARD_ID: Final = 0x7FF
 _MOST_DATA: Final = 8
-_MOST_FILTERS: Final = 512
-"""What the kernel takes for one socket."""
 _NOW: Final[int] = getattr(socket, "MSG_DONTWAIT", 0)
 
 
@@ -61,7 +60,7 @@ class _SocketCan:
         rtr = bool(can_id & self._REMOTE)
         can_id &= ~self._REMOTE
         # Extended and error frames have a higher bit set.
-        if can_id > _STANDARD_ID or (can_ids is not None and can_id not in can_ids):
+        if can_id > CAN_ID_MASK or (can_ids is not None and can_id not in can_ids):
             return None
         return Frame(can_id, b"" if rtr else payload[:size], rtr)
 
@@ -73,10 +72,7 @@ class _Multicast:
     the channel field tells the echo.
     """
 
-    _ID_KEY: Final = b"\xaearbitration_id"
-    _ID_AT: Final = 20
-    """Place of that key behind a time stamp of 8 bytes, as python-can and `encode` write it."""
-    _ID_VALUE: Final = _ID_AT + len(_ID_KEY)
+    _ID_VALUE: Final = ID_AT + len(ID_KEY)
 
     def __init__(self) -> None:
         self._channel = f"{id(self):x}-{time_ns():x}"
@@ -112,7 +108,7 @@ class _Multicast:
             payload = b"" if message["data"] is None else message["data"]
         except (ValueError, TypeError, KeyError):
             return None  # anybody may send anything to the group
-        sound = type(can_id) is int and 0 <= can_id <= _STANDARD_ID
+        sound = type(can_id) is int and 0 <= can_id <= CAN_ID_MASK
         # A number would be made that many bytes.
         sound = sound and type(payload) is bytes and len(payload) <= _MOST_DATA
         if other or not sound or (can_ids is not None and can_id not in can_ids):
@@ -122,13 +118,13 @@ class _Multicast:
     def _foreign(self, data: bytes, can_ids: frozenset[int]) -> bool:
         """Whether the identifier can be read at its place, and is not listened to."""
         value = data[self._ID_VALUE : self._ID_VALUE + 3]
-        if data[self._ID_AT : self._ID_VALUE] != self._ID_KEY or len(value) < 3:
+        if data[ID_AT : self._ID_VALUE] != ID_KEY or len(value) < 3:
             return False
-        if value[0] == 0xCD:
+        if value[0] == UINT16:
             return int.from_bytes(value[1:], "big") not in can_ids
-        if value[0] == 0xCC:
+        if value[0] == UINT8:
             return value[1] not in can_ids
-        return value[0] < 0x80 and value[0] not in can_ids
+        return value[0] < PLAIN_END and value[0] not in can_ids
 
 
 class CanSocket:
@@ -167,13 +163,7 @@ class CanSocket:
     def listen_to(self, can_ids: frozenset[int]) -> None:
         """Drop frames with other identifiers: in the kernel where it can, else unread."""
         self._can_ids = can_ids
-        if isinstance(self._bus, SocketcanBus) and len(can_ids) <= _MOST_FILTERS:
-            self._bus.set_filters(
-                [
-                    {"can_id": can_id, "can_mask": _STANDARD_ID, "extended": False}
-                    for can_id in sorted(can_ids)
-                ]
-            )
+        hear_only(self._bus, can_ids)
 
     def read(self) -> tuple[bool, Frame | None]:
         """Take what is there: whether there was anything, and the frame if it is one to hear."""

@@ -10,7 +10,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.local_bus import LocalBus, Port, Wire
 from smarttac_can.host.mishaps import Disturbance, Mishap, require_can_id
-from smarttac_can.host.node import Node
+from smarttac_can.host.node import Node, without_queue
 from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
 
@@ -91,10 +91,11 @@ class _Transmitter:
 class _Station:
     """A node with its own power, clock and process."""
 
-    __slots__ = ("_missed", "clock_runs", "node", "paused", "powered", "transmitter")
+    __slots__ = ("_missed", "_receive", "clock_runs", "node", "paused", "powered", "transmitter")
 
     def __init__(self, node: Node, transmitter: _Transmitter) -> None:
         self.node = node
+        self._receive = without_queue(node)
         self.transmitter = transmitter
         self.powered = True
         self.clock_runs = True
@@ -108,7 +109,7 @@ class _Station:
         if self.paused:
             self._missed.append(frame)
         elif self.powered:
-            return self.transmitter.passed(self.node.receive(frame))
+            return self.transmitter.passed(self._receive(frame))
         return []
 
     def advance(self, microseconds: int) -> list[Frame]:
@@ -118,6 +119,9 @@ class _Station:
             return self.transmitter.passed(
                 self.node.advance(microseconds) if self.clock_runs else ()
             )
+        return []
+
+    def segments(self, most: int) -> list[Frame]:
         return []
 
     def shutdown(self) -> list[Frame]:

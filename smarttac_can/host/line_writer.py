@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
+from select import select
 from types import TracebackType
 from typing import Final, Self
 
@@ -27,7 +28,7 @@ class LineWriter:
     Attributes
     ----------
     dropped
-        How many lines were dropped.
+        How many lines were dropped because nobody took those before.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -74,10 +75,13 @@ class LineWriter:
                 self._put(f"{line}\n".encode())
         except OSError:
             # The terminal is closed. The node goes on, and above all ends at 0 V, without a reader.
-            self.dropped += len(self._lines)
+            pass
         finally:
             os.close(self._descriptor)
 
     def _put(self, data: bytes) -> None:
         while data:
-            data = data[os.write(self._descriptor, data) :]
+            try:
+                data = data[os.write(self._descriptor, data) :]
+            except BlockingIOError:  # another program has made it so
+                select((), (self._descriptor,), ())

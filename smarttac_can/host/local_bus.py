@@ -8,7 +8,7 @@ from typing import Protocol
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook
-from smarttac_can.host.node import Node
+from smarttac_can.host.node import Node, without_queue
 from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import frame_bits
@@ -126,7 +126,7 @@ class LocalBus:
             it receives that SYNC. False: they only move with `advance`, SYNC is a frame like any
             other; the way to run a node that has its own ticker, or that produces the SYNC.
         """
-        port = Port(self, node.receive, node, lockstep)
+        port = Port(self, without_queue(node), node, lockstep)
         self._add(port)
         self._send(port, node.start())
         return port

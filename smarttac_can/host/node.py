@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import Final, Protocol
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.port import Identifiers
 from smarttac_can.device.timer import Clock
+
+_AT_ONCE: Final = 127
 
 
 class Node(Protocol):
@@ -22,6 +25,10 @@ class Node(Protocol):
 
     def advance(self, microseconds: int) -> list[Frame]:
         """Move the node's timers on; return what fell due, in order."""
+        ...
+
+    def segments(self, most: int) -> list[Frame]:
+        """Return the next frames, at most so many, of what goes on as fast as the bus takes it."""
         ...
 
     def shutdown(self) -> list[Frame]:
@@ -49,3 +56,16 @@ class HostedNode(Node, Protocol):
     def transmit_failed(self) -> list[Frame]:
         """Take note that an urgent frame could not be handed over in its cycle."""
         ...
+
+
+def without_queue(node: Node) -> Callable[[Frame], list[Frame]]:
+    """Make a `Node.receive` that has the segments among its answers: for a bus that takes all."""
+    receive, segments = node.receive, node.segments
+
+    def receive_all(frame: Frame) -> list[Frame]:
+        frames = receive(frame)
+        while more := segments(_AT_ONCE):
+            frames = frames + more
+        return frames
+
+    return receive_all

@@ -12,7 +12,7 @@ from smarttac_can.host.node import HostedNode
 from smarttac_can.nodes.loop_period import TICK_US
 
 _MOST_WAITING: Final = 64
-"""Frames that wait, none of them urgent, before the oldest is dropped."""
+"""Frames of no urgency, or emergency messages, that wait before the oldest is dropped."""
 
 
 class Outbox:
@@ -81,7 +81,7 @@ class Outbox:
         if not self._urgent or self._urgent[0][0] > self._node.clock.now:
             return
         emcy_id = self._node.ids.emcy
-        kept = [frame for _, frame in self._urgent if frame.can_id == emcy_id]
+        kept = [frame for _, frame in self._urgent if frame.can_id == emcy_id][-_MOST_WAITING:]
         self._urgent.clear()
         self.put([*kept, *self._node.transmit_failed()])
         if not self._failing:

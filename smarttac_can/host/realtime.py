@@ -87,7 +87,7 @@ def request_real_time(priority: int, cpu: int | None) -> list[str]:
         # Threads started from here on, which serve the terminal, are ordinary.
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
         os.sched_setscheduler(0, policy, os.sched_param(priority))
-    except PermissionError:
+    except OSError:
         refused.append(
             f"real time: SCHED_FIFO {priority} is refused, going on without: allow it by a line "
             f"'USER - rtprio {priority}' in /etc/security/limits.conf, or CAP_SYS_NICE"

@@ -29,6 +29,8 @@ _HEARD_US: Final = 1000
 """How long frames are heard between two cycles by a node whose cycles take longer than a tick."""
 _SENDING_US: Final = 2000
 """How long frames are handed over in a row."""
+_SEGMENTS: Final = 8
+"""Frames of an SDO transfer handed over before the bus is heard again."""
 _SEND_RETRY_US: Final = 200
 _STOP_POLL_US: Final = 50_000
 _SPARE_US: Final = 500
@@ -143,22 +145,24 @@ class _Run:
             now = self._now()
             left = timers.next_due - now
             if left <= -_LATE_US and not self._flooded:
-                self._catch_up(now)
+                self._catch_up()
             elif left <= 0:
                 timers.now = now
                 self.say(self._node.advance(0))
                 if timers.next_due <= self._now():
                     self._hear(_HEARD_US)
+                    if self._flooded:
+                        self._rest_if_busy(now)
             else:
                 if not outbox.empty:
                     timers.now = now
                     self._send()
                     left = min(left, _SEND_RETRY_US)
+                elif self._stream():
+                    left = 0
                 elif left > _SPARE_US:
                     spare()
-                self._listen(min(left, _STOP_POLL_US))
-            if now - self._rested > _BUSY_US:
-                self._rest_if_flooded()
+                self._listen(now, min(left, _STOP_POLL_US))
 
     def follow_sync(self, stop: Callable[[], bool], sync_id: int) -> None:
         """Follow SYNC; the clock is only asked how long to wait for a frame."""
@@ -168,11 +172,12 @@ class _Run:
             wait_us = _STOP_POLL_US if outbox.empty else _SEND_RETRY_US
             frame = self._bus.receive(wait_us * 1e-6)
             self._send()
-            if frame is None:
-                continue
-            if frame.can_id == sync_id:
-                self.say(node.advance(TICK_US))
-            self.say(node.receive(frame))
+            if frame is not None:
+                if frame.can_id == sync_id:
+                    self.say(node.advance(TICK_US))
+                self.say(node.receive(frame))
+            while outbox.empty and self._stream():
+                pass
 
     def farewell(self) -> None:
         """Shut the node down; a bus that takes no frames has 0.1 s to do so."""
@@ -188,36 +193,50 @@ class _Run:
         while self._outbox.hand_over() and self._now() < end:
             pass
 
+    def _stream(self) -> bool:
+        """Hand over some frames of transfers that go on as fast as the bus takes them, if any."""
+        frames = self._node.segments(_SEGMENTS)
+        self.say(frames)
+        return bool(frames)
+
     def _now(self) -> int:
         """Return the clock's time as device time in us."""
         return self._clock() // 1000 - self._epoch
 
-    def _listen(self, wait_us: int) -> None:
+    def _listen(self, now: int, wait_us: int) -> None:
         """Hear the next frame, or wait until something is due."""
-        frame = self._bus.receive(wait_us * 1e-6)
-        now = self._now()
+        # Frames that come before the wait is over do not tell whether there was one.
+        busy = now - self._rested > _BUSY_US
+        frame = self._bus.receive(0.0 if busy else wait_us * 1e-6)
         if frame is None:
-            self._rested = now
-            self._flooded = False
+            self._silent()
             return
-        self._node.clock.now = now
-        self.say(self._node.receive(frame))
+        self._take(frame, self._now())
+        self._rest_if_busy(now)
 
-    def _catch_up(self, now: int) -> None:
-        """Hear what came meanwhile before what was due without it; but the plate comes first."""
+    def _silent(self) -> None:
+        """Note that the bus has nothing to hear, so that others have the processor."""
+        self._flooded = False
+        self._rested = self._now()
+
+    def _rest_if_busy(self, now: int) -> None:
+        if now - self._rested > _BUSY_US:
+            self._rest(_REST_US * 1e-6)
+            self._rested = self._now()
+
+    def _take(self, frame: Frame, now: int) -> None:
+        """Have the node hear a frame; what must not wait for one comes before it."""
         timers = self._node.clock
         timers.now = now
-        self.say(self._node.overdue())
-        self._hear(_CATCH_UP_US)
-        timers.now = self._now()
-        self.say(self._node.advance(0))
+        if timers.next_due <= now:
+            self.say(self._node.overdue())
+        self.say(self._node.receive(frame))
 
-    def _rest_if_flooded(self) -> None:
-        """Leave the processor to others, unless the bus has nothing to hear: then it was left."""
-        self._hear(0)
-        if self._flooded:
-            self._rest(_REST_US * 1e-6)
-        self._rested = self._now()
+    def _catch_up(self) -> None:
+        """Hear what came meanwhile before what is due without it."""
+        self._hear(_CATCH_UP_US)
+        self._node.clock.now = self._now()
+        self.say(self._node.advance(0))
 
     def _hear(self, budget_us: int) -> None:
         """Hear frames that are there, one at least, and no longer than that."""
@@ -227,10 +246,10 @@ class _Run:
         while now + longest <= end:
             frame = self._bus.receive(0.0, (end - now) * 1e-6)
             if frame is None:
-                self._flooded = False
+                self._silent()
                 return
-            self._node.clock.now = before = now
-            self.say(self._node.receive(frame))
+            before = now
+            self._take(frame, self._now())
             now = self._now()
             longest = max(longest, now - before)
         # Without an end to the frames it is not a pause that makes it late, and time comes first.

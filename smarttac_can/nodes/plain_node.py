@@ -22,6 +22,7 @@ class PlainNode:
         self.start = device.start
         self.receive = device.receive
         self.advance = device.advance
+        self.segments = device.segments
 
     @property
     def ids(self) -> Identifiers:

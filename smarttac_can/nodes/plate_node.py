@@ -76,6 +76,7 @@ class PlateNode(Application):
         self.device = Device(
             od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=_MEASUREMENT_TPDOS
         )
+        self.segments = self.device.segments
         self._period = LoopPeriod(self.device)
         self._measures = True
         self._sent = Check([od[name] for name in _MEASURED], od["Measurement check"])

@@ -118,6 +118,7 @@ class StimulatorNode(Application):
         self.start = self.device.start
         self.receive = self.device.receive
         self.advance = self.device.advance
+        self.segments = self.device.segments
 
     @property
     def ids(self) -> Identifiers:

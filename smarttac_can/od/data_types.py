@@ -40,7 +40,7 @@ _REAL_LARGEST: Final[dict[int, float]] = {
     DataType.REAL32: (2 - 2**-23) * 2.0**127,
     DataType.REAL64: sys.float_info.max,
 }
-_VISIBLE: Final = frozenset([0, *range(0x20, 0x7F)])
+_VISIBLE: Final = bytes([0, *range(0x20, 0x7F)])
 
 
 def bounds(data_type: DataType) -> tuple[float, float]:
@@ -100,7 +100,7 @@ def unpack(data_type: DataType, data: bytes) -> Any:
     if data_type in REAL:
         return struct.unpack(_REAL_FORMAT[data_type], data)[0]
     if data_type == DataType.VISIBLE_STRING:
-        if not _VISIBLE.issuperset(data):
+        if data.translate(None, _VISIBLE):
             raise Abort(AbortCode.VALUE)
         return data.decode("ascii")
     if data_type == DataType.UNICODE_STRING:

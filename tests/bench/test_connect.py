@@ -21,6 +21,8 @@ from smarttac_can.bench import (
     WrongDeviceError,
 )
 from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -187,6 +189,32 @@ def test_live_data_by_the_clock(virtual: dict[str, Any], monkeypatch: pytest.Mon
         assert bench.get("Cycle.Cycles") >= len(trace)
         until(lambda: bench.read().age < 0.2)
         assert bench.get("Cycle.Missed deadlines") >= 0
+
+
+class StallingBus(PythonCanBus):
+    """A bus whose party is now and then held up for longer than the event time of its TPDOs."""
+
+    calls = 0
+
+    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+        self.calls += 1
+        if self.calls % 100 == 0:
+            time.sleep(0.12)
+        return super().receive(timeout, patience)
+
+
+def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", GUARD_S)
+    monkeypatch.setattr("nodes_on_a_bus.PythonCanBus", StallingBus)
+    with (
+        in_threads(virtual, stimulator_with_plate(), lockstep=False),
+        Stimulator.connect(**virtual) as bench,
+    ):
+        trace = bench.run(0.2)
+        assert len(set(trace.tick.tolist())) == 200
+        assert bench.get("Cycle.Missed deadlines") > 100
 
 
 def test_a_plate_node_by_the_clock_with_the_stimulator_as_its_tick(virtual: dict[str, Any]) -> None:

@@ -155,6 +155,15 @@ def test_a_measurement_without_a_drive(loop: Loop) -> None:
     assert loop.timing.drive.counts == {450: 20}
 
 
+def test_drives_that_stay_away(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    for n in range(10, 31):
+        loop.feed(n, sync())
+        loop.feed(n + 0.2, measurement(n))
+    assert (loop.timing.ticks, loop.timing.missed, loop.timing.lost) == (30, 20, 0)
+    assert loop.timing.gap_s == pytest.approx((21 - 0.45) * MS, abs=1e-6)
+
+
 def test_a_drive_that_is_sent_again_counts_once(loop: Loop) -> None:
     loop.cycles(0, 10)
     loop.cycle(10)
@@ -164,11 +173,12 @@ def test_a_drive_that_is_sent_again_counts_once(loop: Loop) -> None:
     assert loop.timing.gap_s == pytest.approx(MS, abs=1e-6)
 
 
-def test_cycles_that_were_not_heard_are_not_missed(loop: Loop) -> None:
+@pytest.mark.parametrize("lost", [1, 5, 200, 700])
+def test_cycles_that_were_not_heard_are_not_missed(lost: int, loop: Loop) -> None:
     loop.cycles(0, 10)
-    loop.cycles(15, 21)
+    loop.cycles(10 + lost, 16 + lost)
     timing = loop.timing
-    assert (timing.ticks, timing.missed, timing.lost) == (15, 0, 5)
+    assert (timing.ticks, timing.missed, timing.lost) == (15, 0, lost)
     assert timing.sync.quantile_us(1.0) == 0
     assert timing.measurement.counts == {200: 16}
     assert timing.gap_s == pytest.approx(MS, abs=1e-6)

@@ -11,8 +11,15 @@ from nodes_on_a_bus import in_threads, stimulator_with_plate
 from smarttac_can.bench import BenchError, RefusedError, Stimulator
 from smarttac_can.bench.sdo_client import OtherClientError, SharedSdoClient
 
+PAUSES_S = (0.01,) * 5000
+"""Before attempts to read a string; all are only made by a test that is about to fail."""
 
-def test_a_driver_that_writes_and_reads_while_others_connect(virtual: dict[str, Any]) -> None:
+
+def test_a_driver_that_writes_and_reads_while_others_connect(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # How often a string is begun anew is up to the pace of the threads.
+    monkeypatch.setattr("smarttac_can.bench.sdo_client._PAUSES_S", (0.0, *PAUSES_S))
     over = threading.Event()
 
     def drive(driver: Stimulator) -> None:

@@ -14,6 +14,7 @@ from smarttac_can.bench.conformance.sheet import Sheet
 from smarttac_can.bench.conformance.table import CASES
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
+from smarttac_can.host.node import without_queue
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.od.eds import load_eds
 
@@ -31,10 +32,11 @@ class Altered(PlainNode):
         super().__init__(device)
         self._inwards = inwards or _same
         self._outwards = outwards or _same
+        receive = without_queue(self)
         self.start = lambda: self._out(device.start())
         self.advance = lambda microseconds: self._out(device.advance(microseconds))
         self.receive = lambda frame: [
-            answer for f in self._inwards(frame) for answer in self._out(device.receive(f))
+            answer for f in self._inwards(frame) for answer in self._out(receive(f))
         ]
 
     def _out(self, frames: list[Frame]) -> list[Frame]:

@@ -62,7 +62,7 @@ def test_any_traffic(events: list[Frame | int], operational: bool) -> None:
         sent = device.advance(item) if isinstance(item, int) else device.receive(item)
         for tpdo in range(1, 7):
             device.trigger(tpdo)
-        for frame in [*sent, *device.take()]:
+        for frame in [*sent, *device.take(), *device.segments(9)]:
             assert 0 <= frame.can_id <= 0x7FF
             assert len(frame.data) <= 8
     assert_sound(device)

@@ -4,7 +4,7 @@ import canopen
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from transcript import play, started
+from transcript import play, receive, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -15,7 +15,7 @@ TEXT = bytes(k * 37 & 0xFF for k in range(2000))
 
 
 def ask(device: Device, request: bytes) -> list[bytes]:
-    return [f.data for f in device.receive(Frame(0x620, request.ljust(8, b"\0")))]
+    return [f.data for f in receive(device, Frame(0x620, request.ljust(8, b"\0")))]
 
 
 def address(index: int) -> bytes:
@@ -181,6 +181,24 @@ def test_lost_segments_are_sent_again(
     assert read_block(device, block_size, lost=up) == TEXT[:size]
 
 
+def test_no_frame_has_more_than_a_sub_block_summed_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The checksum of 1 MiB takes longer than a cycle of the loop."""
+    summed: list[int] = []
+
+    def spy(data: bytes, crc: int) -> int:
+        summed.append(len(data))
+        return crc_hqx(data, crc)
+
+    monkeypatch.setattr("smarttac_can.device.block.crc_hqx", spy)
+    device = started()
+    data = TEXT * 10
+    assert write_block(device, data, lost=frozenset({5, 300, 1000})) == 0
+    assert sum(summed) == len(data)
+    assert read_block(device, 100, lost=frozenset({5, 300, 1000})) == data
+    assert sum(summed) == 2 * len(data)
+    assert max(summed) <= 127 * 7
+
+
 def test_wrong_checksum_and_length_change_nothing() -> None:
     device = started()
     assert write_block(device, b"123456789", crc=0x31C2) == 0x05040004
@@ -283,6 +301,14 @@ def test_abandoned_transfers_are_freed_by_the_time_out() -> None:
         "< 5A0 A2 01 7F 00 00 00 00 00       # perhaps the last segment was lost\n+ 499ms\n+ 1ms\n"
         + abort,
     )
+    for last in ("7F", "FF"):
+        segments = "".join(f"> 620 {k:02X} 00 00 00 00 00 00 00\n" for k in range(1, 127))
+        play(
+            device,
+            f"> 620 C0 00 23 00 00 00 00 00\n< 5A0 ..\n{segments}> 620 {last}{' 00' * 7}\n"
+            "< 5A0 A2 7F 7F 00 00 00 00 00       # nothing of the next sub-block, or no end\n"
+            "+ 999ms\n+ 1ms\n" + abort,
+        )
     play(device, "> 620 A0 00 23 00 7F 00 00 00\n< 5A0 ..\n+ 999ms\n+ 1ms\n" + abort)
 
 
@@ -309,7 +335,7 @@ def test_python_canopen_as_client() -> None:
     network = canopen.Network()
 
     def send(can_id: int, data: bytes, remote: bool = False) -> None:
-        for frame in device.receive(Frame(can_id, bytes(data), remote)):
+        for frame in receive(device, Frame(can_id, bytes(data), remote)):
             network.notify(frame.can_id, bytearray(frame.data), 0.0)
 
     network.send_message = send

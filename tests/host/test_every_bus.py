@@ -10,9 +10,11 @@ from toy_node import (
     OFF,
     REPLY,
     REQUEST,
+    SEGMENT,
     SYNC,
     TICKER,
     TICKER_US,
+    StreamingNode,
     ToyNode,
 )
 
@@ -50,6 +52,16 @@ def test_frames_of_every_length_come_back_unchanged(line: Line) -> None:
     for length in range(9):
         line.send(Frame(REQUEST + 1, bytes(range(0xF0, 0xF0 + length))))
         assert line.receive() == Frame(REPLY + 1, bytes(range(0xF0, 0xF0 + length)))
+
+
+def test_all_segments_follow_the_answer(line: Line) -> None:
+    line.run(StreamingNode(), lockstep=True)
+    line.receive()
+    line.send(Frame(REQUEST + 1, b"\x7f"))
+    assert line.receive() == Frame(REPLY + 1, b"\x7f")
+    assert [line.receive() for _ in range(127)] == [
+        Frame(SEGMENT + 1, bytes((k,))) for k in range(127)
+    ]
 
 
 def test_a_burst_is_answered_in_order_and_once(line: Line) -> None:

@@ -1,7 +1,18 @@
 """Each mishap does what it says, to the frames it says, and the same with the same seed."""
 
 import pytest
-from toy_node import AT_SYNC, BOOT_UP, OFF, REPLY, REQUEST, SYNC, TICKER, ToyNode
+from toy_node import (
+    AT_SYNC,
+    BOOT_UP,
+    OFF,
+    REPLY,
+    REQUEST,
+    SEGMENT,
+    SYNC,
+    TICKER,
+    StreamingNode,
+    ToyNode,
+)
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.faulty_bus import QUEUE_FRAMES, FaultyBus
@@ -54,6 +65,21 @@ def test_lost_frame_is_not_on_the_bus() -> None:
     bench.disturb(Mishap.LOSS, REPORT)
     assert REPORT not in bench.ids(5)
     assert len(bench.node.heard) == 5
+
+
+def test_segments_are_lost_as_other_frames_are() -> None:
+    bus = FaultyBus(log=lambda _time, frame: frames.append(frame))
+    frames: list[Frame] = []
+    master = bus.connect(lambda frame: None)
+    bus.attach(StreamingNode())
+    sent = [Frame(SEGMENT + 1, bytes((k,))) for k in range(255)]
+    for share, least, most in ((0.0, 255, 255), (0.3, 100, 254), (1.0, 0, 0)):
+        bus.disturbances = [Disturbance(Mishap.LOSS, frozenset((SEGMENT + 1,)), share)]
+        del frames[:]
+        master.send(Frame(REQUEST + 1, b"\xff"))
+        came = frames[2:]
+        assert least <= len(came) <= most
+        assert came == [frame for frame in sent if frame in came]
 
 
 def test_frame_of_the_master_is_lost_as_well() -> None:

@@ -157,3 +157,17 @@ def test_the_descriptor_stays_open(pipe: Pipe) -> None:
     assert os.read(pipe.reader, 100) == b"last words\n"
     os.write(pipe.end, b"still open\n")
     assert pipe.read() == ["still open"]
+
+
+def test_a_descriptor_that_another_program_has_made_non_blocking() -> None:
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    received = bytearray()
+    with LineWriter(writer) as lines:
+        for number in range(20):
+            lines.say(f"{number} " + "x" * 20_000)
+        while received.count(b"\n") < 20:
+            received += os.read(reader, 1 << 16)
+    os.close(reader)
+    os.close(writer)
+    assert [line.split()[0] for line in received.splitlines()] == [b"%d" % n for n in range(20)]

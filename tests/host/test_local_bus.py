@@ -1,7 +1,17 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy_node import AT_SYNC, BOOT_UP, REPLY, REQUEST, SYNC, TICKER, ToyNode
+from toy_node import (
+    AT_SYNC,
+    BOOT_UP,
+    REPLY,
+    REQUEST,
+    SEGMENT,
+    SYNC,
+    TICKER,
+    StreamingNode,
+    ToyNode,
+)
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
@@ -24,6 +34,19 @@ def test_frames_go_out_in_order_of_cause() -> None:
     del log[:]
     port.send(Frame(REQUEST + 1))
     assert [frame.can_id for _, frame in log] == [REQUEST + 1, REPLY + 1, REPLY + 2, REPLY + 3]
+
+
+def test_segments_are_among_the_answers_of_their_node() -> None:
+    bus, log = logged()
+    port = bus.connect(lambda frame: None)
+    bus.attach(StreamingNode(1))
+    bus.attach(ToyNode(2, follows=REQUEST + 1))
+    bus.attach(ToyNode(3, follows=SEGMENT + 1))
+    del log[:]
+    port.send(Frame(REQUEST + 1, b"\2"))
+    assert [frame.can_id for _, frame in log] == [
+        *(REQUEST + 1, REPLY + 1, SEGMENT + 1, SEGMENT + 1, REPLY + 2, REPLY + 3, REPLY + 3)
+    ]
 
 
 def test_frame_sent_from_a_listener_waits_for_its_turn() -> None:

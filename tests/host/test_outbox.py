@@ -217,6 +217,14 @@ def test_what_the_node_says_of_a_fault_is_bounded_too() -> None:
     assert case.flush(most=1000) == [other(number) for number in range(300 - 64, 300)]
 
 
+def test_emergency_messages_are_bounded_too() -> None:
+    case = Case(answers=0)
+    for number in range(200):
+        case.put(emergency(number))
+        case.try_for(TICK_US)
+    assert case.flush(most=1000) == [emergency(number) for number in range(200 - 64, 200)]
+
+
 def test_a_bus_that_is_lost_is_not_a_full_one() -> None:
     class Lost(Queue):
         def send(self, frame: Frame) -> None:

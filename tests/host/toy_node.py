@@ -18,6 +18,7 @@ REQUEST, REPLY = 0x600, 0x580
 AT_SYNC, TICKER = 0x180, 0x280
 BOOT_UP, OFF = 0x700, 0x300
 EMERGENCY = 0x080
+SEGMENT = 0x380
 TICKER_US = 5000
 
 
@@ -69,11 +70,31 @@ class ToyNode:
         self.failures += 1
         return [Frame(EMERGENCY + self.node_id, bytes(8))]
 
+    def segments(self, most: int) -> list[Frame]:
+        return []
+
     def shutdown(self) -> list[Frame]:
         return [Frame(OFF + self.node_id, bytes(2))]
 
     def _tick(self) -> None:
         self._out.append(Frame(TICKER + self.node_id, self.time.to_bytes(8, "little")))
+
+
+class StreamingNode(ToyNode):
+    """Follows its answer by as many segments as the first byte of the request says."""
+
+    def __init__(self, node_id: int = 1) -> None:
+        super().__init__(node_id)
+        self.left: list[Frame] = []
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        if frame.can_id == REQUEST + self.node_id:
+            self.left = [Frame(SEGMENT + self.node_id, bytes((k,))) for k in range(frame.data[0])]
+        return super().receive(frame)
+
+    def segments(self, most: int) -> list[Frame]:
+        taken, self.left = self.left[:most], self.left[most:]
+        return taken
 
 
 def main() -> None:

@@ -64,6 +64,17 @@ def test_what_is_no_character_is_refused(data_type: DataType, data: bytes, code:
     assert refusal.value.code == code
 
 
+def test_visible_characters() -> None:
+    """CiA 301: 0 and 20h to 7Eh."""
+    for byte in range(256):
+        data = b"ab" + bytes((byte,)) + b"c"
+        if byte == 0 or 0x20 <= byte <= 0x7E:
+            assert unpack(DataType.VISIBLE_STRING, data) == data.decode("ascii")
+        else:
+            with pytest.raises(Abort):
+                unpack(DataType.VISIBLE_STRING, data)
+
+
 @pytest.mark.parametrize("data_type", list(DataType))
 def test_zero_can_be_packed(data_type: DataType) -> None:
     assert set(pack(data_type, zero(data_type))) <= {0}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import signal
 import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import psutil
 import pytest
@@ -142,3 +144,17 @@ def test_interrupted(number: signal.Signals, tmp_path: Path) -> None:
 )
 def test_killed_or_not_found(command: tuple[str, ...], status: int, tmp_path: Path) -> None:
     assert with_vcan("--", *command, folder=tmp_path).returncode == status
+
+
+@pytest.mark.parametrize(
+    ("free", "flags", "place"),
+    [(1 << 30, 0, "/dev/shm"), (1 << 20, 0, "/tmp"), (1 << 30, os.ST_NOEXEC, "/tmp")],
+    ids=["roomy", "small", "noexec"],
+)
+def test_place_of_the_machines_memory(
+    free: int, flags: int, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine_environment = runpy.run_path(str(WITH_VCAN))["machine_environment"]
+    shared = SimpleNamespace(f_bavail=free, f_frsize=1, f_flag=flags)
+    monkeypatch.setattr(os, "statvfs", lambda _folder: shared)
+    assert machine_environment("/folder", 512)["TMPDIR"] == place

@@ -1,0 +1,88 @@
+"""Frames that nobody here listens to, dropped by the kernel before they cost anything."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import socket
+import struct
+import sys
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import Final
+
+import can
+from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.udp_multicast import UdpMulticastBus
+
+from smarttac_can.od.cia import CAN_ID_MASK
+
+ID_KEY: Final = b"\xaearbitration_id"
+"""Key of the identifier in a frame of udp_multicast, a map in MessagePack."""
+ID_AT: Final = 20
+"""Its place behind a time stamp of 8 bytes, as python-can writes it."""
+UINT8, UINT16, PLAIN_END = 0xCC, 0xCD, 0x80
+"""What MessagePack puts before an integer of one byte, and of two; one below the last is plain."""
+
+_MOST_IDS: Final = 200
+"""A jump in such a program goes no farther than 255 instructions."""
+_SO_ATTACH_FILTER: Final = 26
+_UDP_HEADER: Final = 8
+_LOAD_WORD, _LOAD_HALF, _LOAD_BYTE = 0x20, 0x28, 0x30
+_JUMP, _JUMP_IF_EQUAL, _JUMP_IF_NOT_BELOW, _RETURN = 0x05, 0x15, 0x35, 0x06
+_ACCEPT: Final = (_RETURN, 0, 0, 0xFFFF)
+
+
+def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
+    """Have the kernel drop frames with other identifiers on their way to a bus of python-can.
+
+    Of udp_multicast frames in another layout than python-can's pass. All pass on other interfaces,
+    where the system cannot, and for more than 200 identifiers: the caller looks as well.
+
+    Parameters
+    ----------
+    can_ids
+        Identifiers of 11 bits that are heard.
+    """
+    wanted = sorted(can_ids)
+    many = len(wanted) > _MOST_IDS
+    if isinstance(bus, SocketcanBus):
+        filters: can.typechecking.CanFilters = [
+            {"can_id": can_id, "can_mask": CAN_ID_MASK, "extended": False} for can_id in wanted
+        ]
+        bus.set_filters(None if many else filters)
+    elif isinstance(bus, UdpMulticastBus) and sys.platform == "linux":
+        with socket.socket(fileno=os.dup(bus.fileno())) as same, suppress(OSError):
+            _attach(same, [_ACCEPT] if many else _program(wanted))
+
+
+def _program(can_ids: list[int]) -> list[tuple[int, int, int, int]]:
+    """Compare the identifier in a frame: rows of code, jump if true, jump if false, constant."""
+    value = _UDP_HEADER + ID_AT + len(ID_KEY)
+    compare = 9
+    drop = compare + len(can_ids)
+    accept = drop + 1
+    return [
+        (_LOAD_WORD, 0, 0, _UDP_HEADER + ID_AT),
+        (_JUMP_IF_EQUAL, 0, accept - 2, int.from_bytes(ID_KEY[:4], "big")),
+        (_LOAD_BYTE, 0, 0, value),
+        (_JUMP_IF_EQUAL, 4, 0, UINT8),
+        (_JUMP_IF_EQUAL, 1, 0, UINT16),
+        (_JUMP_IF_NOT_BELOW, accept - 6, compare - 6, PLAIN_END),
+        (_LOAD_HALF, 0, 0, value + 1),
+        (_JUMP, 0, 0, compare - 8),
+        (_LOAD_BYTE, 0, 0, value + 1),
+        *(
+            (_JUMP_IF_EQUAL, accept - at - 1, 0, can_id)
+            for at, can_id in enumerate(can_ids, compare)
+        ),
+        (_RETURN, 0, 0, 0),
+        _ACCEPT,
+    ]
+
+
+def _attach(same: socket.socket, program: list[tuple[int, int, int, int]]) -> None:
+    code = b"".join(struct.pack("=HBBI", *row) for row in program)
+    buffer = ctypes.create_string_buffer(code)
+    head = struct.pack("@HP", len(program), ctypes.addressof(buffer))
+    same.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, head)

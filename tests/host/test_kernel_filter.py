@@ -1,0 +1,88 @@
+"""What passes the kernel: told by python-can's own party, on the interfaces that there are."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from typing import Any
+
+import can
+import msgpack
+import pytest
+from conftest import GUARD_S
+from test_can_socket import KernelFilters
+
+from smarttac_can.host.kernel_filter import hear_only
+
+WIDTHS = (0x000, 0x001, 0x07F, 0x080, 0x0CC, 0x0CD, 0x0FF, 0x100, 0x7CC, 0x7FF)
+"""Identifiers at the ends of what MessagePack writes in one, two and three bytes."""
+LAST = can.Message(arbitration_id=0x12345678, is_extended_id=True)
+"""Passes any filter, and is the last."""
+
+
+def passed(receiver: can.BusABC) -> list[int]:
+    heard = []
+    while True:
+        message = receiver.recv(GUARD_S)
+        assert message is not None
+        if message.is_extended_id:
+            return heard
+        heard.append(message.arbitration_id)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
+@pytest.mark.parametrize("wanted", [(), (0x080,), WIDTHS, WIDTHS[::2], tuple(range(0x100, 0x1C8))])
+def test_identifiers_that_are_not_listened_to_do_not_reach_the_socket(
+    multicast: dict[str, Any], wanted: tuple[int, ...]
+) -> None:
+    sent = sorted({*WIDTHS, 0x100, 0x1C7, 0x1C8})
+    with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
+        hear_only(receiver, wanted)
+        for can_id in sent:
+            sender.send(can.Message(arbitration_id=can_id, is_extended_id=False))
+        sender.send(LAST)
+        assert passed(receiver) == [can_id for can_id in sent if can_id in wanted]
+
+
+def test_another_choice_takes_the_place_of_the_first_and_too_many_of_all(
+    multicast: dict[str, Any],
+) -> None:
+    with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
+        for wanted in ({0x101}, {0x102}, set(range(0x200, 0x300))):
+            hear_only(receiver, wanted)
+            for can_id in (0x101, 0x102, 0x200):
+                sender.send(can.Message(arbitration_id=can_id, is_extended_id=False))
+            sender.send(LAST)
+            heard = passed(receiver)
+            assert heard == ([0x101, 0x102, 0x200] if len(wanted) > 200 else sorted(wanted))
+
+
+def test_what_is_written_otherwise_passes(multicast: dict[str, Any]) -> None:
+    frame = {
+        "arbitration_id": 0x123, "timestamp": 0.0, "is_extended_id": False,
+        "is_remote_frame": False, "is_error_frame": False, "channel": None, "dlc": 0, "data": b"",
+        "is_fd": False, "bitrate_switch": False, "error_state_indicator": False,
+    }  # fmt: skip
+    with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
+        hear_only(receiver, {0x080})
+        with socket.socket(type=socket.SOCK_DGRAM) as foreign:
+            foreign.sendto(msgpack.packb(frame), (multicast["channel"], multicast["port"]))
+        sender.send(LAST)
+        assert passed(receiver) == [0x123]
+
+
+def test_on_socketcan_it_is_the_filter_of_the_interface() -> None:
+    mine, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with mine, other:
+        bus = KernelFilters(mine)
+        hear_only(bus, frozenset(range(200)))
+        assert [entry["can_id"] for entry in bus.asked[0] or []] == list(range(200))
+        hear_only(bus, frozenset(range(201)))
+        assert bus.asked[1] is None
+
+
+def test_elsewhere_nothing_happens() -> None:
+    with can.Bus("toy", "virtual") as bus, can.Bus("toy", "virtual") as other:
+        hear_only(bus, {1})
+        other.send(can.Message(arbitration_id=2, is_extended_id=False))
+        assert bus.recv(GUARD_S) is not None

@@ -1,0 +1,36 @@
+"""A node in a thread: it runs while the block does, and threads switch often meanwhile."""
+
+import sys
+
+import pytest
+from conftest import GUARD_S
+from toy_node import BOOT_UP, OFF, REPLY, REQUEST, ToyNode
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.node_thread import node_in_thread
+from smarttac_can.host.python_can import PythonCanBus
+
+
+def test_it_runs_until_the_block_ends_and_switches_often_meanwhile() -> None:
+    before = sys.getswitchinterval()
+    master = PythonCanBus("virtual", "toy")
+    with node_in_thread(ToyNode(), PythonCanBus("virtual", "toy"), lockstep=True):
+        assert sys.getswitchinterval() == pytest.approx(2e-4)
+        assert master.receive(GUARD_S) == Frame(BOOT_UP + 1, b"\0")
+        master.send(Frame(REQUEST + 1))
+        assert master.receive(GUARD_S) == Frame(REPLY + 1)
+    assert master.receive(GUARD_S) == Frame(OFF + 1, bytes(2))
+    assert sys.getswitchinterval() == before
+    master.close()
+
+
+def test_what_the_run_raises_is_raised_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = sys.getswitchinterval()
+    node = ToyNode()
+    monkeypatch.setattr(node, "start", lambda: 1 / 0)
+    with (
+        pytest.raises(ZeroDivisionError),
+        node_in_thread(node, PythonCanBus("virtual", "toy")),
+    ):
+        pass
+    assert sys.getswitchinterval() == before
