@@ -15,7 +15,6 @@ from queue import Empty, Queue
 from typing import Any
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
-from smarttac_can.bench.stage_watch import StageWatch
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
@@ -142,10 +141,3 @@ def processes(bus: Mapping[str, Any], *commands: str) -> Iterator[list[NodeProce
         with ExitStack() as ends:
             for process in started:
                 ends.callback(process.end)
-
-
-def error_history(watch: StageWatch, node_id: int) -> list[int]:
-    """Codes of the errors of a node, each with the first bytes of what it says beside."""
-    od = ODS[node_id]
-    number = watch.read(node_id, od.entry(0x1003, 0))
-    return [watch.read(node_id, od.entry(0x1003, sub)) for sub in range(1, number + 1)]

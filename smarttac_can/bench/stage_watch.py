@@ -17,6 +17,7 @@ from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.plate_link import MEASUREMENT_RPDOS
 from smarttac_can.od.cia import (
     EMCY_ID,
+    ERROR_FIELD,
     HEARTBEAT_ID,
     PDO_EVENT,
     RPDO_COMMUNICATION,
@@ -78,7 +79,8 @@ class StageWatch:
         self._bus = PythonCanBus(**bus)
         heard = [base + node for base in (EMCY_ID, SDO_TX_ID) for node in _NODES]
         self._bus.listen_to(frozenset([*heard, TPDO_IDS[0] + PLATE_ID]))
-        self._stage = plate_od()["Stage.Voltage"]
+        self._ods = {PLATE_ID: plate_od(), STIMULATOR_ID: stimulator_od()}
+        self._stage = self._ods[PLATE_ID]["Stage.Voltage"]
         self.emergencies: list[tuple[int, int]] = []
         self.tick = 0
         self.beats = False
@@ -128,17 +130,32 @@ class StageWatch:
         """Write an object of 1 to 4 bytes, as an unsigned number; raises as `read`."""
         self._transfer(node_id, _request(_DOWNLOAD | (4 - entry.size) << 2, entry, raw))
 
+    def errors(self, node_id: int) -> list[int]:
+        """Return the error history of a node, the newest first; raises as `read`.
+
+        Each is an emergency error code, and above its 16 bits the first two bytes of what the
+        emergency message says beside.
+        """
+        history = self._ods[node_id].objects[ERROR_FIELD].entries
+        number = self.read(node_id, history[0])
+        return [self.read(node_id, history[place]) for place in range(1, number + 1)]
+
+    def forget_errors(self, node_id: int) -> None:
+        """Clear the error history of a node; raises as `read`."""
+        self.write(node_id, self._ods[node_id].entry(ERROR_FIELD, 0), 0)
+
     def deadline_ms(self) -> int:
         """Return the deadline of the plate; raises as `read`."""
-        return self.read(PLATE_ID, plate_od().entry(RPDO_COMMUNICATION, PDO_EVENT))
+        return self.read(PLATE_ID, self._deadline(PLATE_ID, 1))
 
     def set_deadlines(self, deadline_ms: int) -> None:
         """Set the deadlines of the loop at both nodes, 1..100 ms; raises as `read`."""
-        deadlines = [(PLATE_ID, plate_od(), 1)]
-        deadlines += [(STIMULATOR_ID, stimulator_od(), rpdo) for rpdo in MEASUREMENT_RPDOS]
-        for node_id, od, rpdo in deadlines:
-            entry = od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT)
-            self.write(node_id, entry, deadline_ms)
+        self.write(PLATE_ID, self._deadline(PLATE_ID, 1), deadline_ms)
+        for rpdo in MEASUREMENT_RPDOS:
+            self.write(STIMULATOR_ID, self._deadline(STIMULATOR_ID, rpdo), deadline_ms)
+
+    def _deadline(self, node_id: int, rpdo: int) -> Entry:
+        return self._ods[node_id].entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT)
 
     def _transfer(self, node_id: int, request: bytes) -> Reading:
         """Ask until an answer comes; one to an earlier asking may be as old as the first."""

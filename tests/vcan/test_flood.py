@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from nodes_on_a_bus import ODS, error_history
+from nodes_on_a_bus import ODS
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 
 from smarttac_can.bench.open_link import STIMULATOR_ID
@@ -59,7 +59,7 @@ def assert_missed_in_a_flood(watch: StageWatch, node_id: int, can_id: int) -> No
         watch.listen(1.0)
         watch.beats = False
         end = time.monotonic() + GUARD_S
-        while MISSED not in error_history(watch, node_id) or voltage(watch, node_id):
+        while MISSED not in watch.errors(node_id) or voltage(watch, node_id):
             assert time.monotonic() < end, "the master is not missed"
         assert process.poll() is None
 
@@ -68,7 +68,7 @@ def watch_master(watch: StageWatch, node_id: int) -> None:
     watch.write(node_id, ODS[node_id].entry(0x1016, 4), MASTER_ID << 16 | MASTER_MS)
     watch.beats = True
     watch.listen(0.3)
-    assert MISSED not in error_history(watch, node_id)
+    assert MISSED not in watch.errors(node_id)
 
 
 @pytest.mark.parametrize("can_id", [0x600 + STIMULATOR_ID, FOREIGN_ID], ids=["heard", "foreign"])
