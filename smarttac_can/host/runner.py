@@ -130,12 +130,13 @@ class _Run:
 
     def say(self, frames: list[Frame]) -> None:
         """Put frames of the node on the bus, and listen to what it listens to from now on."""
-        if frames:
-            self._outbox.put(frames)
-            self._send()
+        # Before the answer: who is told that it is watched may send its first heartbeat at once.
         if self._node.ids is not self._ids:
             self._ids = self._node.ids
             self._bus.listen_to(self._ids.heard)
+        if frames:
+            self._outbox.put(frames)
+            self._send()
 
     def keep_pace(self, stop: Callable[[], bool], spare: Callable[[], None]) -> None:
         """Follow the clock."""

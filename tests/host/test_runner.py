@@ -19,6 +19,7 @@ PROMISE_US = 20_000
 HEARD_LATE_US = 10_000
 TICK_US = 1000
 REQUESTED = Frame(REQUEST + 1)
+LEARNT = 0x77F
 OTHER = Frame(AT_SYNC + 1)
 """Heard, and not answered."""
 
@@ -340,6 +341,29 @@ def test_the_bus_is_told_what_is_listened_to() -> None:
     node = ToyNode()
     run(node, host)
     assert host.listened == [node.ids.heard]
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_what_is_listened_to_anew_is_so_before_the_answer_is_sent(lockstep: bool) -> None:
+    class LearningNode(ToyNode):
+        def receive(self, frame: Frame) -> list[Frame]:
+            if frame == REQUESTED:
+                self.ids = self.ids._replace(heard=self.ids.heard | {LEARNT})
+            return super().receive(frame)
+
+    host = Host(burst(1000, 1), until=10_000)
+    heard_at_answer: list[bool] = []
+    node = LearningNode()
+    send = host.send
+
+    def noting(frame: Frame) -> None:
+        if frame.can_id == REPLY + 1:
+            heard_at_answer.append(LEARNT in host.listened[-1])
+        send(frame)
+
+    host.send = noting  # type: ignore[method-assign]
+    run(node, host, lockstep=lockstep)
+    assert heard_at_answer == [True], "a first heartbeat may follow the answer at once"
 
 
 def test_lockstep_knows_no_clock() -> None:

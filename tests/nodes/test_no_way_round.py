@@ -126,9 +126,7 @@ def test_a_period_that_disagrees_ends_the_drive_at_once() -> None:
 
 def test_nobody_else_produces_the_sync_of_a_producer() -> None:
     plate = PlateNode(plate_od(), deadline_ms=3)
-    node = StimulatorNode(
-        stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True, deadline_ms=3
-    )
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True, deadline_ms=3)
     line = Line(plate, node, lockstep=False)
     line.nmt(START)
     line.advance(100)
