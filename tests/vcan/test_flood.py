@@ -2,7 +2,9 @@
 
 The machine below `with-vcan` may have one slow processor. There a loop with a plate node lives on
 by its deadlines of 100 ms only now and then, so with a plate node it is the plate's own watch that
-is shown, whether its stage has a voltage at that time or not. Nothing here says how fast.
+is shown, whether its stage has a voltage at that time or not. Nothing here says how fast. And with
+one processor no flood goes on while the node runs, whose queue is empty soon: that device time
+keeps up where it is not is shown in ``tests/host/test_runner.py``.
 """
 
 from __future__ import annotations
