@@ -13,11 +13,11 @@ from smarttac_can.bench.commissioning import Identity
 from smarttac_can.bench.scan import matching_eds
 from smarttac_can.cli import main
 from smarttac_can.device.device import Device
-from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
-from smarttac_can.host.node import Node
+from smarttac_can.host.node import HostedNode
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
+from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.od.eds import load_eds
 
 RICH = Path(__file__).parent.parent / "eds" / "rich.eds"
@@ -25,7 +25,7 @@ RICH_IDENTITY = "00000123:00000007:00010000:0000002A"
 
 
 @contextmanager
-def running(channel: str, *nodes: Node) -> Iterator[tuple[str, ...]]:
+def running(channel: str, *nodes: HostedNode) -> Iterator[tuple[str, ...]]:
     """Each node in a thread of its own; gives the options of the bus."""
     stopping = threading.Event()
     threads = [
@@ -44,14 +44,9 @@ def running(channel: str, *nodes: Node) -> Iterator[tuple[str, ...]]:
             thread.join(10.0)
 
 
-class PlainDevice(Device):
-    def shutdown(self) -> list[Frame]:
-        return []
-
-
-def rich(node_id: int, storage: Memory | None = None) -> PlainDevice:
+def rich(node_id: int, storage: Memory | None = None) -> PlainNode:
     od = load_eds(RICH.read_text(), 5 if node_id == 255 else node_id)
-    return PlainDevice(od, storage=storage, node_id=node_id)
+    return PlainNode(Device(od, storage=storage, node_id=node_id))
 
 
 def run(*arguments: str | Path) -> Result:
@@ -113,10 +108,10 @@ def test_lss_gives_a_node_id_to_a_device_that_has_none() -> None:
         result = run("lss", "12", "--store", *bus, "--timeout", "5")
     assert result.exit_code == 0, result.output
     assert result.stdout == f"{RICH_IDENTITY} has node-ID 12, stored; it had none\n"
-    assert device.node_id == 12
+    assert device.device.node_id == 12
     again = rich(255, memory)
     again.start()
-    assert again.node_id == 12
+    assert again.device.node_id == 12
 
 
 def test_lss_moves_a_device_by_its_identity() -> None:
@@ -127,7 +122,7 @@ def test_lss_moves_a_device_by_its_identity() -> None:
         none = run("lss", "7", *bus, "--timeout", "0.1")
     assert result.exit_code == 0, result.output
     assert result.stdout == f"{RICH_IDENTITY} has node-ID 6; it had 5\n"
-    assert device.node_id == 6
+    assert device.device.node_id == 6
     assert (wrong.exit_code, none.exit_code) == (1, 1)
     assert "no device with the identity 00000123:00000007:00010000:0000002B" in wrong.stderr
     assert "no device without node-ID answers fastscan" in none.stderr
