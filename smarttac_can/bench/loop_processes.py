@@ -6,7 +6,7 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from tempfile import TemporaryFile
 from time import monotonic, sleep
@@ -17,7 +17,7 @@ from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.bench.errors import BenchError
-from smarttac_can.bench.loop_timing import LoopTiming
+from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.host.python_can import to_frame
@@ -162,16 +162,18 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
 
 
 @contextmanager
-def listening(bus: Mapping[str, Any], timing: LoopTiming) -> Iterator[None]:
-    """Feed the frames on a bus, with the kernel's time stamps, until the block ends."""
+def listening(
+    bus: Mapping[str, Any], can_ids: Iterable[int], feed: Callable[[float, Frame], None]
+) -> Iterator[None]:
+    """Feed frames on a bus, with the kernel's time stamps in s, until the block ends."""
 
     def hear(message: can.Message) -> None:
         frame = to_frame(message)
         if frame is not None:
-            timing.feed(message.timestamp, frame)
+            feed(message.timestamp, frame)
 
     with _stamped(bus) as opened:
-        hear_only(opened, timing.can_ids)
+        hear_only(opened, can_ids)
         with can.Notifier(opened, [hear], timeout=_POLL_S):
             yield
 

@@ -90,7 +90,7 @@ def measure_loop(
         bench = stack.enter_context(_connected(plate_id, bus))
         reason = _try_to_run(bench) if plate_node is None else ""
         timing = LoopTiming(plate_od(plate_id))
-        with listening(bus, timing):
+        with listening(bus, timing.can_ids, timing.feed):
             start = monotonic()
             while not stop() and (left := start + seconds - monotonic()) > 0:
                 sleep(min(left, _POLL_S))
