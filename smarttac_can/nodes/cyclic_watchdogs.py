@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import exp, hypot, isfinite
 from operator import eq
 from typing import Final
@@ -10,6 +11,7 @@ from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.control.model import TICK
 from smarttac_can.control.tribometer import DETERMINANT_MIN
 from smarttac_can.control.vibration import AMPLITUDE_MIN
+from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
 from smarttac_can.nodes.settings import lateral_calibration
 from smarttac_can.nodes.watchdogs import (
     AMPLITUDE_CYCLES,
@@ -22,7 +24,7 @@ from smarttac_can.nodes.watchdogs import (
     STUCK_THERMOMETER_CYCLES,
     Watchdog,
 )
-from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.signals import Drive
 
 _PLATE_END: Final = 0.038
@@ -67,6 +69,10 @@ class CyclicWatchdogs:
     ----------
     od
         Object dictionary of ``stimulator.eds``.
+    deadlines
+        Event timers in ms of the measurements that come over a bus; empty with the plate inside.
+        By as much as they are above 3 ms a drive may be late, and what the vibration should follow
+        from is not in force.
     """
 
     __slots__ = (
@@ -76,6 +82,7 @@ class CyclicWatchdogs:
         "_V",
         "_W_trip",
         "_above",
+        "_deadlines",
         "_decay",
         "_detuned",
         "_excess",
@@ -91,8 +98,9 @@ class CyclicWatchdogs:
         "_temperature_max",
     )
 
-    def __init__(self, od: ObjectDictionary) -> None:
+    def __init__(self, od: ObjectDictionary, deadlines: Sequence[Entry] = ()) -> None:
         self._od = od
+        self._deadlines = deadlines
         self.configure()
         self.reset()
 
@@ -227,11 +235,15 @@ class CyclicWatchdogs:
         if self._above >= _WEIGHT * AMPLITUDE_CYCLES:
             faults = _AMPLITUDE
         most = _EXCESS_UNIDENTIFIED if mode == Mode.IDENTIFY else _EXCESS
-        self._excess = _counted(self._excess, amplitude > most * E + _EXCESS_OFFSET)
+        excess = amplitude > most * E + _EXCESS_OFFSET
         silent = E > _SILENCE_FROM and amplitude < _SILENCE * E
         self._silent = self._silent + 1 if silent else 0
-        if self._excess >= _WEIGHT * EXCESS_CYCLES or self._silent >= SILENT_CYCLES:
-            faults |= _PICKUP
+        if excess or silent or self._excess:
+            late = self._late_cycles()
+            needed = _WEIGHT * (EXCESS_CYCLES + late)
+            self._excess = _counted(self._excess, excess, _MOST + _WEIGHT * late)
+            if self._excess >= needed or self._silent >= SILENT_CYCLES + late:
+                faults |= _PICKUP
         if mode not in _TRACKED:
             self._detuned = 0
         elif amplitude > AMPLITUDE_MIN:
@@ -242,11 +254,17 @@ class CyclicWatchdogs:
         return faults
 
 
-def _counted(count: int, faulty: bool) -> int:
+    def _late_cycles(self) -> int:
+        if not self._deadlines:
+            return 0
+        return max(0, min(entry.value for entry in self._deadlines) - SHORT_DEADLINE_MS)
+
+
+def _counted(count: int, faulty: bool, most: int = _MOST) -> int:
     """Count faulty cycles; one that is sound in between does not hide them.
 
     A loop that answers a wrong reading makes every other one right.
     """
     if faulty:
-        return min(count + _WEIGHT, _MOST)
+        return min(count + _WEIGHT, most)
     return count - 1 if count else 0

@@ -92,7 +92,7 @@ class PlateBlock:
         self.lost = False
         self.disobeyed = False
         self._moving = False
-        self._answered = False
+        self._answered = self._answered_before = False
         self.driven = False
         self._old = Drive(0.0, self._frequency.si_value)
         self._new = self._old
@@ -112,6 +112,7 @@ class PlateBlock:
             plate.step(self._old, self._new)
             self._old = self._new
         self._moving = True
+        self._answered_before = self._answered
         self._answered = False
         self.tick.value = (self.tick.value + 1) & TICK_MASK
         self._ticks.count()
@@ -120,27 +121,33 @@ class PlateBlock:
         self._saturation.value = saturated
 
     def take_drive(self) -> bool:
-        """Take the drive in the object dictionary if it answers the present tick.
+        """Take the drive in the object dictionary if it answers the present tick, or the one before.
 
-        Anything else, a second answer included, is ignored and counted. 0 V is always taken, and
-        lifts the bar of `bar`.
+        A late answer is better than the one in force, which is older. Anything else, a second
+        answer or an overtaken one included, is ignored and counted. 0 V is always taken, and lifts
+        the bar of `bar`.
 
         Returns
         -------
         bool
-            Whether the present tick has its answer now.
+            Whether the present tick has its answer now; a late one is not in time.
         """
+        in_time = self._drive_tick.value == self.tick.value
+        late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
         if self._voltage.value != 0:
             if self.barred:
                 return False
-            if self._drive_tick.value != self.tick.value or self._answered or not self._moving:
+            answered = self._answered or (late and self._answered_before)
+            if answered or not (in_time or late) or not self._moving:
                 self._foreign.count()
                 return False
             self.driven = True
         else:
             self.barred = self.lost = False
-        if self._drive_tick.value == self.tick.value:
+        if in_time:
             self._answered = True
+        elif late:
+            self._answered_before = True
         voltage = self._voltage.si_value
         self.disobeyed = bool(
             self._stuck_voltage and voltage and abs(self._stuck_voltage - voltage) > STAGE_TOLERANCE

@@ -11,7 +11,9 @@ from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.cyclic_watchdogs import CyclicWatchdogs
 from smarttac_can.nodes.interlock import Interlock
+from smarttac_can.nodes.loop_period import deadlines
 from smarttac_can.nodes.plate_block import FAULT_KIND, START_RUN, PlateBlock
+from smarttac_can.nodes.plate_link import MEASUREMENT_RPDOS
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import (
     CALIBRATION,
@@ -72,7 +74,8 @@ class StimulatorBlock:
             self._driven = _pairs(od, plate.od, _DRIVE)
         self._input = [od[name] for _, name in _MEASURED]
         self._si = [entry.si for entry in self._input]
-        self._watchdogs = CyclicWatchdogs(od)
+        late = deadlines(od, MEASUREMENT_RPDOS) if plate is None else []
+        self._watchdogs = CyclicWatchdogs(od, late)
         self._setpoint_entries = [
             od[f"Setpoint.{name}"]
             for name in ("Voltage", "Frequency", "Amplitude", "COF left", "COF right", "Boundary")

@@ -166,7 +166,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.PICKUP: Row(
         "the vibration does not follow from the voltage",
         EmergencyCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, SILENT_CYCLES,
-        "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants", "Model",
+        "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; with a "
+        "plate node as many more as its deadline is above 3 ms", "Model",
     ),
     Watchdog.RESONANCE: Row(
         "the resonance is lost",

@@ -148,6 +148,18 @@ def test_each_tick_takes_one_drive_that_answers_it() -> None:
     assert plate.od["Cycle.Lost drives"].value == 0
 
 
+def test_late_drives_are_in_force_until_the_deadline() -> None:
+    line, plate = ready_plate()
+    line.send(drive(2000, 0))
+    for tick in (1, 2):
+        line.sync()
+        line.send(drive(2000 + tick, tick - 1))
+        assert stage(plate) == (2000 if tick == 1 else 2002), "that of tick 0 has come before"
+    line.sync()
+    assert stage(plate) == 0, "none was in time"
+    assert plate.od["Cycle.Lost drives"].value == 2
+
+
 def test_0_v_is_taken_at_any_tick() -> None:
     line, plate = ready_plate()
     line.send(drive(2000, 0), drive(0, 77))

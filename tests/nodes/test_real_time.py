@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from line import EMCY_STIMULATOR, MEASUREMENT, START, Line, both_nodes, drive, measurement
+from line import DRIVE, EMCY_STIMULATOR, MEASUREMENT, START, Line, both_nodes, drive, measurement
 from loop import AMPLITUDE, Loop
 
 from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
@@ -13,6 +13,7 @@ from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort
+from smarttac_can.plant.faults import FaultKind
 
 DEFAULT_US = 20_000
 SAVE_ALL = bytes.fromhex("2310100173617665")
@@ -162,3 +163,40 @@ def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> 
     assert node.od["Message"].value == "the plate went to 0 V by itself: its drives were late"
     assert node.block.interlock.latched == 1 << Watchdog.PLATE
     assert MEASUREMENT[0] in [frame.can_id for frame in line.sync()], "the loop goes on at 0 V"
+
+
+def loop_that_may_be_late(mode: int) -> Loop:
+    loop = Loop(mode)
+    for node, index in ((loop.plate, 0x1400), *((loop.node, 0x1404 + n) for n in range(3))):
+        assert loop.line.write_data(node, node.od.entry(index, 5), b"\x14\0") == 0
+    return loop
+
+
+@pytest.mark.parametrize(("amplitude", "lost"), [(100, 10), (100, 17), (1500, 17)])
+def test_drives_that_are_late_are_no_fault_before_the_deadline(amplitude: int, lost: int) -> None:
+    loop = loop_that_may_be_late(AMPLITUDE)
+    loop.line.write(loop.node, "Setpoint.Amplitude", amplitude)
+    loop.lost.add(DRIVE)
+    loop.cycle(lost)
+    loop.lost.clear()
+    loop.cycle(50)
+    assert loop.state is State.RUNNING, loop.node.od["Message"].value
+    assert abs(loop.plate.od["Vibration.W_d"].value - 10 * amplitude) < 200
+
+
+@pytest.mark.parametrize("amplitude", [100, 1500])
+def test_drives_that_stay_away_are_the_cause_that_is_named(amplitude: int) -> None:
+    loop = loop_that_may_be_late(AMPLITUDE)
+    loop.line.write(loop.node, "Setpoint.Amplitude", amplitude)
+    loop.lost.add(DRIVE)
+    loop.cycle(25)
+    assert loop.node.od["Message"].value == "the plate went to 0 V by itself: its drives were late"
+
+
+def test_a_pickup_that_is_silent_is_a_fault_soon_after_the_deadline() -> None:
+    loop = loop_that_may_be_late(AMPLITUDE)
+    loop.break_plate(FaultKind.RESONANCE_SHIFT, value=-20_000)
+    loop.cycle(20)
+    assert loop.state is State.RUNNING
+    loop.cycle(15)
+    assert loop.node.block.interlock.latched == 1 << Watchdog.PICKUP
