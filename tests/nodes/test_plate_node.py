@@ -157,7 +157,7 @@ def test_late_drives_are_in_force_until_the_deadline() -> None:
         assert stage(plate) == (2000 if tick == 1 else 2002), "that of tick 0 has come before"
     line.sync()
     assert stage(plate) == 0, "none was in time"
-    assert plate.od["Cycle.Lost drives"].value == 2
+    assert plate.od["Cycle.Lost drives"].value == 1
 
 
 def test_0_v_is_taken_at_any_tick() -> None:
