@@ -15,7 +15,11 @@ from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.host.lasting_bus import LastingBus
 from smarttac_can.host.line_writer import LineWriter
 from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.host.realtime import collecting_between_cycles, request_real_time
+from smarttac_can.host.realtime import (
+    collecting_between_cycles,
+    request_real_time,
+    request_short_slices,
+)
 from smarttac_can.host.runner import run_node
 from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
 from smarttac_can.nodes.plain_node import PlainNode
@@ -42,6 +46,7 @@ class Pace(NamedTuple):
         if self.lockstep:
             return SHORT_DEADLINE_MS
         if self.priority is None:
+            request_short_slices()
             return None
         refused = request_real_time(self.priority, self.cpu)
         for line in refused:

@@ -6,6 +6,7 @@ import ctypes
 import errno
 import gc
 import os
+import platform
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,10 @@ _WITHOUT_SLEEP_S: Final = 1.0
 far more often: who gets there hangs."""
 _KILLED_S: Final = 3.0
 _COLLECT_S: Final = 1.0
+_SLICE_NS: Final = 100_000
+"""The shortest that Linux takes."""
+_SCHED_SETATTR: Final = {"x86_64": 314, "aarch64": 274}
+"""Numbers of that system call, which Python does not have."""
 
 
 @contextmanager
@@ -51,6 +56,37 @@ def collecting_between_cycles() -> Iterator[Callable[[], None]]:
         gc.unfreeze()
         if enabled:
             gc.enable()
+
+
+def request_short_slices() -> None:
+    """Ask the scheduler to wake this ordinary process without delay: it needs little, and often.
+
+    A hint that needs no privilege. Linux takes it from 6.12 on; elsewhere nothing happens.
+    """
+    number = _SCHED_SETATTR.get(platform.machine()) if sys.platform == "linux" else None
+    if number is not None:
+        attributes = _SchedulingAttributes(
+            size=ctypes.sizeof(_SchedulingAttributes),
+            policy=os.sched_getscheduler(0),
+            nice=os.getpriority(os.PRIO_PROCESS, 0),
+            runtime=_SLICE_NS,
+        )
+        ctypes.CDLL(None).syscall(number, 0, ctypes.byref(attributes), 0)
+
+
+class _SchedulingAttributes(ctypes.Structure):
+    """``struct sched_attr`` of sched_setattr(2), in its first size."""
+
+    _fields_ = (
+        ("size", ctypes.c_uint32),
+        ("policy", ctypes.c_uint32),
+        ("flags", ctypes.c_uint64),
+        ("nice", ctypes.c_int32),
+        ("priority", ctypes.c_uint32),
+        ("runtime", ctypes.c_uint64),
+        ("deadline", ctypes.c_uint64),
+        ("period", ctypes.c_uint64),
+    )
 
 
 def request_real_time(priority: int, cpu: int | None) -> list[str]:

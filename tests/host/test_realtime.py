@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -286,6 +287,7 @@ def test_a_limit_that_is_lower_already_is_not_raised(most: int, limits: list[int
 
 
 SPIN = """
+import platform
 import signal
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.realtime import request_real_time
@@ -308,3 +310,27 @@ def test_a_process_that_never_sleeps_is_told_to_end() -> None:
         assert done.returncode == -signal.SIGALRM, "nobody ends an ordinary process"
     else:
         assert (done.returncode, done.stderr, lines[-1]) == (0, "", "ended")
+
+
+SLICE = """
+import ctypes, os, platform, struct
+from smarttac_can.host.realtime import request_short_slices
+os.nice(3)
+request_short_slices()
+attributes = ctypes.create_string_buffer(56)
+number = {"x86_64": 315, "aarch64": 275}[platform.machine()]
+assert ctypes.CDLL(None).syscall(number, 0, attributes, 56, 0) == 0
+size, policy, flags, nice, priority, runtime = struct.unpack_from("=IIQiIQ", attributes)
+print(policy, nice, runtime)
+"""
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux"
+    or platform.machine() not in ("x86_64", "aarch64")
+    or tuple(int(part) for part in platform.release().split(".")[:2]) < (6, 12),
+    reason="Linux takes slices of ordinary processes from 6.12 on",
+)
+def test_an_ordinary_process_asks_for_short_slices_and_stays_one() -> None:
+    run = subprocess.run([sys.executable, "-c", SLICE], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == [str(os.SCHED_OTHER), "3", "100000"]
