@@ -101,7 +101,7 @@ def master_page(
     monkeypatch.chdir(ROOT)
     node = stimulator_with_plate()
     with in_threads(virtual, node, lockstep=False):
-        until(lambda: node.block.interlock.tared)
+        until(lambda: node.block.supervisor.tared)
         names: dict[str, Any] = {}
         run(MASTER, names, request)
         yield node, names
@@ -119,7 +119,7 @@ def test_a_master_of_python_canopen_leaves_the_plate_at_0_V(
 ) -> None:
     node, _ = master_page
     assert re.match(r"Contact.Tangential force \[mN\] -?\d+\nContact.Nor", capsys.readouterr().out)
-    assert node.block.interlock.state is State.READY
+    assert node.block.supervisor.state is State.READY
     assert node.od["Consumer heartbeat time.Consumer heartbeat time 1"].value == 0
 
 
@@ -135,11 +135,11 @@ def test_a_master_of_python_canopen_resets_a_fault(
         for controlword in (0, 1, 3):
             master.sdo["Controlword"].raw = controlword
         network.send_message(0x700 + names["MASTER"], [5])
-        until(lambda: node.block.interlock.state is State.FAULT)
+        until(lambda: node.block.supervisor.state is State.FAULT)
         master.sdo["Consumer heartbeat time"][1].raw = 0
         capsys.readouterr()
         names["reset_fault"](master)
-        until(lambda: node.block.interlock.state is State.READY)
+        until(lambda: node.block.supervisor.state is State.READY)
     finally:
         network.disconnect()
     assert capsys.readouterr().out == (

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from smarttac_can.nodes.fault_codes import FaultCode
+from smarttac_can.nodes.stage_state import STAGE_TRANSITIONS, StageEvent, StageState
 from smarttac_can.nodes.state_machine import TRANSITIONS, Control, Guard, State
 from smarttac_can.nodes.watchdogs import WATCHDOGS
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
@@ -16,7 +20,7 @@ _OF_THE_PLATE = (
         "an RPDO 1 whose values are within their limits",
     ),
     (
-        EmergencyCode.DRIVE_LOST,
+        FaultCode.DRIVE_LOST,
         ErrorRegister.COMMUNICATION,
         "a plate that was driven has gone to 0 V by itself: within the deadline no drive that "
         "counts (none, corrupt, out of range, of another tick), OPERATIONAL left, a watched "
@@ -25,14 +29,14 @@ _OF_THE_PLATE = (
         "a drive of 0 V",
     ),
     (
-        EmergencyCode.VOLTAGE,
+        FaultCode.VOLTAGE,
         ErrorRegister.VOLTAGE,
         "a drive above `Limit.Voltage` of the plate, or a power stage whose output is more than "
         "1 V from what it was told",
         "a drive of 0 V",
     ),
     (
-        EmergencyCode.TEMPERATURE,
+        FaultCode.TEMPERATURE,
         ErrorRegister.TEMPERATURE,
         "a sample above `Limit.Temperature` of the plate",
         "a drive of 0 V, after a sample that is not",
@@ -49,15 +53,39 @@ def _guard(guard: Guard) -> str:
     return _title(guard.name) if guard else _WITHOUT_GUARD
 
 
-def _diagram() -> list[str]:
-    """Draw the states; what leaves a state where it is does not need an arrow."""
-    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {State.NOT_READY.name}"]
-    for row in TRANSITIONS:
-        if row.state is not row.next:
-            guard = f" [{_guard(row.guard)}]" if row.guard else ""
-            event = _title(row.event.name)
-            lines.append(f"    {row.state.name} --> {row.next.name}: {event}{guard}")
+def _diagram(first: str, arrows: Iterable[tuple[str, str, str]]) -> list[str]:
+    """Draw states from rows of state, next and event."""
+    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {first}"]
+    lines += [f"    {state} --> {after}: {event}" for state, after, event in arrows]
     return [*lines, "```", ""]
+
+
+def _states() -> list[str]:
+    """Draw the states; what leaves a state where it is does not need an arrow."""
+    return _diagram(
+        State.NOT_READY.name,
+        (
+            (
+                row.state.name,
+                row.next.name,
+                _title(row.event.name) + (f" [{_guard(row.guard)}]" if row.guard else ""),
+            )
+            for row in TRANSITIONS
+            if row.state is not row.next
+        ),
+    )
+
+
+def _stage() -> list[str]:
+    """Draw and list the states of the plate's power stage."""
+    return [
+        *_diagram(
+            StageState.WAITING.name,
+            ((row.state.name, row.next.name, _title(row.event.name)) for row in STAGE_TRANSITIONS),
+        ),
+        *table(("State", "What it is"), *((_title(s.name), s.value) for s in StageState)),
+        *table(("Event", "What it is"), *((_title(e.name), e.value) for e in StageEvent)),
+    ]
 
 
 def safety() -> str:
@@ -71,7 +99,7 @@ def safety() -> str:
         "",
         "## States",
         "",
-        *_diagram(),
+        *_states(),
         *table(
             ("Number", "State"),
             *((f"{int(state)}", _title(state.name)) for state in State),
@@ -127,6 +155,11 @@ def safety() -> str:
         "(../how-to/integrate-with-a-master.md#with-python-canopen); a bench script has "
         "`reset_fault()`.",
         "",
+        "## Power stage of the plate",
+        "",
+        "From `smarttac_can/nodes/stage_state.py`. Every other event changes nothing.",
+        "",
+        *_stage(),
         "## Watchdogs of the plate",
         "",
         "The plate protects itself, whatever the stimulator says. Each of these puts it at 0 V at "

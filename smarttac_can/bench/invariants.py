@@ -44,7 +44,7 @@ class Invariants:
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
         self._plate_block = rig.plate_block
-        self._machine = rig.stimulator.block.interlock
+        self._machine = rig.stimulator.block.supervisor
         od = rig.od
         self._drive = od["Drive.Voltage"]
         self._limit = od["Limit.Voltage"]

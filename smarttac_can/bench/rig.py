@@ -198,7 +198,7 @@ class Rig:
     @property
     def state(self) -> State:
         """State of the stimulator, read directly and not over the bus."""
-        return self.stimulator.block.interlock.state
+        return self.stimulator.block.state
 
     def configure(self) -> None:
         """Have heartbeats of master and plate under watch, as after every reset of a node."""

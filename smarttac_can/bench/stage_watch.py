@@ -14,7 +14,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.nodes.plate_link import MEASUREMENT_RPDOS
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.od.cia import (
     EMCY_ID,
     ERROR_FIELD,

@@ -213,6 +213,10 @@ class Cascade:
             return self._identify(W)
         return self._open_loop(setpoint)
 
+    def realised(self, drive: Drive) -> None:
+        """Take note of the drive that went out, whatever was asked for."""
+        self.drive = drive
+
     def _closed_loop(self, W: complex, W_ref: float, setpoint: Setpoint) -> Drive:
         """Return the drive of C_W and C_omega for an amplitude reference in m."""
         p = self._parameters

@@ -23,11 +23,13 @@ class Application:
         in other values, whose PDO and other parameters then are in force from the boot-up on.
         """
 
-    def on_sync(self) -> None:
-        """Act at SYNC, in PRE-OPERATIONAL and OPERATIONAL.
+    def on_sync(self) -> bool:
+        """Act at SYNC, in PRE-OPERATIONAL and OPERATIONAL; return whether there is what to sample.
 
-        The values of synchronous RPDOs are in, the synchronous TPDOs are not yet sampled.
+        The values of synchronous RPDOs are in, the synchronous TPDOs are not yet sampled; where
+        there is nothing they miss this SYNC.
         """
+        return True
 
     def on_rpdo(self, number: int) -> None:
         """Act on an RPDO, from 1, whose values are in the object dictionary."""

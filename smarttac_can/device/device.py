@@ -336,9 +336,9 @@ class Device:
         self.sync_own = own
         for rpdo in self._latching:
             rpdo.on_sync()
-        self._application.on_sync()
-        for tpdo in self._sampling:
-            tpdo.on_sync(counter)
+        if self._application.on_sync():
+            for tpdo in self._sampling:
+                tpdo.on_sync(counter)
 
 
 def _pdo_numbers(od: ObjectDictionary, communication: int, mapping: int) -> list[int]:

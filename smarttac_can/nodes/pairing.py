@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from smarttac_can.nodes.check import Check
+from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, received_measurement
 from smarttac_can.od.dictionary import ObjectDictionary
 
 UNUSABLE_MAX: Final = 3
 """Measurements in a row, incomplete, corrupt or of a foreign tick, before it is a fault."""
 _NOTHING: Final = -1
-_MEASURED: Final = (
-    *(f"Plate input.{name}" for name in ("W_d", "W_q", "Tick", "Saturation", "Temperature")),
-    *(f"Plate input.S{number}" for number in range(1, 7)),
-    "Plate input.Gauge tick",
-    "Plate input.Plate serial number",
-)
 
 
 class Pairing:
@@ -26,18 +21,13 @@ class Pairing:
     ----------
     od
         Object dictionary of ``stimulator.eds``.
-    rpdos
-        Numbers of the RPDOs, in the order in which the plate sends them.
     unusable
         Called when a measurement begins after `UNUSABLE_MAX` that were no good.
     """
 
-    def __init__(
-        self, od: ObjectDictionary, rpdos: tuple[int, ...], unusable: Callable[[], None]
-    ) -> None:
-        self._rpdos = rpdos
+    def __init__(self, od: ObjectDictionary, unusable: Callable[[], None]) -> None:
         self._unusable = unusable
-        self._check = Check([od[name] for name in _MEASURED], od["Plate input.Check"])
+        self._check = FrameCheck(received_measurement(od))
         self._tick = od["Plate input.Tick"]
         self._gauge_tick = od["Plate input.Gauge tick"]
         self._lost = od["Cycle.Lost cycles"]
@@ -64,11 +54,11 @@ class Pairing:
         bool
             Whether it completes a measurement that is to be answered; no tick is twice.
         """
-        if rpdo == self._rpdos[0]:
+        if rpdo == MEASUREMENT_RPDOS[0]:
             self._begin()
         self._come.add(rpdo)
         # A cycle's last PDO ends it, so that those of two cycles are never mixed.
-        if rpdo != self._rpdos[-1] or len(self._come) < len(self._rpdos):
+        if rpdo != MEASUREMENT_RPDOS[-1] or len(self._come) < len(MEASUREMENT_RPDOS):
             return False
         self._come.clear()
         if not self._check.holds():

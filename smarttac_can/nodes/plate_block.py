@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import Final
 
+from smarttac_can.nodes.stage_state import StageEvent, StageState, follow
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
@@ -25,6 +27,15 @@ LIFTED, STROKE, RECORDED = range(3)
 """Values of ``Finger.Motion``."""
 
 
+class Taken(Enum):
+    """What became of a drive."""
+
+    NOT = "ignored"
+    LATE = "taken; it was not in time"
+    IN_TIME = "taken"
+    DISOBEYED = "the power stage does not obey it"
+
+
 class PlateBlock:
     """The simulated plate behind the objects of ``plate.eds``.
 
@@ -43,19 +54,14 @@ class PlateBlock:
     ----------
     plate
         The plate of the present run, for tests and reports.
-    barred
-        Whether it waits for a drive of 0 V before it takes a voltage, as at the beginning.
-    lost
-        Whether that is because it was switched off while it drove.
-    driven
-        Whether it has taken a voltage since it was switched off.
-    disobeyed
-        Whether the power stage was barred because its output is not what was asked for.
+    state
+        State of the power stage, to look at; `bar`, `protect` and drives change it.
     """
 
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
         self.od = od
         self._recording = recording
+        self.state = StageState.WAITING
         self._voltage = od["Drive.Voltage"]
         self._frequency = od["Drive.Frequency"]
         self._drive_tick = od["Drive.Tick"]
@@ -88,12 +94,9 @@ class PlateBlock:
         self._fault_in = _NEVER
         self._stuck_voltage = 0.0
         self._voltage.value = 0
-        self.barred = True
-        self.lost = False
-        self.disobeyed = False
+        self._follow(StageEvent.START_RUN)
         self._moving = False
         self._answered = self._answered_before = False
-        self.driven = False
         self._old = Drive(0.0, self._frequency.si_value)
         self._new = self._old
         self.tick.value = TICK_MASK
@@ -107,7 +110,7 @@ class PlateBlock:
         if self._fault_in >= 0:
             self._approach_fault()
         if self._moving:
-            if self.driven and not self._answered:
+            if self.state is StageState.IN_USE and not self._answered:
                 self._lost.count()
             plate.step(self._old, self._new)
             self._old = self._new
@@ -120,57 +123,62 @@ class PlateBlock:
         self._measured.write((W.real, W.imag, temperature, *gauges))
         self._saturation.value = saturated
 
-    def take_drive(self) -> bool:
-        """Take the drive in the object dictionary if it answers the present tick, or the one before.
+    def take_drive(self) -> Taken:
+        """Take the drive in the object dictionary if it answers this tick, or the one before.
 
         A late answer is better than the one in force, which is older. Anything else, a second
         answer or an overtaken one included, is ignored and counted. 0 V is always taken, and lifts
-        the bar of `bar`.
-
-        Returns
-        -------
-        bool
-            Whether the present tick has its answer now; a late one is not in time.
+        the bar of `bar` and `protect`.
         """
         in_time = self._drive_tick.value == self.tick.value
         late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
         if self._voltage.value != 0:
             if self.barred:
-                return False
+                return Taken.NOT
             answered = self._answered or (late and self._answered_before)
             if answered or not (in_time or late) or not self._moving:
                 self._foreign.count()
-                return False
-            self.driven = True
+                return Taken.NOT
+            self._follow(StageEvent.VOLTAGE)
         else:
-            self.barred = self.lost = False
+            self._follow(StageEvent.ZERO)
         if in_time:
             self._answered = True
         elif late:
             self._answered_before = True
         voltage = self._voltage.si_value
-        self.disobeyed = bool(
-            self._stuck_voltage and voltage and abs(self._stuck_voltage - voltage) > STAGE_TOLERANCE
-        )
-        if self.disobeyed:
+        if self._stuck_voltage and voltage and abs(self._stuck_voltage - voltage) > STAGE_TOLERANCE:
             self.bar()
-            return False
+            return Taken.DISOBEYED
         self._new = Drive(voltage, self._frequency.si_value)
         self._show_stage()
-        return self._answered
+        return Taken.IN_TIME if self._answered else Taken.LATE
+
+    @property
+    def barred(self) -> bool:
+        """Whether it waits for a drive of 0 V before it takes a voltage."""
+        return self.state is StageState.WAITING or self.state is StageState.TRIPPED
 
     def switch_off(self) -> None:
         """Put the power stage at 0 V, now."""
+        self._go_to_zero(StageEvent.SWITCH_OFF)
+
+    def bar(self) -> None:
+        """Put the power stage at 0 V, where it has to be told 0 V if it was in use."""
+        self._go_to_zero(StageEvent.BAR)
+
+    def protect(self) -> None:
+        """Put the power stage at 0 V, where it has to be told 0 V in any case."""
+        self._go_to_zero(StageEvent.PROTECT)
+
+    def _go_to_zero(self, event: StageEvent) -> None:
+        self._follow(event)
         self._voltage.value = 0
-        self.driven = False
         self._old = self._new = Drive(0.0, self._new.frequency)
         self._show_stage()
 
-    def bar(self) -> None:
-        """Put the power stage at 0 V; if it drove, it takes no voltage before it was told 0 V."""
-        if self.driven:
-            self.barred = self.lost = True
-        self.switch_off()
+    def _follow(self, event: StageEvent) -> None:
+        self.state = follow(self.state, event)
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object by name; raises `Abort` as an SDO write would."""

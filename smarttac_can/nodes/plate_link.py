@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
 from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import (
     COB_SYNC_PRODUCER,
@@ -18,10 +19,6 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 
-DRIVE_TPDO: Final = 5
-"""The plate's RPDO 1."""
-MEASUREMENT_RPDOS: Final = (5, 6, 7)
-"""The plate's TPDOs 1 to 3."""
 _PLATE_HEARTBEAT_MS: Final = 2000
 """Two heartbeats of a plate that has not been configured."""
 

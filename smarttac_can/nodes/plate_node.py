@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
@@ -12,30 +12,24 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.check import DRIVEN, Check
+from smarttac_can.nodes.fault_codes import FaultCode
+from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.loop_frames import (
+    DRIVE_RPDO,
+    MEASUREMENT_TPDOS,
+    received_drive,
+    sent_measurement,
+)
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
-from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_block import PlateBlock, Taken
+from smarttac_can.nodes.stage_state import StageState
 from smarttac_can.od.cia import (
-    CAN_ID_MASK,
-    PDO_COB_ID,
-    TPDO_COMMUNICATION,
     Abort,
     AbortCode,
-    EmergencyCode,
     ErrorRegister,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
-
-_MEASURED: Final = (
-    *(f"Vibration.{name}" for name in ("W_d", "W_q", "Tick", "Saturation", "Temperature")),
-    *(f"Gauge.S{number}" for number in range(1, 7)),
-    "Vibration.Tick",
-    "Plate serial number",
-)
-"""Objects of a measurement as TPDO 1 to 3 carry them, under their check."""
-_DRIVE_RPDO = 1
-_MEASUREMENT_TPDOS = (1, 2, 3)
 
 
 class PlateNode(Application):
@@ -69,26 +63,26 @@ class PlateNode(Application):
         self._presets = dict(presets or {})
         self.block = PlateBlock(od, recording)
         if deadline_ms is not None:
-            set_deadline(od, (_DRIVE_RPDO,), deadline_ms)
-        (self._deadline,) = deadlines(od, (_DRIVE_RPDO,))
+            set_deadline(od, (DRIVE_RPDO,), deadline_ms)
+        (self._deadline,) = deadlines(od, (DRIVE_RPDO,))
         self.clock = clock = Clock()
         self._unanswered = clock.timer(self._on_unanswered)
         self.device = Device(
-            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=_MEASUREMENT_TPDOS
+            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=MEASUREMENT_TPDOS
         )
         self.segments = self.device.segments
         self._period = LoopPeriod(self.device)
-        self._measures = True
-        self._sent = Check([od[name] for name in _MEASURED], od["Measurement check"])
-        self._got = Check([od[name] for name in DRIVEN], od["Drive.Check"])
+        self._sent = FrameCheck(sent_measurement(od))
+        self._got = FrameCheck(received_drive(od))
         self._corrupt = od["Cycle.Corrupt drives"]
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
         self._stage_voltage = od["Stage.Voltage"]
         self._voltage_max = od["Limit.Voltage"]
         self._temperature_max = od["Limit.Temperature"]
-        self._protecting: set[EmergencyCode] = set()
+        self._protecting: set[FaultCode] = set()
         self.start = self.device.start
+        self.receive = self.device.receive
         self.advance = self.device.advance
 
     @property
@@ -102,22 +96,11 @@ class PlateNode(Application):
             self._unanswered.fire()
         return self.device.take()
 
-    def receive(self, frame: Frame) -> list[Frame]:
-        """Take a frame; while there is no loop, no measurement goes out."""
-        sent = self.device.receive(frame)
-        if self._measures:
-            return sent
-        stale = [
-            self.od.number(TPDO_COMMUNICATION + tpdo - 1, PDO_COB_ID) & CAN_ID_MASK
-            for tpdo in _MEASUREMENT_TPDOS
-        ]
-        return [reply for reply in sent if reply.can_id not in stale]
-
     def transmit_failed(self) -> list[Frame]:
         """Go to 0 V, the transmit queue being full: the controller lacks what was measured."""
         self.block.bar()
-        if self.block.lost:
-            self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
+        if self.block.state is StageState.TRIPPED:
+            self._protect(FaultCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
         return self.device.take()
 
     def shutdown(self) -> list[Frame]:
@@ -136,41 +119,42 @@ class PlateNode(Application):
         if state is NMTState.RESET_COMMUNICATION:
             self._protecting.clear()
 
-    def on_sync(self) -> None:
-        """Step to this tick and sample; the measurement TPDOs follow."""
+    def on_sync(self) -> bool:
+        """Step to this tick; while there is no loop, no measurement goes out."""
         if self.device.nmt_state is not NMTState.OPERATIONAL:
-            return
-        self._measures = self._period.agrees()
-        if not self._measures:
+            return False
+        if not self._period.agrees():
             self.block.bar()
-            return
+            return False
         self.block.cycle()
         self._sent.write()
         if self._temperature.value > self._temperature_max.value:
-            self._protect(EmergencyCode.TEMPERATURE, ErrorRegister.TEMPERATURE)
-        elif self.block.lost and not self._protecting:
-            self._protect(EmergencyCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
+            self._protect(FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE)
+        elif self.block.state is StageState.TRIPPED and not self._protecting:
+            self._protect(FaultCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
+        return True
 
     def on_rpdo(self, number: int) -> None:
         """Take a drive if it is sound, its voltage below the limit, and the plate not too hot.
 
         A corrupt one is a drive that did not come.
         """
-        if number != _DRIVE_RPDO:
+        if number != DRIVE_RPDO:
             return
         if not self._got.holds():
             self._corrupt.count()
             return
         if self._voltage.value > self._voltage_max.value:
-            self._protect(EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE)
+            self._protect(FaultCode.VOLTAGE, ErrorRegister.VOLTAGE)
             return
         hot = self._temperature.value > self._temperature_max.value
         if hot and self._voltage.value:
             return
-        if self.block.take_drive():
+        taken = self.block.take_drive()
+        if taken is Taken.IN_TIME:
             self._unanswered.start(self._deadline.value * TICK_US)
-        if self.block.disobeyed:
-            self._protect(EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE)
+        elif taken is Taken.DISOBEYED:
+            self._protect(FaultCode.VOLTAGE, ErrorRegister.VOLTAGE)
         if self._protecting and not self.block.barred and not hot:
             for code in sorted(self._protecting):
                 self.device.clear_emergency(code)
@@ -187,13 +171,12 @@ class PlateNode(Application):
         The deadline of the RPDO begins anew with any values within their limits; this one with a
         drive that was taken.
         """
-        if self.block.driven:
+        if self.block.state is StageState.IN_USE:
             self.block.bar()
 
-    def _protect(self, code: EmergencyCode, register: ErrorRegister) -> None:
+    def _protect(self, code: FaultCode, register: ErrorRegister) -> None:
         """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
-        self.block.bar()
-        self.block.barred = True
+        self.block.protect()
         if code not in self._protecting:
             self._protecting.add(code)
             self.device.emergency(code, register)

@@ -7,6 +7,7 @@ from typing import Final
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.analogue_input import AnalogueInput
+from smarttac_can.nodes.cycle_input import Measured
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
@@ -95,20 +96,9 @@ class ReadBack:
         self._voltage.value = 0
         self._statusword.value &= ~Status.DRIVING.value
 
-    def publish(
-        self, cascade: Cascade, W: complex, temperature: float, saturation: int, tick: int
-    ) -> None:
-        """Publish a cycle.
-
-        Parameters
-        ----------
-        cascade
-            The controllers after the cycle.
-        W, temperature, saturation
-            What the plate measured.
-        tick
-            Its tick count, of 8 bits; it is extended to 16.
-        """
+    def publish(self, measured: Measured, cascade: Cascade) -> None:
+        """Publish a cycle: what was measured, and the controllers after it."""
+        W, _, temperature, saturation = measured.si
         contact = cascade.contact
         drive = cascade.drive
         Fx, Fy = contact.Fx, contact.Fy
@@ -134,7 +124,7 @@ class ReadBack:
         self._quantiser.write(values)
         self._touching.value = int(contact.touching)
         self._mode.value = int(cascade.mode)
-        self._tick.value = self._tick.value + (tick - self._tick.value & 0xFF) & _TICK_MASK
+        self._tick.value = self._tick.value + (measured.tick - self._tick.value & 0xFF) & _TICK_MASK
         self._cycles.count()
         status = self._statusword.value & ~_LOOP_BITS | Status.LIVE.value
         if drive.voltage > 0.0:

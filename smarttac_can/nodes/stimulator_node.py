@@ -12,13 +12,15 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.check import DRIVEN, Check
+from smarttac_can.nodes.fault_codes import FaultCode
+from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS, sent_drive
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_link import DRIVE_TPDO, MEASUREMENT_RPDOS, link_to_plate
+from smarttac_can.nodes.plate_link import link_to_plate
 from smarttac_can.nodes.settings import mend_settings
-from smarttac_can.nodes.state_machine import Event, State
+from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.sync_watch import SyncWatch
 from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
@@ -85,17 +87,12 @@ class StimulatorNode(Application):
         self._produce_sync = produce_sync
         self._presets = dict(presets or {})
         self.block = StimulatorBlock(od, plate)
-        self.block.interlock.report = self._report
-        self.block.interlock.clear = lambda watchdog: self.device.clear_emergency(
-            WATCHDOGS[watchdog].code
-        )
+        self._told = 0
         if plate_node_id and deadline_ms is not None:
             set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
         self._deadlines = deadlines(od, MEASUREMENT_RPDOS)
         self.clock = clock = Clock()
-        self._sync_watch = SyncWatch(
-            od, clock, self._deadline_ms, self._trip, self.block.interlock.settle
-        )
+        self._sync_watch = SyncWatch(od, clock, self._deadline_ms, self._trip, self.block.settle)
         self._unanswered = clock.timer(self._on_unanswered)
         self._ticker = clock.timer(self._tick)
         self.device = Device(
@@ -104,11 +101,11 @@ class StimulatorNode(Application):
         )  # fmt: skip
         self._period = LoopPeriod(self.device)
         self._unfit = False
-        self._pairing = Pairing(od, MEASUREMENT_RPDOS, lambda: self._trip(Watchdog.MEASUREMENT))
+        self._pairing = Pairing(od, lambda: self._trip(Watchdog.MEASUREMENT))
         self._absent: set[int] = set()
         self._late: set[int] = set()
         self._missed = od["Cycle.Missed deadlines"]
-        self._sent = Check([od[name] for name in DRIVEN], od["Drive.Check"])
+        self._sent = FrameCheck(sent_drive(od))
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
         self._types = [
@@ -138,7 +135,7 @@ class StimulatorNode(Application):
 
     def bus_recovered(self) -> list[Frame]:
         """Take note that the bus is there again."""
-        self.block.interlock.settle(Watchdog.BUS_OFF)
+        self.block.settle(Watchdog.BUS_OFF)
         return self.device.bus_recovered()
 
     def transmit_failed(self) -> list[Frame]:
@@ -148,8 +145,7 @@ class StimulatorNode(Application):
 
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V, and tell the bus."""
-        self.block.interlock.handle(Event.DISARM)
-        self.block.cut()
+        self.block.disarm()
         self._send_drive()
         for number in (_STATUS_TPDO, *_PUBLIC_TPDOS):
             self.device.trigger(number)
@@ -168,36 +164,38 @@ class StimulatorNode(Application):
                 self._ticker.start(TICK_US, periodic=True)
         elif state is NMTState.RESET_COMMUNICATION and self._plate_node_id:
             link_to_plate(self.od, self._plate_node_id, self._produce_sync)
-        interlock = self.block.interlock
+        block = self.block
         if state is NMTState.OPERATIONAL:
-            interlock.enter()
+            block.enter()
         else:
-            interlock.leave()
+            block.leave()
             self._pairing.forget()
             self._sync_watch.restart()
             # Deadlines start anew with the first PDO.
             self._late.clear()
-            interlock.settle(Watchdog.SETPOINT)
-            interlock.settle(Watchdog.MEASUREMENT)
+            block.settle(Watchdog.SETPOINT)
+            block.settle(Watchdog.MEASUREMENT)
         if state in _RESETS:
             # So do the watches over heartbeats.
             self._absent.clear()
-            interlock.settle(Watchdog.HEARTBEAT)
+            block.settle(Watchdog.HEARTBEAT)
+            self._told = block.supervisor.latched
         else:
             # What was latched in a reset, or before it, is reported when there is a device again.
             if self._unfit:
                 self.device.emergency(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
-            for watchdog in watchdogs_in(interlock.latched):
-                self._report(watchdog)
+            self._told = 0
+            self._tell()
 
-    def on_sync(self) -> None:
+    def on_sync(self) -> bool:
         """Look at when the SYNC comes, at its counter, and whose it is."""
         if not self._plate_node_id:
-            return
+            return True
         if self.device.sync_own:
             self._missed.count(self.device.sync_missed)
         else:
             self._sync_watch.heard(self.device.sync_counter)
+        return True
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Stop when a watched node falls silent."""
@@ -207,11 +205,11 @@ class StimulatorNode(Application):
             return
         self._absent.discard(node_id)
         if not self._absent:
-            self.block.interlock.settle(Watchdog.HEARTBEAT)
+            self.block.settle(Watchdog.HEARTBEAT)
 
     def on_emergency(self, code: int) -> None:
         """Stop when the plate has gone to 0 V without being told."""
-        if code == EmergencyCode.DRIVE_LOST:
+        if code == FaultCode.DRIVE_LOST:
             self._trip(Watchdog.PLATE)
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
@@ -224,14 +222,15 @@ class StimulatorNode(Application):
         else:
             self._late.discard(number)
             if not self._late:
-                self.block.interlock.settle(Watchdog.SETPOINT)
+                self.block.settle(Watchdog.SETPOINT)
 
     def on_rpdo(self, number: int) -> None:
         """Obey a controlword; answer a measurement that is complete."""
         if number not in MEASUREMENT_RPDOS:
             if self.device.carries(number, self._controlword):
-                before = self.block.interlock.state
+                before = self.block.state
                 self.block.take_controlword()
+                self._tell()
                 self._show_change(before)
             return
         if not self._plate_node_id:
@@ -242,8 +241,9 @@ class StimulatorNode(Application):
                 return
             self._pairing.answered()
             self._unanswered.start(self._deadline_ms() * TICK_US)
-            self.block.interlock.settle(Watchdog.MEASUREMENT)
+            self.block.settle(Watchdog.MEASUREMENT)
             self.block.cycle()
+            self._tell()
             self._send_drive()
             self._publish()
 
@@ -253,7 +253,7 @@ class StimulatorNode(Application):
 
     def on_store(self) -> None:
         """Not while armed or running: a file may take longer than a cycle has."""
-        if self.block.interlock.sharp:
+        if self.block.supervisor.sharp:
             raise Abort(AbortCode.STATE)
 
     def on_write(self, entry: Entry, value: Any) -> None:
@@ -263,8 +263,9 @@ class StimulatorNode(Application):
         if entry in self._deadlines:
             shortest = min(value, *(e.value for e in self._deadlines if e is not entry))
             self._unanswered.follow(shortest * TICK_US)
-        before = self.block.interlock.state
+        before = self.block.state
         self.block.on_write(entry, value)
+        self._tell()
         self._show_change(before)
         if entry.name == "Simulation.Start run":
             self._pairing.start_run()
@@ -275,35 +276,41 @@ class StimulatorNode(Application):
         return int(min(first.value, second.value, third.value))
 
     def _on_unanswered(self) -> None:
-        if self.block.interlock.live:
+        if self.block.supervisor.live:
             self._trip(Watchdog.MEASUREMENT)
 
     def _tick(self) -> None:
         """Have a cycle with the plate inside; those that were slept through are counted."""
         self._missed.count(self._ticker.missed)
         self.block.tick()
+        self._tell()
         self._publish()
 
     def _show_change(self, before: State) -> None:
         """Publish another state at once, and 0 V if it was left with a voltage."""
-        if self.block.interlock.state is before:
+        if self.block.state is before:
             return
         self.device.trigger(_STATUS_TPDO)
         if before is State.RUNNING and self._plate_node_id:
             self._send_drive()
 
-    def _report(self, watchdog: Watchdog) -> None:
-        device = self.device
-        if device.nmt_state in _RESETS:
+    def _tell(self) -> None:
+        """Make emergency messages of what was latched, or reset, since the last time."""
+        before, self._told = self._told, self.block.supervisor.latched
+        if before == self._told:
             return
-        row = WATCHDOGS[watchdog]
-        device.emergency(row.code, row.register, bytes((watchdog,)))
-        device.trigger(_STATUS_TPDO)
+        for watchdog in watchdogs_in(before & ~self._told):
+            self.device.clear_emergency(WATCHDOGS[watchdog].code)
+        for watchdog in watchdogs_in(self._told & ~before):
+            row = WATCHDOGS[watchdog]
+            self.device.emergency(row.code, row.register, bytes((watchdog,)))
+            self.device.trigger(_STATUS_TPDO)
 
     def _trip(self, watchdog: Watchdog) -> None:
         """Trip a watchdog between two cycles: the plate node is told at once."""
-        before = self.block.interlock.state
-        self.block.interlock.trip(watchdog)
+        before = self.block.state
+        self.block.trip(watchdog)
+        self._tell()
         self._show_change(before)
 
     def _publish(self) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from smarttac_can.od.cia import EmergencyCode, ErrorRegister
+from smarttac_can.nodes.fault_codes import FaultCode
+from smarttac_can.od.cia import ErrorRegister
 
 STUCK_GAUGE_CYCLES: Final = 12
 """Noise alone makes that many samples equal 9e-10 times an hour, at the pick-up."""
@@ -61,7 +62,7 @@ class Row(NamedTuple):
 
     text: str
     """What has happened; the Message of the fault."""
-    code: EmergencyCode
+    code: FaultCode
     register: ErrorRegister
     """Bit of the error register beside the generic one."""
     bound: int | str
@@ -83,111 +84,111 @@ _ONE_SAMPLE: Final = "one sample is enough: its noise is far below the limit"
 WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.NMT: Row(
         "NMT left OPERATIONAL while running",
-        EmergencyCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+        FaultCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
     ),
     Watchdog.HEARTBEAT: Row(
         "the heartbeat of a watched node is lost",
-        EmergencyCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
+        FaultCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
         "the consumer time; the plate is watched with 2 s, two heartbeats, beside its PDOs",
         "Consumer heartbeat time",
     ),
     Watchdog.MEASUREMENT: Row(
         "the measurements of the plate are late",
-        EmergencyCode.MEASUREMENT_LOST, _COMMUNICATION, _DEADLINE,
+        FaultCode.MEASUREMENT_LOST, _COMMUNICATION, _DEADLINE,
         "the shortest of the three; see the deadline of the loop", _DEADLINE,
     ),
     Watchdog.SETPOINT: Row(
         "a set-point PDO is late",
-        EmergencyCode.SETPOINT_LOST, _COMMUNICATION, "event timer of RPDO 1 to 4",
+        FaultCode.SETPOINT_LOST, _COMMUNICATION, "event timer of RPDO 1 to 4",
         "what the master asks for; off by default", "event timer of RPDO 1 to 4",
     ),
     Watchdog.SYNC_LOST: Row(
         "SYNC is lost",
-        EmergencyCode.SYNC_LOST, _COMMUNICATION, _DEADLINE,
+        FaultCode.SYNC_LOST, _COMMUNICATION, _DEADLINE,
         "without SYNC there are no measurements", _DEADLINE,
     ),
     Watchdog.SYNC_IRREGULAR: Row(
         "SYNC is irregular",
-        EmergencyCode.SYNC_IRREGULAR, _COMMUNICATION, f"4 x ({_DEADLINE}) + 4",
+        FaultCode.SYNC_IRREGULAR, _COMMUNICATION, f"4 x ({_DEADLINE}) + 4",
         "counted over two deadlines and 2 periods, with one less than the deadline too many or too "
         "few: at 3 ms 6 to 10 in 8 are right; the window in which it begins may end too early to "
         "tell", _DEADLINE,
     ),
     Watchdog.SYNC_COUNTER: Row(
         "the SYNC counter has jumped",
-        EmergencyCode.SYNC_COUNTER, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+        FaultCode.SYNC_COUNTER, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
     ),
     Watchdog.BUS_OFF: Row(
         "the CAN controller is bus-off",
-        EmergencyCode.BUS_OFF, _COMMUNICATION, 1, _AT_ONCE,
+        FaultCode.BUS_OFF, _COMMUNICATION, 1, _AT_ONCE,
     ),
     Watchdog.TRANSMIT_QUEUE: Row(
         "the transmit queue is full",
-        EmergencyCode.TRANSMIT_QUEUE, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+        FaultCode.TRANSMIT_QUEUE, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
     ),
     Watchdog.VOLTAGE: Row(
         "the controllers ask for more than the voltage limit",
-        EmergencyCode.VOLTAGE, ErrorRegister.VOLTAGE, 1,
+        FaultCode.VOLTAGE, ErrorRegister.VOLTAGE, 1,
         "checked before the drive goes out", "Limit.Voltage",
     ),
     Watchdog.AMPLITUDE: Row(
         "the vibration is above its limit",
-        EmergencyCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
+        FaultCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
         "a finger that lifts lets the amplitude overshoot for less than the 5 ms the loop takes",
         "Limit.Amplitude trip",
     ),
     Watchdog.TEMPERATURE: Row(
         "the plate is too hot",
-        EmergencyCode.TEMPERATURE, ErrorRegister.TEMPERATURE, 1, _ONE_SAMPLE, "Limit.Temperature",
+        FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE, 1, _ONE_SAMPLE, "Limit.Temperature",
     ),
     Watchdog.NORMAL_FORCE: Row(
         "the normal force is above its limit",
-        EmergencyCode.NORMAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Normal force",
+        FaultCode.NORMAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Normal force",
     ),
     Watchdog.LATERAL_FORCE: Row(
         "the lateral force is above its limit",
-        EmergencyCode.LATERAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Lateral force",
+        FaultCode.LATERAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Lateral force",
     ),
     Watchdog.SATURATED: Row(
         "a sensor is at the end of its range",
-        EmergencyCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
+        FaultCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
         "a single sample may be a disturbance",
     ),
     Watchdog.STUCK: Row(
         "a sensor is stuck",
-        EmergencyCode.SENSOR_STUCK, _MANUFACTURER, STUCK_THERMOMETER_CYCLES,
+        FaultCode.SENSOR_STUCK, _MANUFACTURER, STUCK_THERMOMETER_CYCLES,
         "12 identical samples of gauge or pick-up, 100 of the thermometer: see the false alarms",
     ),
     Watchdog.GAUGES: Row(
         "the gauges contradict each other",
-        EmergencyCode.GAUGES_IMPLAUSIBLE, _MANUFACTURER, GAUGE_CYCLES,
+        FaultCode.GAUGES_IMPLAUSIBLE, _MANUFACTURER, GAUGE_CYCLES,
         "a finger that arrives or leaves may do so between two samples", "Limit.Gauge mismatch",
     ),
     Watchdog.PICKUP: Row(
         "the vibration does not follow from the voltage",
-        EmergencyCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, SILENT_CYCLES,
+        FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, SILENT_CYCLES,
         "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; with a "
         "plate node as many more as its deadline is above 3 ms", "Model",
     ),
     Watchdog.RESONANCE: Row(
         "the resonance is lost",
-        EmergencyCode.RESONANCE, _MANUFACTURER, RESONANCE_CYCLES,
+        FaultCode.RESONANCE, _MANUFACTURER, RESONANCE_CYCLES,
         "from the end of its range the loop takes 50 ms to the resonance; cycles with a vibration "
         "count",
     ),
     Watchdog.CONTROLLER: Row(
         "the controllers gave no finite drive",
-        EmergencyCode.CONTROLLER, _MANUFACTURER, 1, "checked before the drive goes out",
+        FaultCode.CONTROLLER, _MANUFACTURER, 1, "checked before the drive goes out",
         lasting=False,
     ),
     Watchdog.CALIBRATION: Row(
         "the calibration is missing or that of another plate",
-        EmergencyCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
+        FaultCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
         "Calibration.Plate serial number",
     ),
     Watchdog.PLATE: Row(
         "the plate went to 0 V by itself: its drives were late",
-        EmergencyCode.DRIVE_LOST, _COMMUNICATION, 1,
+        FaultCode.DRIVE_LOST, _COMMUNICATION, 1,
         "the plate says so, by 8253h, in the cycle after it did",
         "event timer of the plate's RPDO 1",
         lasting=False,

@@ -127,10 +127,9 @@ class Abort(Exception):  # noqa: N818 - the term of CiA 301
 
 
 class EmergencyCode(IntEnum):
-    """Emergency error codes by the classes of CiA 301, table 26.
+    """Emergency error codes of the communication part, by the classes of CiA 301, table 26.
 
-    RESET to RPDO_TIME_OUT belong to the communication part (DATA_STORAGE is that of the drive
-    profile, CiA 402), the others to the watchdogs of the nodes.
+    DATA_STORAGE is that of the drive profile, CiA 402. An application has codes of its own.
     """
 
     RESET = 0x0000
@@ -143,29 +142,6 @@ class EmergencyCode(IntEnum):
     PDO_LENGTH_EXCEEDED = 0x8220
     SYNC_LENGTH = 0x8240
     RPDO_TIME_OUT = 0x8250
-
-    VOLTAGE = 0x3310
-    TEMPERATURE = 0x4210
-    SENSOR_SATURATED = 0x5210
-    SENSOR_STUCK = 0x5211
-    GAUGES_IMPLAUSIBLE = 0x5212
-    PICKUP_IMPLAUSIBLE = 0x5213
-    CONTROLLER = 0x6100
-    CALIBRATION = 0x6320
-    TRANSMIT_QUEUE = 0x8111
-    HEARTBEAT_LOST = 0x8131
-    BUS_OFF = 0x8141
-    NMT_LEFT = 0x8180
-    SYNC_LOST = 0x8241
-    SYNC_IRREGULAR = 0x8242
-    SYNC_COUNTER = 0x8243
-    MEASUREMENT_LOST = 0x8251
-    SETPOINT_LOST = 0x8252
-    DRIVE_LOST = 0x8253
-    AMPLITUDE = 0xFF10
-    RESONANCE = 0xFF11
-    NORMAL_FORCE = 0xFF20
-    LATERAL_FORCE = 0xFF21
 
 
 class NMTCommand(IntEnum):

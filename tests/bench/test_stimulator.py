@@ -327,11 +327,11 @@ def test_identify_hides_no_fault_behind_its_model(percent: int) -> None:
     def trip(progress: int) -> None:
         done.append(progress)
         if progress >= percent:
-            interlock.trip(Watchdog.HEARTBEAT)
+            block.trip(Watchdog.HEARTBEAT)
 
     with Stimulator.simulate("local") as bench:
         bench.run(0.07)
-        interlock = bench._link._block.interlock  # type: ignore[attr-defined]
+        block = bench._link._block  # type: ignore[attr-defined]
         with pytest.raises(FaultError, match="the heartbeat of a watched node is lost"):
             bench.identify(trip)
     assert [progress >= percent for progress in done].count(True) == 1, "at once"
@@ -489,7 +489,7 @@ def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
 
         def trip_and_write(name: str, raw: int) -> None:
             if (name, raw) == before:
-                link._block.interlock.trip(Watchdog.HEARTBEAT)  # type: ignore[attr-defined]
+                link._block.trip(Watchdog.HEARTBEAT)  # type: ignore[attr-defined]
             write(name, raw)
 
         with monkeypatch.context() as patch:

@@ -16,11 +16,12 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.lasting_bus import LastingBus
 from smarttac_can.host.runner import run_node
+from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stage_state import StageState
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.watchdogs import Watchdog
-from smarttac_can.od.cia import EmergencyCode
 
 SYNC, START = Frame(0x80), Frame(0, b"\1\0")
 TICK_US = 1000
@@ -130,11 +131,11 @@ class Run:
     def _look(self, now: int) -> None:
         block = self._node.block
         if isinstance(self._node, StimulatorNode):
-            self.driven_before |= block.interlock.state is State.RUNNING
-            broken = block.interlock.state is State.FAULT
+            self.driven_before |= block.state is State.RUNNING
+            broken = block.state is State.FAULT
         else:
-            self.driven_before |= block.driven
-            broken = block.lost
+            self.driven_before |= block.state is StageState.IN_USE
+            broken = block.state is StageState.TRIPPED
         if broken and not self._was_broken:
             self.broken_at.append(now)
         self._was_broken = broken
@@ -170,7 +171,7 @@ FULL = (RUNNING_MS * TICK_US - 500, (RUNNING_MS + 100) * TICK_US + 500)
 FAULT_AT = (RUNNING_MS + 1) * TICK_US
 """The end of the cycle whose frames could not be handed over."""
 END = (RUNNING_MS + 150) * TICK_US
-TRANSMIT_QUEUE = emcy(EmergencyCode.TRANSMIT_QUEUE, 0x11, Watchdog.TRANSMIT_QUEUE)
+TRANSMIT_QUEUE = emcy(FaultCode.TRANSMIT_QUEUE, 0x11, Watchdog.TRANSMIT_QUEUE)
 
 
 def test_stimulator_whose_drive_was_not_taken_stops_in_that_cycle() -> None:
@@ -195,7 +196,7 @@ def test_plate_whose_measurement_was_not_taken_is_barred_in_that_cycle() -> None
     assert run.driven_before
     assert run.broken_at == [FAULT_AT]
     first, *_ = run.bus.sent_between(FULL[1], END)
-    assert first == Frame(0x0A1, emcy(EmergencyCode.DRIVE_LOST, 0x11))
+    assert first == Frame(0x0A1, emcy(FaultCode.DRIVE_LOST, 0x11))
     assert [frame for _, frame in run.bus.sent].count(first) == 1
     assert run.told_full() == ["plate 33 queue full"]
 

@@ -124,8 +124,9 @@ def test_services_live_in_their_states(state: NMTState, sdo: bool, sync: bool, p
     class Ticks(Application):
         count = 0
 
-        def on_sync(self) -> None:
+        def on_sync(self) -> bool:
             self.count += 1
+            return True
 
     application = Ticks()
     device = started(application, operational=False)

@@ -10,8 +10,9 @@ class Order(Application):
     def __init__(self) -> None:
         self.calls: list[str] = []
 
-    def on_sync(self) -> None:
+    def on_sync(self) -> bool:
         self.calls.append("sync")
+        return True
 
     def on_rpdo(self, number: int) -> None:
         self.calls.append(f"rpdo {number}")
@@ -36,9 +37,10 @@ def test_rpdo_is_latched_then_the_application_runs_then_tpdos_are_sampled() -> N
     download(device, 0x1801, 2, 1, 1)
     download(device, 0x1801, 1, 0x400002A0, 4)
 
-    def count() -> None:
+    def count() -> bool:
         application.calls.append("sync")
         device.od["Counter"].value = 100 + device.od["Mode"].value
+        return True
 
     application.on_sync = count  # type: ignore[method-assign]
     play(
@@ -183,3 +185,20 @@ def test_after_a_late_sync_the_next_comes_a_whole_period_later() -> None:
     assert device.sync_missed == 4, "0.251 and 3.75 ms"
     assert not produced(device, 999)
     assert produced(device, 1)
+
+
+def test_an_application_with_nothing_to_sample_keeps_synchronous_tpdos_back() -> None:
+    class Silent(Application):
+        measures = False
+
+        def on_sync(self) -> bool:
+            return self.measures
+
+    application = Silent()
+    device = started(application)
+    for subindex, value, size in ((1, 0x800002A0, 4), (2, 1, 1), (1, 0x400002A0, 4)):
+        download(device, 0x1801, subindex, value, size)
+    sync = Frame(0x80)
+    assert device.receive(sync) == []
+    application.measures = True
+    assert device.receive(sync) != []

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.nodes.check import crc8
+from smarttac_can.nodes.frame_check import crc8
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode

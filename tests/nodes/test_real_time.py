@@ -85,7 +85,7 @@ def running_stimulator() -> StimulatorNode:
     for frame in measurement(0):
         node.receive(frame)
     for word in (0, 1, 3):
-        node.block.interlock.command(word)
+        node.block.write("Controlword", word)
     assert node.block.state is State.RUNNING
     return node
 
@@ -96,7 +96,7 @@ def test_a_stimulator_without_measurements_is_in_fault_to_the_microsecond() -> N
     assert node.block.state is State.RUNNING
     sent = node.advance(1)
     assert node.block.state is State.FAULT
-    assert node.block.interlock.latched == 1 << Watchdog.MEASUREMENT
+    assert node.block.supervisor.latched == 1 << Watchdog.MEASUREMENT
     assert EMCY_STIMULATOR in [frame.can_id for frame in sent]
 
 
@@ -161,7 +161,7 @@ def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> 
     line.sync()
     assert node.block.state is State.FAULT
     assert node.od["Message"].value == "the plate went to 0 V by itself: its drives were late"
-    assert node.block.interlock.latched == 1 << Watchdog.PLATE
+    assert node.block.supervisor.latched == 1 << Watchdog.PLATE
     assert MEASUREMENT[0] in [frame.can_id for frame in line.sync()], "the loop goes on at 0 V"
 
 
@@ -199,4 +199,4 @@ def test_a_pickup_that_is_silent_is_a_fault_soon_after_the_deadline() -> None:
     loop.cycle(20)
     assert loop.state is State.RUNNING
     loop.cycle(15)
-    assert loop.node.block.interlock.latched == 1 << Watchdog.PICKUP
+    assert loop.node.block.supervisor.latched == 1 << Watchdog.PICKUP

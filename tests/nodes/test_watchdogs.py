@@ -23,6 +23,7 @@ from loop import (
 from smarttac_can.bench.fault_cases import PDO_DEADLINE_MS, RING_DOWN_CYCLES
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.watchdogs import STUCK_GAUGE_CYCLES, WATCHDOGS, Watchdog
@@ -241,7 +242,7 @@ def test_a_cascade_in_doubt_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Cascade, "update", lambda self, *_: self._turn_off("drive is not finite"))
     loop.cycle()
     assert loop.voltage == 0
-    assert loop.node.od["Diagnosis.Code"].value == EmergencyCode.CONTROLLER
+    assert loop.node.od["Diagnosis.Code"].value == FaultCode.CONTROLLER
 
 
 def test_what_is_present_before_arming_bars_it_and_is_no_fault() -> None:
@@ -321,7 +322,7 @@ def test_plate_without_drives() -> None:
     line, plate = driven_plate()
     line.sync(3)
     assert plate.od["Stage.Voltage"].value == 0
-    assert emergencies(line) == [EmergencyCode.RPDO_TIME_OUT, EmergencyCode.DRIVE_LOST]
+    assert emergencies(line) == [EmergencyCode.RPDO_TIME_OUT, FaultCode.DRIVE_LOST]
     assert_barred_until_0_v(line, plate)
 
 
@@ -337,7 +338,7 @@ def test_plate_whose_measurements_are_not_answered_in_time() -> None:
         line.sync()
         assert (plate.od["Stage.Voltage"].value == 0) == (count == 2)
         line.send(drive(2000, tick_of(plate) - 1 & 0xFF))
-    assert emergencies(line) == [EmergencyCode.DRIVE_LOST]
+    assert emergencies(line) == [FaultCode.DRIVE_LOST]
     assert_barred_until_0_v(line, plate)
 
 
@@ -346,7 +347,7 @@ def test_plate_asked_for_more_than_its_limit() -> None:
     line.sync()
     line.send(drive(15_001, 1))
     assert plate.od["Stage.Voltage"].value == 0
-    assert emergencies(line) == [EmergencyCode.VOLTAGE]
+    assert emergencies(line) == [FaultCode.VOLTAGE]
     assert plate.od["Error register"].value & 4
     assert_barred_until_0_v(line, plate)
 
@@ -361,7 +362,7 @@ def test_plate_too_hot() -> None:
         line.sync()
         line.send(drive(2000, tick_of(plate)))
         assert plate.od["Stage.Voltage"].value == 0
-    assert emergencies(line) == [EmergencyCode.TEMPERATURE], "once"
+    assert emergencies(line) == [FaultCode.TEMPERATURE], "once"
     assert line.write(plate, "Limit.Temperature", 7000) == 0
     line.sync()
     line.send(drive(0, tick_of(plate)))

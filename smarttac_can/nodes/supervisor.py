@@ -1,35 +1,41 @@
-"""The interlock: state machine, faults present and latched, and the objects that show them."""
+"""The supervisor: state machine, faults present and latched, and the objects that show them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Final
 
+from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.nodes.cycle_input import Measured
+from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
 from smarttac_can.nodes.state_machine import CONTROL_MASK, Event, Guard, State, StateMachine
 from smarttac_can.nodes.watchdogs import CYCLIC, WATCHDOGS, Watchdog, watchdogs_in
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.signals import Drive
 
 _SHARP: Final = (State.ARMED, State.RUNNING)
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
-class Interlock:
+class Supervisor:
     """Only RUNNING drives; a fault while armed or running is latched until it is reset.
+
+    It turns nothing off and tells nobody: who calls it looks at its state and at what is latched.
 
     Parameters
     ----------
     od
         Object dictionary of ``stimulator.eds``.
-    cut
-        Puts the drive at 0 V; called whenever RUNNING is left.
-    show
-        Called with every new state.
+    deadlines
+        As for `LoopWatchdogs`.
 
     Attributes
     ----------
     machine
         The state machine.
+    watchdogs
+        Those that look at every cycle.
     operational
         Whether NMT lets the device drive; True without CANopen.
     live
@@ -38,31 +44,24 @@ class Interlock:
         Whether the gauges have a zero.
     present, latched
         Faults as bits, 1 << `Watchdog`.
-    report, clear
-        Called with a watchdog that is latched, and with one that was reset.
     """
 
-    def __init__(
-        self, od: ObjectDictionary, cut: Callable[[], None], show: Callable[[State], None]
-    ) -> None:
+    def __init__(self, od: ObjectDictionary, deadlines: Sequence[Entry]) -> None:
         self.machine = StateMachine()
-        self._cut = cut
-        self._show = show
+        self.watchdogs = LoopWatchdogs(od, deadlines)
         self._controlword = od["Controlword"]
         self._ignored = od["Cycle.Ignored controlwords"]
         self._code = od["Diagnosis.Code"]
         self._present_entry = od["Diagnosis.Present"]
         self._latched_entry = od["Diagnosis.Latched"]
         self._message = od["Message"]
-        self._mode = od["Mode"]
+        self._frequency = od["Drive.Frequency"]
         self.operational = True
         self.live = False
         self.tared = False
         self.present = self.latched = 0
         self._seen = 0
         self._stands = False
-        self.report: Callable[[Watchdog], None] = _nothing
-        self.clear: Callable[[Watchdog], None] = _nothing
 
     @property
     def state(self) -> State:
@@ -121,18 +120,32 @@ class Interlock:
         if not self._obey(word):
             self._ignored.count()
 
-    def observe(self, faults: int) -> None:
-        """Take the faults that the cyclic watchdogs see in this cycle, as bits."""
-        self.live = True
-        before = self.present
-        self.present = present = before & ~CYCLIC | faults
-        state = self.machine.state
-        if faults and state in _SHARP:
-            self._fault(faults)
-        elif state < State.ARMED:
-            self.prepare()
-        if present != before:
-            self._present_entry.value = present
+    def permit(self, asked: Drive, measured: Measured, mode: int, cascade: Cascade) -> Drive:
+        """Look at a cycle, and return the drive that may go out: 0 V unless it is RUNNING.
+
+        Parameters
+        ----------
+        asked
+            What the controllers ask for.
+        measured
+            What they have answered.
+        mode
+            Mode in which they were asked.
+        cascade
+            The controllers after the cycle.
+        """
+        watchdogs = self.watchdogs
+        faults = watchdogs.look(measured, mode, cascade)
+        faults |= watchdogs.judge(asked, cascade.parameters)
+        if mode not in (cascade.mode, Mode.IDENTIFY):
+            # The cascade leaves a mode by itself at the end of an identification, or in doubt.
+            faults |= 1 << Watchdog.CONTROLLER
+        self._observe(faults)
+        drive = asked
+        if self.machine.state is not State.RUNNING:
+            drive = Drive(0.0, self._safe_frequency(asked.frequency, cascade))
+        watchdogs.note_voltage(drive.voltage)
+        return drive
 
     def trip(self, watchdog: Watchdog) -> None:
         """Take note of a fault; it is latched if the device is armed, running or in FAULT."""
@@ -156,7 +169,7 @@ class Interlock:
         """Follow an event; False if there is no such transition."""
         before = self.machine.state
         done = self.machine.handle(event, self._holds())
-        self._after(before)
+        self._clear_after(before)
         return done
 
     def leave(self) -> None:
@@ -172,11 +185,17 @@ class Interlock:
         self.operational = True
         self._stands = True
 
-    def start_run(self) -> None:
-        """Disarm for a new run."""
+    def start_run(self, tared: bool) -> None:
+        """Disarm for a new run, with or without a zero of the gauges."""
+        self.tared = tared
         if not self.latched:
             self._message.value = ""
         self.handle(Event.START_RUN)
+        self.prepare()
+
+    def note_zero(self) -> None:
+        """Take note that the gauges have a zero."""
+        self.tared = True
         self.prepare()
 
     def prepare(self) -> None:
@@ -187,6 +206,24 @@ class Interlock:
             if (state is State.READY) != bool(prepared):
                 self.handle(Event.PREPARED if prepared else Event.UNPREPARED)
         self._present_entry.value = self.present
+
+    def _observe(self, faults: int) -> None:
+        """Take the faults that the cyclic watchdogs see in this cycle, as bits."""
+        self.live = True
+        before = self.present
+        self.present = present = before & ~CYCLIC | faults
+        state = self.machine.state
+        if faults and state in _SHARP:
+            self._fault(faults)
+        elif state < State.ARMED:
+            self.prepare()
+        if present != before:
+            self._present_entry.value = present
+
+    def _safe_frequency(self, frequency: float, cascade: Cascade) -> float:
+        """Keep a frequency within the limits; for any other take the one put out last."""
+        p = cascade.parameters
+        return frequency if p.f_min <= frequency <= p.f_max else self._frequency.si_value
 
     def _holds(self) -> Guard:
         if self.present & self.latched:
@@ -199,7 +236,7 @@ class Interlock:
         self.prepare()
         before = self.machine.state
         done = self.machine.command(word, self._holds())
-        self._after(before)
+        self._clear_after(before)
         return done
 
     def _fault(self, bits: int) -> None:
@@ -216,30 +253,16 @@ class Interlock:
             self._message.value = WATCHDOGS[watchdog].text
         self.latched |= bit
         self._latched_entry.value = self.latched
-        self.report(watchdog)
 
-    def _after(self, before: State) -> None:
-        state = self.machine.state
-        if state is before:
-            return
-        if before is State.RUNNING:
-            self._cut()
-        elif before is State.FAULT:
-            cleared = watchdogs_in(self.latched)
+    def _clear_after(self, before: State) -> None:
+        """Forget what was latched when FAULT is left."""
+        if before is State.FAULT and self.machine.state is not before:
             self.latched = 0
             self._message.value = ""
             self._publish()
-            for watchdog in cleared:
-                self.clear(watchdog)
-        self._show(state)
 
     def _publish(self) -> None:
         self._present_entry.value = self.present
         self._latched_entry.value = self.latched
         if not self.latched:
             self._code.value = 0
-        self._show(self.machine.state)
-
-
-def _nothing(watchdog: Watchdog) -> None:
-    """Without CANopen nobody is told."""

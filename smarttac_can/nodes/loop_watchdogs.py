@@ -9,8 +9,10 @@ from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.control.model import TICK
+from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import DETERMINANT_MIN
 from smarttac_can.control.vibration import AMPLITUDE_MIN
+from smarttac_can.nodes.cycle_input import Measured
 from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
 from smarttac_can.nodes.settings import lateral_calibration
 from smarttac_can.nodes.watchdogs import (
@@ -62,7 +64,7 @@ _RESONANCE = _BITS[Watchdog.RESONANCE]
 _CALIBRATION = _BITS[Watchdog.CALIBRATION]
 
 
-class CyclicWatchdogs:
+class LoopWatchdogs:
     """Counters and limits of one loop; `configure` takes over objects that have changed.
 
     Parameters
@@ -126,40 +128,33 @@ class CyclicWatchdogs:
         self._repeats = [0] * 9
         self._above = self._saturated = self._odd = self._excess = self._silent = self._detuned = 0
 
-    def sound(self, drive: Drive, cascade: Cascade) -> int:
+    def judge(self, drive: Drive, parameters: CascadeParameters) -> int:
         """Look at a drive before it goes out; return bits, 0 for a sound one."""
         voltage, frequency = drive
-        p = cascade.parameters
+        p = parameters
         if not (isfinite(voltage) and voltage >= 0.0 and p.f_min <= frequency <= p.f_max):
             return _CONTROLLER
         return _VOLTAGE if voltage > p.V_max else 0
 
-    def look(
-        self, sensors: tuple[int, ...], saturation: int, serial: int, mode: int, cascade: Cascade,
-        W: complex, gauges: tuple[float, float, float, float, float, float], temperature: float,
-    ) -> int:  # fmt: skip
+    def look(self, measured: Measured, mode: int, cascade: Cascade) -> int:
         """Look at a cycle.
 
         Parameters
         ----------
-        sensors
-            Raw values of S1 to S6, W_d, W_q and the thermometer.
-        saturation
-            Sensors at the end of their range.
-        serial
-            Serial number of the plate.
+        measured
+            What the plate has measured.
         mode
             Mode that the drive in force came from.
         cascade
             The controllers after the cycle.
-        W, gauges, temperature
-            What the plate measured, in SI units.
 
         Returns
         -------
         int
             Faults that are present, as bits.
         """
+        W, gauges, temperature, saturation = measured.si
+        serial = measured.serial
         faults = 0
         if serial != self._serial or serial == _NO_PLATE:
             faults |= _CALIBRATION
@@ -168,13 +163,13 @@ class CyclicWatchdogs:
         self._saturated = _counted(self._saturated, bool(saturation))
         if self._saturated >= _WEIGHT * SATURATED_CYCLES:
             faults |= _SATURATED
-        if self._stuck(sensors):
+        if self._stuck(measured.counts):
             faults |= _STUCK
         if cascade.tribometer.tared:
             faults |= self._forces(gauges, cascade)
         return faults | self._vibration(W, abs(W), mode)
 
-    def drove(self, voltage: float) -> None:
+    def note_voltage(self, voltage: float) -> None:
         """Remember the voltage in V that is in force until the next measurement."""
         self._V = voltage
 
@@ -253,11 +248,11 @@ class CyclicWatchdogs:
             faults |= _RESONANCE
         return faults
 
-
     def _late_cycles(self) -> int:
         if not self._deadlines:
             return 0
-        return max(0, min(entry.value for entry in self._deadlines) - SHORT_DEADLINE_MS)
+        shortest = int(min(entry.value for entry in self._deadlines))
+        return max(0, shortest - SHORT_DEADLINE_MS)
 
 
 def _counted(count: int, faulty: bool, most: int = _MOST) -> int:

@@ -9,8 +9,6 @@ from typing import Final
 from smarttac_can.od.cia import DataType
 from smarttac_can.od.dictionary import Entry
 
-DRIVEN: Final = ("Drive.Voltage", "Drive.Frequency", "Drive.Tick")
-"""Objects of a drive under its check, at both nodes."""
 _POLYNOMIAL: Final = 0x1D
 _START: Final = 0xFF
 _FORMATS: Final = {
@@ -45,24 +43,23 @@ def crc8(data: bytes) -> int:
     return crc ^ 0xFF
 
 
-class Check:
-    """Check sum of a group of entries that travel together.
+class FrameCheck:
+    """Check sum of what a drive, or a measurement, carries.
 
     Parameters
     ----------
     entries
-        Integers, in the order in which they are put on the bus.
-    check
-        UNSIGNED8 that carries the sum.
+        Integers in the order in which they are put on the bus; the last, an UNSIGNED8, is the sum
+        of the others.
     """
 
     __slots__ = ("_check", "_entries", "_pack")
 
-    def __init__(self, entries: Sequence[Entry], check: Entry) -> None:
-        self._entries = list(entries)
-        self._check = check
+    def __init__(self, entries: Sequence[Entry]) -> None:
+        *self._entries, self._check = entries
         # Little-endian, as a PDO.
-        self._pack = Struct("<" + "".join(_FORMATS[entry.data_type] for entry in entries)).pack
+        codes = [_FORMATS[entry.data_type] for entry in self._entries]
+        self._pack = Struct("<" + "".join(codes)).pack
 
     def write(self) -> None:
         """Compute the sum of what the entries hold now."""

@@ -1,0 +1,37 @@
+"""The objects that show an identification and the model of the plate that came of it."""
+
+from __future__ import annotations
+
+from smarttac_can.control.identification import Identification
+from smarttac_can.control.model import PlateModel
+from smarttac_can.nodes.settings import keep_model
+from smarttac_can.od.dictionary import ObjectDictionary
+
+
+class ModelSheet:
+    """The record *Model*.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    """
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self._od = od
+        self._quality = od["Model.Quality"]
+        self._state = od["Model.State"]
+        self._progress = od["Model.Progress"]
+
+    def follow(self, identification: Identification | None) -> PlateModel | None:
+        """Show how far it is; at its end write the model, and return it as it can be read."""
+        if identification is None:
+            return None
+        self._progress.value = int(100.0 * identification.progress)
+        self._state.value = int(identification.state)
+        model = identification.model
+        return None if model is None else keep_model(self._od, model)
+
+    def show_quality(self, model: PlateModel) -> None:
+        """Show how narrow the resonance of a model is."""
+        self._quality.value = self._quality.quantise(model.quality)

@@ -1,0 +1,48 @@
+"""What ``docs/explanation/architecture.md`` shows is what there is."""
+
+import importlib
+import inspect
+import re
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
+
+
+def section(title: str) -> str:
+    return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
+
+
+ROWS = [
+    [cell.strip() for cell in line.strip("|").split("|")]
+    for line in section("To change this, go there").splitlines()
+    if line.startswith("| ") and not line.startswith("| To change")
+]
+
+
+def test_the_cycle_is_as_it_stands_in_the_file() -> None:
+    shown = re.search(r"```python\n(.*?)```", section("The cycle"), re.DOTALL)
+    assert shown is not None
+    source = inspect.getsource(StimulatorBlock.cycle)
+    body = source.split('"""')[2].strip("\n")
+    assert shown[1] == textwrap.dedent(body) + "\n"
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row[0]))
+def test_what_is_to_be_changed_is_there(row: list[str]) -> None:
+    _, places, name = row
+    files = re.findall(r"`([^`]+\.\w+)`", places)
+    assert files
+    assert all((ROOT / file).is_file() for file in files)
+    if name:
+        module = importlib.import_module(files[0].removesuffix(".py").replace("/", "."))
+        assert hasattr(module, name.strip("`"))
+
+
+def test_there_are_the_rooms_that_a_newcomer_looks_for() -> None:
+    assert len(ROWS) >= 10
