@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.bench.frozen_stage import frozen_stage
 from smarttac_can.host.faulty_bus import FaultyBus
 from smarttac_can.host.mishaps import Mishap
 from smarttac_can.nodes.read_back import STATE_SHIFT, Status
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.plant.faults import SENSOR_KINDS, Fault, FaultKind
+from smarttac_can.timing.frozen_stage import frozen_stage
 
 GUIDES = Path(__file__).parents[1] / "docs" / "how-to"
 

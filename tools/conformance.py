@@ -25,12 +25,12 @@ import canopen
 import durand
 from durand.scheduler import AsyncScheduler
 
-from smarttac_can.bench.conformance.case import Result
-from smarttac_can.bench.conformance.device_time import DeviceTimeBus
-from smarttac_can.bench.conformance.probe import Probe
-from smarttac_can.bench.conformance.run import run_cases
-from smarttac_can.bench.conformance.sheet import Sheet
-from smarttac_can.bench.conformance.table import CASES, GROUPS
+from smarttac_can.conformance.case import Result
+from smarttac_can.conformance.device_time import DeviceTimeBus
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.run import run_cases
+from smarttac_can.conformance.sheet import Sheet
+from smarttac_can.conformance.table import CASES, GROUPS
 from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.plain_node import PlainNode

@@ -16,16 +16,16 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.bench.fault_cases import DRIVING, TOLERATED, TRACKED
-from smarttac_can.bench.fault_matrix import (
+from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
+from smarttac_can.trials.fault_cases import DRIVING, TOLERATED, TRACKED
+from smarttac_can.trials.fault_matrix import (
     ALL_TOLERATED,
     HOLD_CYCLES,
     cases,
     fault_matrix,
     tolerated,
 )
-from smarttac_can.bench.fault_row import Row, matrix_table, mode_name
-from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
+from smarttac_can.trials.fault_row import Row, matrix_table, mode_name
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "faults.md"
 CHECK_HOLD_CYCLES = 1000

@@ -10,19 +10,19 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from smarttac_can.bench.dead_time import loop_dead_time
-from smarttac_can.bench.experiments import Conditions, experiments
 from smarttac_can.bench.local_link import LocalLink
-from smarttac_can.bench.metrics import Step, align_at_switch, find, from_switch_on
 from smarttac_can.bench.open_link import plate_od, stimulator_od
-from smarttac_can.bench.paper import PUBLISHED
-from smarttac_can.bench.reproduce import reproduce
 from smarttac_can.bench.stimulator import Stimulator
-from smarttac_can.bench.summary import summary
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.friction import Law
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.paper.dead_time import loop_dead_time
+from smarttac_can.paper.experiments import Conditions, experiments
+from smarttac_can.paper.metrics import Step, align_at_switch, find, from_switch_on
+from smarttac_can.paper.references import PUBLISHED
+from smarttac_can.paper.reproduce import reproduce
+from smarttac_can.paper.summary import summary
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS

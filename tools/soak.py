@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from smarttac_can.bench.soak import RSS_GROWTH_MIB
 from smarttac_can.od.object_reference import table
+from smarttac_can.trials.soak import RSS_GROWTH_MIB
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "soak.md"
 

@@ -1,21 +1,19 @@
 """The bench: a stimulator as a person handles it, recordings, the paper's experiments."""
 
-from smarttac_can.bench.errors import (
-    BenchError,
-    BusLostError,
-    FaultError,
-    HeartbeatLostError,
-    NodeNotFoundError,
-    NotReadyError,
-    NotRunningError,
-    RefusedError,
-    WrongDeviceError,
-)
+from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
+from smarttac_can.master.errors import (
+    BenchError,
+    BusLostError,
+    HeartbeatLostError,
+    NodeNotFoundError,
+    RefusedError,
+    WrongDeviceError,
+)
 from smarttac_can.nodes.state_machine import State
 
 __all__ = [

@@ -11,7 +11,7 @@ from typing import Final
 import can
 import canopen
 
-from smarttac_can.bench.errors import BenchError, BusLostError, NotRunningError
+from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.presence import Presence, bench_id
@@ -20,6 +20,7 @@ from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.kernel_filter import hear_only
+from smarttac_can.master.errors import BenchError, BusLostError
 from smarttac_can.nodes.state_machine import Control
 from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.od.cia import (

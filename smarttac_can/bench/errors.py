@@ -1,28 +1,9 @@
-"""What can go wrong at the bench, each with what to do about it in its message."""
+"""What can go wrong with a stimulator that answers, and in the message what to do about it."""
 
 from __future__ import annotations
 
 from smarttac_can.bench.traces import Trace
-
-
-class BenchError(Exception):
-    """Anything the bench cannot do; the message says what to do about it."""
-
-
-class NodeNotFoundError(BenchError):
-    """No device answers at the node-ID."""
-
-
-class WrongDeviceError(BenchError):
-    """A device answers, but it is not the one the EDS describes."""
-
-
-class RefusedError(BenchError):
-    """The device refused to read or write an object; the message has the abort code's text."""
-
-
-class HeartbeatLostError(BenchError):
-    """A node that sent heartbeats has fallen silent."""
+from smarttac_can.master.errors import BenchError
 
 
 class NotRunningError(BenchError):
@@ -45,7 +26,3 @@ class FaultError(BenchError):
     def __init__(self, text: str, trace: Trace | None = None) -> None:
         super().__init__(text)
         self.trace = trace
-
-
-class BusLostError(BenchError):
-    """The bench's own connection to the bus has failed."""

@@ -7,8 +7,8 @@ from math import isfinite
 from numbers import Real
 from typing import Final
 
-from smarttac_can.bench.errors import BenchError
 from smarttac_can.bench.link import Link
+from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _HINTS: Final = 3

@@ -9,13 +9,13 @@ from typing import Any, Final, Literal, get_args
 import canopen
 
 from smarttac_can.bench.can_link import CanLink
-from smarttac_can.bench.errors import BenchError
 from smarttac_can.bench.link import Link
 from smarttac_can.bench.local_link import LocalLink
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.master.errors import BenchError
 from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode

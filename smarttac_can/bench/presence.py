@@ -8,9 +8,9 @@ from typing import Final
 import can
 import canopen
 
-from smarttac_can.bench.errors import BenchError, BusLostError
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.master.errors import BenchError, BusLostError
 from smarttac_can.od.cia import HEARTBEAT_CONSUMER, HEARTBEAT_ID
 from smarttac_can.od.dictionary import Entry
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smarttac_can.bench.errors import RefusedError
+from smarttac_can.master.errors import RefusedError
 from smarttac_can.nodes.plate_block import FAULT_KIND
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry

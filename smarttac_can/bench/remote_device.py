@@ -11,19 +11,19 @@ import can
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from smarttac_can.bench.errors import (
+from smarttac_can.bench.errors import NotRunningError
+from smarttac_can.bench.refusal import refused_write, write_action
+from smarttac_can.commissioning.scan import STATES, UNKNOWN
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.master.errors import (
     BenchError,
     BusLostError,
     HeartbeatLostError,
     NodeNotFoundError,
-    NotRunningError,
     RefusedError,
     WrongDeviceError,
 )
-from smarttac_can.bench.refusal import refused_write, write_action
-from smarttac_can.bench.scan import STATES, UNKNOWN
-from smarttac_can.bench.sdo_client import OtherClientError, SharedSdoClient
-from smarttac_can.device.nmt import NMTState
+from smarttac_can.master.sdo_client import OtherClientError, SharedSdoClient
 from smarttac_can.od.cia import (
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,

@@ -6,13 +6,7 @@ from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, Final, Self
 
-from smarttac_can.bench.errors import (
-    BenchError,
-    FaultError,
-    NotReadyError,
-    NotRunningError,
-    RefusedError,
-)
+from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import Link, Row
 from smarttac_can.bench.named_objects import finite
@@ -29,6 +23,7 @@ from smarttac_can.control import identification
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.model import PlateModel
 from smarttac_can.host.bus import LogHook
+from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.read_back import STATE_SHIFT
 from smarttac_can.nodes.state_machine import Control, State

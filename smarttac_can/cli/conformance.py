@@ -9,14 +9,14 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.bench.conformance.case import Case, Result
-from smarttac_can.bench.conformance.probe import Probe
-from smarttac_can.bench.conformance.report import as_json, line, markdown, summary
-from smarttac_can.bench.conformance.run import failed, run_cases
-from smarttac_can.bench.conformance.sheet import Sheet
-from smarttac_can.bench.conformance.table import CASES
 from smarttac_can.cli.options import NODE_ID, SECONDS, BusChoice, bus_options
 from smarttac_can.cli.refusal import naming, plain_errors
+from smarttac_can.conformance.case import Case, Result
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.report import as_json, line, markdown, summary
+from smarttac_can.conformance.run import failed, run_cases
+from smarttac_can.conformance.sheet import Sheet
+from smarttac_can.conformance.table import CASES
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 

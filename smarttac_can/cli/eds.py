@@ -11,8 +11,6 @@ from typing import TypeVar
 
 import click
 
-from smarttac_can.bench.dcf import make_dcf
-from smarttac_can.bench.default_reads import compare_reads
 from smarttac_can.cli.options import (
     NODE_ID,
     BusChoice,
@@ -22,6 +20,8 @@ from smarttac_can.cli.options import (
     timeout_option,
 )
 from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.commissioning.dcf import make_dcf
+from smarttac_can.commissioning.default_reads import compare_reads
 from smarttac_can.host.eds_files import read_eds_file
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.eds_check import check_eds
@@ -107,7 +107,7 @@ def dbc(file: Path, node_id: int, output: Path | None) -> None:
     """Write a DBC of the default PDOs, EMCY and heartbeat, with scales and units, for analysers."""
     if find_spec("cantools") is None:
         raise click.ClickException("a DBC needs cantools: pip install 'smarttac-can[dbc]'")
-    from smarttac_can.bench.dbc import make_dbc  # noqa: PLC0415 - cantools is an extra
+    from smarttac_can.commissioning.dbc import make_dbc  # noqa: PLC0415 - cantools is an extra
 
     with plain_errors():
         _write(_made(file, lambda text: make_dbc(load_eds(text, node_id))), output)

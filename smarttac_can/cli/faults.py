@@ -11,11 +11,6 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.bench.fault_cases import CASES, DRIVING
-from smarttac_can.bench.fault_matrix import HOLD_CYCLES, cases, fault_matrix
-from smarttac_can.bench.fault_row import Row, rows_as_json
-from smarttac_can.bench.soak import CYCLES_PER_HOUR, Soak
-from smarttac_can.bench.soak_report import SoakReport
 from smarttac_can.cli.options import FiniteRange
 from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.cli.result_file import (
@@ -27,6 +22,11 @@ from smarttac_can.cli.result_file import (
 )
 from smarttac_can.control.cascade import Mode
 from smarttac_can.host.candump import CandumpWriter
+from smarttac_can.trials.fault_cases import CASES, DRIVING
+from smarttac_can.trials.fault_matrix import HOLD_CYCLES, cases, fault_matrix
+from smarttac_can.trials.fault_row import Row, rows_as_json
+from smarttac_can.trials.soak import CYCLES_PER_HOUR, Soak
+from smarttac_can.trials.soak_report import SoakReport
 
 _NAMES = sorted({case.name for case in CASES})
 _MODES = [mode.name.lower() for mode in DRIVING]

@@ -10,14 +10,14 @@ from typing import Any
 
 import click
 
-from smarttac_can.bench.frozen_stage import SHORTEST_MS
-from smarttac_can.bench.loop_run import LoopRun, measure_loop
-from smarttac_can.bench.loop_timing import DEADLINE_RULE, LoopTiming
 from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
 from smarttac_can.cli.refusal import need_matplotlib, plain_errors
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.nodes.state_machine import State
+from smarttac_can.timing.frozen_stage import SHORTEST_MS
+from smarttac_can.timing.loop_run import LoopRun, measure_loop
+from smarttac_can.timing.loop_timing import DEADLINE_RULE, LoopTiming
 
 PICTURE = "jitter.png"
 _SECONDS_MAX = 86_400
@@ -102,7 +102,7 @@ def jitter(
 
 
 def _draw(timing: LoopTiming, file: Path) -> None:
-    from smarttac_can.bench.loop_figure import histogram  # noqa: PLC0415 - matplotlib is an extra
+    from smarttac_can.timing.loop_figure import histogram  # noqa: PLC0415 - matplotlib is an extra
 
     # Without the metadata, which names the version of matplotlib.
     histogram(timing).savefig(file, dpi=144, metadata={"Software": None})

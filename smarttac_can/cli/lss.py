@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import click
 
-from smarttac_can.bench.commissioning import Identity, assign_node_id
-from smarttac_can.bench.errors import NodeNotFoundError
 from smarttac_can.cli.options import (
     NODE_ID,
     BusChoice,
@@ -14,6 +12,8 @@ from smarttac_can.cli.options import (
     timeout_option,
 )
 from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.commissioning.node_ids import Identity, assign_node_id
+from smarttac_can.master.errors import NodeNotFoundError
 
 
 def _identity(_ctx: click.Context, _param: click.Parameter, text: str | None) -> Identity | None:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.bench.errors import BenchError
 from smarttac_can.host.bus import BusError
+from smarttac_can.master.errors import BenchError
 from smarttac_can.od.ini import EDSError
 
 

@@ -12,22 +12,22 @@ from typing import Any, get_args
 
 import click
 
-from smarttac_can.bench.dead_time import dead_time_table, loop_dead_time
-from smarttac_can.bench.experiments import Conditions
 from smarttac_can.bench.open_link import LinkName
-from smarttac_can.bench.provenance import EMERGES, FITTED
-from smarttac_can.bench.report import table_text, write_report
-from smarttac_can.bench.reproduce import (
+from smarttac_can.bench.traces import Trace, read_csv
+from smarttac_can.cli.refusal import need_matplotlib, plain_errors
+from smarttac_can.control.friction import Law
+from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
+from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.provenance import EMERGES, FITTED
+from smarttac_can.paper.report import table_text, write_report
+from smarttac_can.paper.reproduce import (
     FIGURES,
     RESULTS,
     TRACES,
     Progress,
     friction_step,
 )
-from smarttac_can.bench.reproduce import reproduce as run_reproduction
-from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.cli.refusal import need_matplotlib, plain_errors
-from smarttac_can.control.friction import Law
+from smarttac_can.paper.reproduce import reproduce as run_reproduction
 
 BIT_RATE = 1_000_000
 """Bit rate in bit/s of ``--dead-time auto``."""

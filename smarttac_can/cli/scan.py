@@ -7,9 +7,6 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.bench.errors import NodeNotFoundError
-from smarttac_can.bench.scan import FoundDevice
-from smarttac_can.bench.scan import scan as scan_bus
 from smarttac_can.cli.options import (
     BusChoice,
     bus_options,
@@ -18,7 +15,10 @@ from smarttac_can.cli.options import (
     timeout_option,
 )
 from smarttac_can.cli.refusal import naming, plain_errors
+from smarttac_can.commissioning.scan import FoundDevice
+from smarttac_can.commissioning.scan import scan as scan_bus
 from smarttac_can.host.eds_files import read_eds, read_eds_file
+from smarttac_can.master.errors import NodeNotFoundError
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import canopen
 import pytest
 
-from smarttac_can.bench.experiments import Conditions
-from smarttac_can.bench.reproduce import CANDUMP, TRACES, reproduce
+from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.reproduce import CANDUMP, TRACES, reproduce
 
 EDS = Path(__file__).parents[2] / "eds"
 COLUMNS = {
@@ -72,7 +72,7 @@ def frames(log: Path) -> Iterator[tuple[Decimal, int, bytes]]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("run")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("smarttac_can.bench.experiments.PASSES", 2)
+        patch.setattr("smarttac_can.paper.experiments.PASSES", 2)
         reproduce(frozenset({"fig5", "table1"}), Conditions(seed=3), link="bus", folder=place)
     return place
 

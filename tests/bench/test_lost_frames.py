@@ -11,12 +11,12 @@ import pytest
 from nodes_on_a_bus import both, in_threads, processes, stimulator_with_plate
 
 from smarttac_can.bench import NotRunningError, Stimulator
-from smarttac_can.bench.errors import BenchError
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.open_link import _over_can
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus, Port
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.master.errors import BenchError
 
 
 @contextmanager

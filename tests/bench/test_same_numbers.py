@@ -11,10 +11,10 @@ import pytest
 from nodes_on_a_bus import both, in_threads, processes, stimulator_with_plate
 
 from smarttac_can.bench import Stimulator, Trace
-from smarttac_can.bench.experiments import Conditions
 from smarttac_can.bench.open_link import LinkName
-from smarttac_can.bench.reproduce import TRACES, reproduce
 from smarttac_can.bench.traces import COLUMNS, sha256, write_csv
+from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.reproduce import TRACES, reproduce
 
 SECONDS = 0.5
 

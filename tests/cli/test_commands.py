@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from smarttac_can import __version__
-from smarttac_can.bench.summary import summary
 from smarttac_can.bench.traces import read_csv, sha256
 from smarttac_can.cli import main
+from smarttac_can.paper.summary import summary
 
 COMMANDS = sorted(main.commands)
 
@@ -52,8 +52,8 @@ def refusal(*arguments: str | Path) -> str:
 @pytest.fixture(autouse=True)
 def short_table(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few passes of a finger and short strokes: these tests are not about the numbers."""
-    monkeypatch.setattr("smarttac_can.bench.experiments.PASSES", 6)
-    monkeypatch.setattr("smarttac_can.bench.experiments._FIG2_S", 0.4)
+    monkeypatch.setattr("smarttac_can.paper.experiments.PASSES", 6)
+    monkeypatch.setattr("smarttac_can.paper.experiments._FIG2_S", 0.4)
 
 
 def test_the_commands() -> None:
@@ -101,8 +101,8 @@ def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Output folder of ``reproduce all --link bus``."""
     folder = tmp_path_factory.mktemp("all")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("smarttac_can.bench.experiments.PASSES", 6)
-        patch.setattr("smarttac_can.bench.experiments._FIG2_S", 0.4)
+        patch.setattr("smarttac_can.paper.experiments.PASSES", 6)
+        patch.setattr("smarttac_can.paper.experiments._FIG2_S", 0.4)
         succeed(
             *("reproduce", "all", "--link", "bus", "--seed", "5"),
             *("--output", folder, "--json", folder / "mine.json"),

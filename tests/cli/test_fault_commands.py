@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from smarttac_can.bench.fault_row import Row
-from smarttac_can.bench.soak import Soak
 from smarttac_can.cli import main
 from smarttac_can.host.candump import read_candump
+from smarttac_can.trials.fault_row import Row
+from smarttac_can.trials.soak import Soak
 
 ONE = ("faults", "--fault", "measurements lost", "--mode", "friction", "--hold", "20")
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 DEMO = """
-from smarttac_can.bench import experiments
+from smarttac_can.paper import experiments
 from smarttac_can.cli import main
 experiments.PASSES = 10
 main(["demo"])

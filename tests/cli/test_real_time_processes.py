@@ -20,9 +20,9 @@ from nodes_on_a_bus import GUARD_S, ODS, multicast_options, processes
 
 from smarttac_can.bench import HeartbeatLostError, Stimulator
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.bench.stage_watch import MASTER_ID, StageWatch
 from smarttac_can.nodes.frame_check import crc8
 from smarttac_can.nodes.state_machine import State
+from smarttac_can.timing.stage_watch import MASTER_ID, StageWatch
 
 DEADLINE_MS = 100
 PAUSE_S = 0.3

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from smarttac_can.bench.commissioning import Identity
-from smarttac_can.bench.scan import matching_eds
 from smarttac_can.cli import main
+from smarttac_can.commissioning.node_ids import Identity
+from smarttac_can.commissioning.scan import matching_eds
 from smarttac_can.device.device import Device
 from smarttac_can.device.storage import Memory
 from smarttac_can.host.node import HostedNode

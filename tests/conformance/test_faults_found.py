@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.bench.conformance.case import Result
-from smarttac_can.bench.conformance.device_time import DeviceTimeBus
-from smarttac_can.bench.conformance.probe import Probe
-from smarttac_can.bench.conformance.run import failed, run_cases
-from smarttac_can.bench.conformance.sheet import Sheet
-from smarttac_can.bench.conformance.table import CASES
+from smarttac_can.conformance.case import Result
+from smarttac_can.conformance.device_time import DeviceTimeBus
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.run import failed, run_cases
+from smarttac_can.conformance.sheet import Sheet
+from smarttac_can.conformance.table import CASES
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.node import without_queue

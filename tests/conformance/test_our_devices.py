@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.bench.conformance.case import Case
-from smarttac_can.bench.conformance.device_time import DeviceTimeBus
-from smarttac_can.bench.conformance.probe import Probe
-from smarttac_can.bench.conformance.run import run_cases
-from smarttac_can.bench.conformance.sheet import Sheet
-from smarttac_can.bench.conformance.table import CASES
+from smarttac_can.conformance.case import Case
+from smarttac_can.conformance.device_time import DeviceTimeBus
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.run import run_cases
+from smarttac_can.conformance.sheet import Sheet
+from smarttac_can.conformance.table import CASES
 from smarttac_can.device.device import Device
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.host.node import Node

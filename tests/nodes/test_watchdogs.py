@@ -20,7 +20,6 @@ from loop import (
     Loop,
 )
 
-from smarttac_can.bench.fault_cases import PDO_DEADLINE_MS, RING_DOWN_CYCLES
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.fault_codes import FaultCode
@@ -30,6 +29,7 @@ from smarttac_can.nodes.watchdogs import STUCK_GAUGE_CYCLES, WATCHDOGS, Watchdog
 from smarttac_can.od.cia import EmergencyCode
 from smarttac_can.plant.faults import PICKUP_D, THERMOMETER, FaultKind
 from smarttac_can.signals import Drive, Measurement, Setpoint
+from smarttac_can.trials.fault_cases import PDO_DEADLINE_MS, RING_DOWN_CYCLES
 
 TOUCHED = (OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION)
 STATE, VALUE = 0x08000022, 0x06090030

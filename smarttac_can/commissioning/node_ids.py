@@ -1,0 +1,151 @@
+"""Node-IDs for devices that are found by their identity: a master of LSS (CiA 305)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import monotonic, sleep
+from typing import Final, NamedTuple
+
+import canopen
+from canopen import lss
+from canopen.lss import LssError
+
+from smarttac_can.master.errors import BenchError, NodeNotFoundError, RefusedError
+from smarttac_can.od.cia import HEARTBEAT_ID, NMT_ID, NMTCommand
+
+_FASTSCAN_S: Final = 0.1
+"""How long silence lasts that is an answer of fastscan; half of its 132 questions get none."""
+_MOST_UNCONFIGURED: Final = 127
+_POLL_S: Final = 0.01
+_BOOT_UP: Final = b"\0"
+
+
+class Identity(NamedTuple):
+    """The four numbers that no two devices share: object Identity of a device."""
+
+    vendor: int
+    product: int
+    revision: int
+    serial: int
+
+    def __str__(self) -> str:
+        """Return it as the commands take it."""
+        return ":".join(f"{number:08X}" for number in self)
+
+
+class Assigned(NamedTuple):
+    """A device that has got its node-ID."""
+
+    identity: Identity
+    previous: int | None
+    """Node-ID it had; None for a device that had none."""
+    booted: bool
+    """Whether its boot-up message with the new node-ID was heard."""
+
+
+def unconfigured(network: canopen.Network) -> Iterator[Identity]:
+    """Find the devices without node-ID, one after the other, by fastscan.
+
+    A device that was found keeps silent until the scan has ended.
+    """
+    with _waiting_afterwards(network):
+        for _ in range(_MOST_UNCONFIGURED):
+            identity = _fast_scan(network)
+            if identity is None:
+                return
+            yield identity
+
+
+def assign_node_id(
+    network: canopen.Network,
+    node_id: int,
+    *,
+    identity: Identity | None,
+    store: bool,
+    timeout: float,
+) -> Assigned:
+    """Give a device its node-ID and have it start with that.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen.
+    node_id
+        The new node-ID, 1..127.
+    identity
+        Which device; None for the first one without node-ID that fastscan finds.
+    store
+        Whether the device keeps the node-ID over a power cut.
+    timeout
+        Longest wait for an answer, and for the boot-up, in s.
+
+    Raises
+    ------
+    NodeNotFoundError
+        If no such device answers.
+    RefusedError
+        If the device takes no such node-ID, or cannot store it.
+    """
+    master = network.lss
+    booted: list[bytes] = []
+    with _waiting_afterwards(network):
+        if identity is None:
+            identity = _fast_scan(network)
+            if identity is None:
+                raise NodeNotFoundError("no device without node-ID answers fastscan")
+        else:
+            _select(network, identity, timeout)
+        master.RESPONSE_TIMEOUT = timeout
+        with _refusals("tell its node-ID"):
+            present = master.inquire_node_id()
+        network.subscribe(HEARTBEAT_ID + node_id, lambda _id, data, _at: booted.append(bytes(data)))
+        with _refusals(f"take node-ID {node_id}"):
+            master.configure_node_id(node_id)
+        if store:
+            with _refusals("store it"):
+                master.store_configuration()
+    previous = present if 1 <= present <= 127 else None
+    if previous is not None:
+        # Only a reset makes a device that has started already take another node-ID.
+        network.send_message(NMT_ID, [NMTCommand.RESET_COMMUNICATION, previous])
+    end = monotonic() + timeout
+    while _BOOT_UP not in booted and monotonic() < end:
+        sleep(_POLL_S)
+    network.unsubscribe(HEARTBEAT_ID + node_id)
+    return Assigned(identity, previous, _BOOT_UP in booted)
+
+
+def _fast_scan(network: canopen.Network) -> Identity | None:
+    network.lss.RESPONSE_TIMEOUT = _FASTSCAN_S
+    found, numbers = network.lss.fast_scan()
+    return Identity(*numbers) if found else None
+
+
+def _select(network: canopen.Network, identity: Identity, timeout: float) -> None:
+    network.lss.RESPONSE_TIMEOUT = timeout
+    # Whoever is still selected from before would be configured along with it.
+    network.lss.send_switch_state_global(lss.LssMaster.WAITING_STATE)
+    try:
+        selected = network.lss.send_switch_state_selective(*identity)
+    except LssError:
+        selected = False
+    if not selected:
+        raise NodeNotFoundError(f"no device with the identity {identity} answers")
+
+
+@contextmanager
+def _waiting_afterwards(network: canopen.Network) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        network.lss.send_switch_state_global(lss.LssMaster.WAITING_STATE)
+
+
+@contextmanager
+def _refusals(action: str) -> Iterator[None]:
+    try:
+        yield
+    except LssError as error:
+        reason: BenchError = RefusedError(f"the device does not {action}: {error}")
+        raise reason from error

@@ -1,0 +1,172 @@
+"""Which devices are on a bus, and which EDS describes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from time import monotonic, sleep
+from typing import Final, NamedTuple
+
+import can
+import canopen
+from canopen.sdo.exceptions import SdoError
+
+from smarttac_can.commissioning.node_ids import Identity, unconfigured
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.master.errors import BenchError
+from smarttac_can.od.cia import (
+    DEVICE_NAME,
+    DEVICE_TYPE,
+    HEARTBEAT_ID,
+    HEARTBEAT_PRODUCER,
+    IDENTITY,
+    SDO_RX_ID,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+
+STATES: Final[dict[int, str]] = {
+    NMTState.INITIALISING: "boot-up",
+    NMTState.STOPPED: "stopped",
+    NMTState.OPERATIONAL: "operational",
+    NMTState.PRE_OPERATIONAL: "pre-operational",
+}
+"""What a heartbeat says."""
+UNKNOWN: Final = "unknown"
+UNCONFIGURED: Final = "unconfigured"
+
+_NODE_IDS: Final = range(1, 128)
+_POLL_S: Final = 0.01
+_SEND_PAUSE_S: Final = 0.001
+_SEND_TRIES: Final = 100
+_HEARTBEATS_WAITED: Final = 1.5
+
+
+class FoundDevice(NamedTuple):
+    """A device on the bus, as far as it tells."""
+
+    node_id: int | None
+    """None for a device without node-ID, which LSS has found."""
+    state: str
+    """NMT state by heartbeat or node guarding, or `UNKNOWN`, or `UNCONFIGURED`."""
+    name: str
+    identity: Identity | None
+    eds: str
+    """Name of the EDS that describes it; empty if none of those given does."""
+
+
+def scan(
+    network: canopen.Network, eds_files: Mapping[str, ObjectDictionary], timeout: float
+) -> list[FoundDevice]:
+    """Find all devices: those that answer SDO, are heard, or have no node-ID.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen.
+    eds_files
+        The EDS files to compare with, by name.
+    timeout
+        How long to listen, and to wait for each answer, in s.
+
+    Raises
+    ------
+    BenchError
+        If the bus takes no frames.
+    """
+    states: dict[int, str] = {}
+
+    def hear(can_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(data) == 1:
+            # The top bit is the toggle bit of node guarding.
+            states[can_id - HEARTBEAT_ID] = STATES.get(data[0] & 0x7F, UNKNOWN)
+
+    for node_id in _NODE_IDS:
+        network.subscribe(HEARTBEAT_ID + node_id, hear)
+    network.scanner.reset()
+    request = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
+    for node_id in _NODE_IDS:
+        _send(network, SDO_RX_ID + node_id, request)
+    sleep(timeout)
+    found = []
+    for node_id in sorted({*network.scanner.nodes, *states}):
+        device = _ask(network, node_id, eds_files, timeout)
+        _wait_for_state(network, node_id, states, timeout)
+        found.append(device._replace(state=states.get(node_id, UNKNOWN)))
+    for identity in unconfigured(network):
+        found.append(
+            FoundDevice(None, UNCONFIGURED, "", identity, matching_eds(identity, eds_files.items()))
+        )
+    return found
+
+
+def matching_eds(identity: Identity, eds_files: Iterable[tuple[str, ObjectDictionary]]) -> str:
+    """Return the name of the EDS with the vendor and product of a device.
+
+    An EDS of another revision comes second, and is named with ``(revision differs)``.
+    """
+    second = ""
+    for name, od in eds_files:
+        vendor, product, revision = (od.number(IDENTITY, subindex) for subindex in (1, 2, 3))
+        if (vendor, product) == (identity.vendor, identity.product):
+            if revision == identity.revision:
+                return name
+            second = second or f"{name} (revision differs)"
+    return second
+
+
+def _ask(
+    network: canopen.Network,
+    node_id: int,
+    eds_files: Mapping[str, ObjectDictionary],
+    timeout: float,
+) -> FoundDevice:
+    client = network.add_node(node_id, canopen.ObjectDictionary()).sdo
+    client.RESPONSE_TIMEOUT = timeout
+    client.MAX_RETRIES = 1
+
+    def read(index: int, subindex: int = 0) -> bytes:
+        try:
+            return bytes(client.upload(index, subindex))
+        except SdoError:
+            return b""
+
+    vendor = read(IDENTITY, 1)
+    if not vendor:
+        return FoundDevice(node_id, UNKNOWN, "", None, "")
+    rest = (read(IDENTITY, subindex) for subindex in (2, 3, 4))
+    identity = Identity(*(int.from_bytes(data, "little") for data in (vendor, *rest)))
+    name = read(DEVICE_NAME).decode("latin-1").strip("\0 ")
+    return FoundDevice(node_id, UNKNOWN, name, identity, matching_eds(identity, eds_files.items()))
+
+
+def _wait_for_state(
+    network: canopen.Network, node_id: int, states: dict[int, str], timeout: float
+) -> None:
+    """Wait for the heartbeat, or ask by node guarding where there is none."""
+    if node_id in states:
+        return
+    try:
+        period = int.from_bytes(network[node_id].sdo.upload(HEARTBEAT_PRODUCER, 0), "little")
+    except SdoError:
+        period = 0
+    if not period:
+        _send(network, HEARTBEAT_ID + node_id, b"", remote=True)
+    _wait(lambda: node_id in states, _HEARTBEATS_WAITED * period * 1e-3 if period else timeout)
+
+
+def _wait(come: Callable[[], bool], seconds: float) -> None:
+    end = monotonic() + seconds
+    while not come() and monotonic() < end:
+        sleep(_POLL_S)
+
+
+def _send(network: canopen.Network, can_id: int, data: bytes, *, remote: bool = False) -> None:
+    """Send without overflowing a short transmit queue."""
+    for _ in range(_SEND_TRIES):
+        try:
+            network.send_message(can_id, data, remote)
+        except (can.CanError, OSError) as error:
+            reason = error
+            sleep(_SEND_PAUSE_S)
+        else:
+            return
+    raise BenchError(f"the bus takes no frames: {reason}")

@@ -1,0 +1,148 @@
+"""EMCY: message, history, COB-ID and inhibit time, by a watched node that is lost and found."""
+
+from __future__ import annotations
+
+from smarttac_can.conformance.case import Failure, case
+from smarttac_can.conformance.emcy_setup import (
+    WATCH_MS,
+    emcy_id,
+    expect_emcy,
+    heartbeat,
+    lose_node,
+    needs_consumer,
+    needs_emcy,
+    watch,
+)
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.sdo_client import download, number, upload, write_number
+from smarttac_can.conformance.sheet import needs_object
+from smarttac_can.od.cia import (
+    COB_INVALID,
+    EMCY_COB_ID,
+    EMCY_INHIBIT,
+    ERROR_FIELD,
+    ERROR_REGISTER,
+    AbortCode,
+    EmergencyCode,
+    ErrorRegister,
+)
+
+_INHIBIT_MS = 100
+_SLACK_MS = 20
+_has_history = needs_object(ERROR_FIELD)
+
+
+@case(
+    "EMCY-01",
+    "7.2.7.3: 8 bytes once per error: code, error register as object 1001h, 5 bytes.",
+    needs_emcy,
+    needs_consumer,
+)
+def message(probe: Probe) -> None:
+    """Message of an error."""
+    data = lose_node(probe)
+    probe.silence(emcy_id(probe), "second EMCY of one error")
+    register = upload(probe, ERROR_REGISTER)[0]
+    if data[2] != register:
+        raise Failure(f"EMCY with error register {data[2]:02X}h, object 1001h is {register:02X}h")
+    if not register & ErrorRegister.GENERIC or not register & ErrorRegister.COMMUNICATION:
+        raise Failure(f"error register {register:02X}h has no generic and communication error")
+
+
+@case(
+    "EMCY-02",
+    "7.2.7.2: when the last error is gone comes code 0000h with error register 0.",
+    needs_emcy,
+    needs_consumer,
+)
+def error_reset(probe: Probe) -> None:
+    """End of an error."""
+    lose_node(probe)
+    heartbeat(probe)
+    data = expect_emcy(probe, EmergencyCode.RESET)
+    if data[2] or upload(probe, ERROR_REGISTER)[0]:
+        raise Failure("the error register is not 0 when the last error is gone")
+
+
+@case(
+    "EMCY-03",
+    "7.5.2.2: the newest error stands in sub-index 1, sub-index 0 counts them.",
+    needs_emcy,
+    needs_consumer,
+    _has_history,
+)
+def history(probe: Probe) -> None:
+    """History."""
+    if probe.sheet.writable(ERROR_FIELD):
+        write_number(probe, ERROR_FIELD, 0, 0)
+    before = number(probe, ERROR_FIELD)
+    lose_node(probe)
+    count = number(probe, ERROR_FIELD)
+    if count != before + 1:
+        raise Failure(f"{before} errors in the history, then {count} after one more")
+    newest = number(probe, ERROR_FIELD, 1) & 0xFFFF
+    if newest != EmergencyCode.ERROR_CONTROL:
+        raise Failure(f"{newest:04X}h is the newest error, 8130h was sent")
+
+
+@case(
+    "EMCY-04",
+    "7.5.2.2: only 0 may be written to sub-index 0; an empty place has no data.",
+    _has_history,
+)
+def clear_history(probe: Probe) -> None:
+    """Clearing the history."""
+
+    def write(value: int) -> None:
+        download(probe, ERROR_FIELD, 0, bytes((value,)))
+
+    probe.refuse(lambda: write(1), "1 written to the history", AbortCode.VALUE, AbortCode.TOO_HIGH)
+    write(0)
+    if number(probe, ERROR_FIELD):
+        raise Failure("the history is not empty after it was cleared")
+    probe.refuse(
+        lambda: upload(probe, ERROR_FIELD, 1),
+        "an empty place of the history",
+        AbortCode.NO_DATA,
+        AbortCode.NO_SUBINDEX,
+    )
+
+
+@case(
+    "EMCY-05",
+    "7.5.2.17: with bit 31 EMCY is silent; the CAN-ID of a valid one cannot be changed.",
+    needs_object(EMCY_COB_ID, writable=True),
+    needs_consumer,
+)
+def cob_id(probe: Probe) -> None:
+    """COB-ID."""
+    value = number(probe, EMCY_COB_ID)
+    if value != probe.sheet.od.number(EMCY_COB_ID):
+        raise Failure(f"COB-ID EMCY is {value:08X}h, not as the EDS says")
+    probe.refuse(
+        lambda: write_number(probe, EMCY_COB_ID, 0, value ^ 0x100), "CAN-ID of a valid EMCY"
+    )
+    write_number(probe, EMCY_COB_ID, 0, value | COB_INVALID)
+    watch(probe)
+    probe.silence(emcy_id(probe), "EMCY that is disabled", WATCH_MS * 1e-3 + probe.timeout)
+
+
+@case(
+    "EMCY-06",
+    "7.5.2.18: the least time between two messages.",
+    needs_emcy,
+    needs_object(EMCY_INHIBIT, writable=True),
+    needs_consumer,
+)
+def inhibit_time(probe: Probe) -> None:
+    """Inhibit time."""
+    write_number(probe, EMCY_INHIBIT, 0, 10 * _INHIBIT_MS)
+    watch(probe)
+    first = probe.wait(emcy_id(probe), WATCH_MS * 1e-3 + probe.timeout)
+    heartbeat(probe)
+    second = probe.wait(emcy_id(probe), _INHIBIT_MS * 1e-3 + probe.timeout)
+    if first is None or second is None:
+        raise Failure("not two EMCYs for an error that comes and goes")
+    gap = 1000 * (second.time - first.time)
+    if gap < _INHIBIT_MS - _SLACK_MS:
+        raise Failure(f"{gap:.0f} ms between two EMCYs, inhibit time {_INHIBIT_MS} ms")

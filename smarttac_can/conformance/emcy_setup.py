@@ -1,0 +1,59 @@
+"""Causing an error in the device and taking it back: a watched node falls silent and returns."""
+
+from __future__ import annotations
+
+from smarttac_can.conformance.case import Failure
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.sdo_client import write_number
+from smarttac_can.conformance.sheet import needs_object
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    EMCY_COB_ID,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_ID,
+    EmergencyCode,
+)
+
+WATCH_MS = 60
+_OPERATIONAL = b"\x05"
+
+needs_emcy = needs_object(EMCY_COB_ID)
+needs_consumer = needs_object(HEARTBEAT_CONSUMER, 1, writable=True)
+
+
+def other_node(probe: Probe) -> int:
+    """A node-ID that is not the device's."""
+    return 126 if probe.node_id == 127 else 127
+
+
+def emcy_id(probe: Probe) -> int:
+    """Identifier of the device's EMCY by the data sheet."""
+    return probe.sheet.od.number(EMCY_COB_ID) & CAN_ID_MASK
+
+
+def watch(probe: Probe) -> None:
+    """Have the device watch another node, and let that node be heard once."""
+    write_number(probe, HEARTBEAT_CONSUMER, 1, other_node(probe) << 16 | WATCH_MS)
+    probe.drain()
+    heartbeat(probe)
+
+
+def heartbeat(probe: Probe) -> None:
+    """Send a heartbeat of the other node."""
+    probe.send(HEARTBEAT_ID + other_node(probe), _OPERATIONAL)
+
+
+def expect_emcy(probe: Probe, code: EmergencyCode, timeout: float | None = None) -> bytes:
+    """Next EMCY, which must have the code."""
+    data = probe.expect(emcy_id(probe), f"EMCY {code:04X}h", timeout).data
+    if len(data) != 8:
+        raise Failure(f"EMCY of {len(data)} bytes")
+    if int.from_bytes(data[:2], "little") != code:
+        raise Failure(f"EMCY {data.hex(' ')} instead of {code:04X}h")
+    return data
+
+
+def lose_node(probe: Probe) -> bytes:
+    """Cause EMCY 8130h; return it."""
+    watch(probe)
+    return expect_emcy(probe, EmergencyCode.ERROR_CONTROL, WATCH_MS * 1e-3 + probe.timeout)

@@ -1,0 +1,88 @@
+"""What the cases of guarding and heartbeat have in common."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from smarttac_can.conformance.case import Failure
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.sdo_client import write_number
+from smarttac_can.conformance.sheet import Sheet, needs_object
+from smarttac_can.conformance.tpdo import SPREAD
+from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
+
+PERIOD_MS = 60
+_FACTOR = 3
+TOGGLE = 0x80
+STATES = (
+    (NMTCommand.START, 0x05),
+    (NMTCommand.STOP, 0x04),
+    (NMTCommand.ENTER_PRE_OPERATIONAL, 0x7F),
+)
+
+needs_producer = needs_object(HEARTBEAT_PRODUCER, writable=True)
+needs_guarding = needs_object(GUARD_TIME, writable=True)
+needs_life_time = needs_object(LIFE_TIME_FACTOR, writable=True)
+
+
+def heartbeat_can_end(sheet: Sheet) -> str | None:
+    """The EDS must let guarding take the heartbeat's place."""
+    if sheet.od.number(HEARTBEAT_PRODUCER) and not sheet.writable(HEARTBEAT_PRODUCER):
+        return "the EDS has a heartbeat that cannot be switched off"
+    return None
+
+
+def end_heartbeat(probe: Probe) -> None:
+    """Switch the heartbeat off, which lets guarding take its place."""
+    if probe.sheet.od.number(HEARTBEAT_PRODUCER):
+        set_period(probe, 0)
+        probe.settle()
+
+
+def ask_state(probe: Probe) -> int:
+    """Ask for the state by a remote frame; return state and toggle bit."""
+    probe.drain()
+    probe.send(probe.heartbeat_id, rtr=True)
+    data = probe.expect(probe.heartbeat_id, "answer to guarding").data
+    if len(data) != 1:
+        raise Failure(f"answer to guarding of {len(data)} bytes")
+    return data[0]
+
+
+def no_answer(probe: Probe, why: str) -> None:
+    """Raise `Failure` if a remote frame is answered; a heartbeat has no toggle bit set."""
+    probe.drain()
+    probe.send(probe.heartbeat_id, rtr=True)
+    for arrival in probe.collect(probe.heartbeat_id):
+        if arrival.frame.data and arrival.frame.data[0] & TOGGLE:
+            raise Failure(f"answer to guarding {why}")
+
+
+def set_period(probe: Probe, period_ms: int = PERIOD_MS) -> None:
+    """Write the producer time."""
+    write_number(probe, HEARTBEAT_PRODUCER, 0, period_ms)
+
+
+def beats(probe: Probe, period_ms: int = PERIOD_MS) -> list[int]:
+    """States of the heartbeats of some periods, which must keep the time."""
+    probe.drain()
+    arrivals = probe.collect(probe.heartbeat_id, 8e-3 * period_ms)
+    if len(arrivals) < 3:
+        raise Failure(f"{len(arrivals)} heartbeats in 8 periods of {period_ms} ms")
+    gaps = [1000 * (b.time - a.time) for a, b in pairwise(arrivals)]
+    mean = sum(gaps) / len(gaps)
+    if abs(mean - period_ms) > SPREAD * period_ms:
+        raise Failure(f"heartbeat every {mean:.0f} ms, producer time {period_ms} ms")
+    for arrival in arrivals:
+        if len(arrival.frame.data) != 1:
+            raise Failure(f"heartbeat of {len(arrival.frame.data)} bytes")
+    return [arrival.frame.data[0] for arrival in arrivals]
+
+
+def start_life_guarding(probe: Probe) -> None:
+    """Write guard time and life time factor."""
+    write_number(probe, GUARD_TIME, 0, PERIOD_MS)
+    write_number(probe, LIFE_TIME_FACTOR, 0, _FACTOR)
+
+
+LIFE_TIME_S = 1e-3 * PERIOD_MS * _FACTOR

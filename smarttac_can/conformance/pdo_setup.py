@@ -1,0 +1,192 @@
+"""Putting PDOs into the state a case needs, by the procedure of CiA 301, 7.5.2.36."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from smarttac_can.conformance.case import Failure, NotApplicable
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.sdo_client import download, number, upload, write_number
+from smarttac_can.conformance.sheet import Pdo
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    COB_NO_RTR,
+    EVENT_MANUFACTURER,
+    PDO_COB_ID,
+    PDO_EVENT,
+    PDO_INHIBIT,
+    PDO_SYNC_START,
+    PDO_TRANSMISSION,
+    Abort,
+    NMTCommand,
+)
+from smarttac_can.od.dictionary import Entry
+
+_OWN_EVENTS = 3
+_NAMES = {
+    PDO_TRANSMISSION: "transmission type",
+    PDO_INHIBIT: "inhibit time",
+    PDO_EVENT: "event timer",
+    PDO_SYNC_START: "SYNC start value",
+}
+
+
+def tpdo(probe: Probe) -> Pdo:
+    """First TPDO that can be configured."""
+    return probe.sheet.usable(probe.sheet.tpdos)[0]
+
+
+def rpdo(probe: Probe) -> Pdo:
+    """First RPDO that can be configured and whose values can be read back."""
+    for pdo in probe.sheet.usable(probe.sheet.rpdos):
+        if any(entry.readable for entry in entries(probe, pdo)):
+            return pdo
+    raise NotApplicable("no RPDO carries a value that can be read back")
+
+
+def can_id(probe: Probe, pdo: Pdo) -> int:
+    """Identifier that the data sheet gives a PDO."""
+    return probe.sheet.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
+
+
+def entries(probe: Probe, pdo: Pdo) -> list[Entry]:
+    """Entries of the default mapping; dummies are left out."""
+    found = (probe.sheet.od.get(m >> 16, m >> 8 & 0xFF) for m in probe.sheet.mapped(pdo))
+    return [entry for entry in found if entry is not None]
+
+
+def disable(probe: Probe, pdo: Pdo) -> int:
+    """Set the invalid bit; return the COB-ID as the device has it without that bit."""
+    cob_id = number(probe, pdo.communication, PDO_COB_ID)
+    write_number(probe, pdo.communication, PDO_COB_ID, cob_id | COB_INVALID)
+    return cob_id & ~COB_INVALID | can_id(probe, pdo)
+
+
+def enable(probe: Probe, pdo: Pdo, cob_id: int) -> None:
+    """Clear the invalid bit."""
+    write_number(probe, pdo.communication, PDO_COB_ID, cob_id & ~COB_INVALID)
+
+
+def configure(
+    probe: Probe,
+    pdo: Pdo,
+    transmission: int,
+    *,
+    inhibit: int | None = None,
+    event: int | None = None,
+    start: int | None = None,
+    rtr: bool | None = None,
+) -> None:
+    """Disable a PDO, write its parameters and enable it.
+
+    Raises
+    ------
+    NotApplicable
+        The EDS has no such parameter, or the device does not take the value.
+    """
+    cob_id = disable(probe, pdo)
+    wanted = {
+        PDO_TRANSMISSION: transmission,
+        PDO_INHIBIT: inhibit,
+        PDO_EVENT: event,
+        PDO_SYNC_START: start,
+    }
+    for subindex, value in wanted.items():
+        if value is None:
+            continue
+        if not probe.sheet.writable(pdo.communication, subindex):
+            raise NotApplicable(f"{pdo.communication:04X}h has no {_NAMES[subindex]} to write")
+        try:
+            write_number(probe, pdo.communication, subindex, value)
+        except Abort as abort:
+            reason = f"the device refuses {_NAMES[subindex]} {value}: {abort}"
+            raise NotApplicable(reason) from None
+    if rtr is not None:
+        cob_id = cob_id & ~COB_NO_RTR if rtr else cob_id | COB_NO_RTR
+    try:
+        enable(probe, pdo, cob_id)
+    except Abort as abort:
+        if rtr:
+            raise NotApplicable(f"the device allows no RTR: {abort}") from None
+        raise
+
+
+def configure_rpdo(probe: Probe, pdo: Pdo, transmission: int) -> None:
+    """Configure an RPDO without a deadline, whose end may undo what it brought."""
+    watched = probe.sheet.writable(pdo.communication, PDO_EVENT)
+    configure(probe, pdo, transmission, event=0 if watched else None)
+
+
+def refuse_own_events(probe: Probe, pdo: Pdo) -> None:
+    """Raise `NotApplicable` if the application makes a TPDO go all the time by its own events."""
+    timed = probe.sheet.writable(pdo.communication, PDO_EVENT)
+    configure(probe, pdo, EVENT_MANUFACTURER, event=0 if timed else None)
+    operational(probe)
+    if len(probe.collect(can_id(probe, pdo))) > _OWN_EVENTS:
+        raise NotApplicable("the application has events all the time")
+    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
+
+
+def operational(probe: Probe) -> None:
+    """Start the device and let the first event-driven TPDOs pass."""
+    probe.enter(NMTCommand.START)
+
+
+def content(probe: Probe, mapped: Iterable[int]) -> bytes:
+    """What a PDO of a mapping would carry, read by SDO."""
+    return b"".join(upload(probe, m >> 16, m >> 8 & 0xFF)[: (m & 0xFF) // 8] for m in mapped)
+
+
+def changed(probe: Probe, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, bytes]]]:
+    """Make the content of an RPDO with values other than the present ones.
+
+    Returns
+    -------
+    tuple
+        The content, and the bytes of each entry that can be read back.
+    """
+    data = b""
+    wanted = []
+    for mapping in probe.sheet.mapped(pdo):
+        size = (mapping & 0xFF) // 8
+        entry = probe.sheet.od.get(mapping >> 16, mapping >> 8 & 0xFF)
+        if entry is None:
+            data += bytes(size)
+            continue
+        part = entry.pack()
+        if entry.readable:
+            part = upload(probe, entry.index, entry.subindex)
+            present = entry.unpack(part)
+            if isinstance(present, int | float):
+                value = present + 1 if present + 1 <= entry.high else present - 1
+                part = _pack(entry, value)
+            wanted.append((entry, part))
+        data += part
+    return data, wanted
+
+
+def _pack(entry: Entry, value: float) -> bytes:
+    before, entry.value = entry.value, value
+    try:
+        return entry.pack()
+    finally:
+        entry.value = before
+
+
+def reads(probe: Probe, wanted: list[tuple[Entry, bytes]]) -> bool:
+    """Whether all entries read as wanted."""
+    return all(upload(probe, e.index, e.subindex) == part for e, part in wanted)
+
+
+def expect_values(probe: Probe, wanted: list[tuple[Entry, bytes]], when: str) -> None:
+    """Raise `Failure` unless all entries read as wanted."""
+    for entry, part in wanted:
+        got = upload(probe, entry.index, entry.subindex)
+        if got != part:
+            raise Failure(f"{entry.name} is {got.hex(' ')} {when}, not {part.hex(' ')}")
+
+
+def write_back(probe: Probe, index: int, subindex: int) -> None:
+    """Write the present value of an entry."""
+    download(probe, index, subindex, upload(probe, index, subindex))

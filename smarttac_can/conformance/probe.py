@@ -1,0 +1,192 @@
+"""The tester's side of the bus: frames, SDO, NMT, and what must or must not come."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from time import monotonic
+from typing import Final, NamedTuple
+
+from smarttac_can.conformance.case import Failure
+from smarttac_can.conformance.sheet import Sheet
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import Bus
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    HEARTBEAT_ID,
+    NMT_ID,
+    SDO_RX_ID,
+    SDO_TX_ID,
+    SYNC_COB_ID,
+    SYNC_COUNTER,
+    SYNC_ID,
+    Abort,
+    AbortCode,
+    NMTCommand,
+)
+
+_TRACE_LENGTH: Final = 24
+_BOOT_TIME_OUTS: Final = 10
+
+
+class Arrival(NamedTuple):
+    """A frame of the device and when it came, in s."""
+
+    time: float
+    frame: Frame
+
+
+class Probe:
+    """Asks one device.
+
+    Parameters
+    ----------
+    bus
+        The bus; only the device under test should be on it.
+    sheet
+        The device's data sheet.
+    timeout
+        Longest time in s the device may take for an answer, above 0; all other times of the suite
+        are multiples of it.
+    clock
+        Time in s, by which the bus waits.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        sheet: Sheet,
+        *,
+        timeout: float = 0.3,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        if timeout <= 0:
+            raise ValueError(f"timeout {timeout} is not above 0")
+        self.sheet = sheet
+        self.node_id = sheet.node_id
+        self.timeout = timeout
+        self.trace: deque[str] = deque(maxlen=_TRACE_LENGTH)
+        self._bus = bus
+        self._clock = clock
+
+    def send(self, can_id: int, data: bytes = b"", *, rtr: bool = False) -> None:
+        """Send a frame."""
+        frame = Frame(can_id, data, rtr)
+        self.trace.append(f"> {_text(frame)}")
+        self._bus.send(frame)
+
+    def arrivals(self, duration: float) -> Iterable[Arrival]:
+        """Frames as they come, until the duration in s has passed."""
+        end = self._clock() + duration
+        while (now := self._clock()) <= end + self.timeout:
+            frame = self._bus.receive(max(0.0, end - now))
+            if frame is None:
+                if self._clock() >= end:
+                    return
+                continue
+            self.trace.append(f"< {_text(frame)}")
+            yield Arrival(self._clock(), frame)
+
+    def collect(self, can_id: int, duration: float | None = None) -> list[Arrival]:
+        """All frames of an identifier in a time."""
+        wait = self.timeout if duration is None else duration
+        return [arrival for arrival in self.arrivals(wait) if arrival.frame.can_id == can_id]
+
+    def drain(self) -> None:
+        """Forget what has come already."""
+        while (frame := self._bus.receive(0.0)) is not None:
+            self.trace.append(f"< {_text(frame)}")
+
+    def settle(self) -> None:
+        """Let the device say what it has to say, and forget it."""
+        for _ in self.arrivals(self.timeout / 3):
+            pass
+
+    def wait(self, can_id: int, timeout: float | None = None) -> Arrival | None:
+        """Next frame of an identifier, None if it does not come; others are passed over."""
+        for arrival in self.arrivals(self.timeout if timeout is None else timeout):
+            if arrival.frame.can_id == can_id and not arrival.frame.rtr:
+                return arrival
+        return None
+
+    def expect(self, can_id: int, what: str, timeout: float | None = None) -> Frame:
+        """Next frame of an identifier; raises `Failure` if it does not come."""
+        arrival = self.wait(can_id, timeout)
+        if arrival is None:
+            limit = self.timeout if timeout is None else timeout
+            raise Failure(f"no {what} ({can_id:03X}h) within {limit:g} s")
+        return arrival.frame
+
+    def silence(self, can_id: int, what: str, duration: float | None = None) -> None:
+        """Raise `Failure` if a frame of an identifier comes in a time."""
+        arrival = self.wait(can_id, duration)
+        if arrival is not None:
+            raise Failure(f"unexpected {what}: {_text(arrival.frame)}")
+
+    def sync(self, counter: int | None = None) -> None:
+        """Send SYNC; without a counter given, with one if the data sheet's defaults ask for it."""
+        if counter is None and self.sheet.od.number(SYNC_COUNTER):
+            counter = 1
+        self.send(self.sync_id, b"" if counter is None else bytes((counter,)))
+
+    def nmt(self, command: int, node_id: int | None = None) -> None:
+        """Send an NMT command to the device or to another."""
+        self.send(NMT_ID, bytes((command, self.node_id if node_id is None else node_id)))
+
+    def enter(self, command: int) -> None:
+        """Send an NMT command and forget what comes of it."""
+        self.nmt(command)
+        self.settle()
+
+    def reset(self, command: int = NMTCommand.RESET_NODE) -> None:
+        """Reset the device and wait for its boot-up message."""
+        self.drain()
+        self.nmt(command)
+        boot_up = self.expect(self.heartbeat_id, "boot-up", _BOOT_TIME_OUTS * self.timeout)
+        if boot_up.data != b"\0":
+            raise Failure(f"after a reset came {_text(boot_up)} instead of a boot-up")
+        self.settle()
+
+    @property
+    def sync_id(self) -> int:
+        """Identifier of SYNC by the data sheet."""
+        return self.sheet.od.number(SYNC_COB_ID, absent=SYNC_ID) & CAN_ID_MASK
+
+    @property
+    def heartbeat_id(self) -> int:
+        """Identifier of the device's error control frames."""
+        return HEARTBEAT_ID + self.node_id
+
+    def request(self, data: bytes) -> bytes:
+        """Send an SDO request of up to 8 bytes, filled with zeros; return the response."""
+        self.drain()
+        self.sdo_send(data)
+        return self.sdo_response()
+
+    def sdo_send(self, data: bytes) -> None:
+        """Send an SDO request and wait for nothing."""
+        self.send(SDO_RX_ID + self.node_id, data.ljust(8, b"\0"))
+
+    def sdo_response(self, timeout: float | None = None) -> bytes:
+        """Next SDO response; an abort raises `Abort`."""
+        data = self.expect(SDO_TX_ID + self.node_id, "SDO response", timeout).data
+        if len(data) != 8:
+            raise Failure(f"SDO response of {len(data)} bytes")
+        if data[0] == 0x80:
+            raise Abort(int.from_bytes(data[4:], "little"))
+        return data
+
+    def refuse(self, ask: Callable[[], object], what: str, *codes: AbortCode) -> None:
+        """Raise `Failure` unless the device answers with one of the abort codes, or any if none."""
+        try:
+            ask()
+        except Abort as abort:
+            if codes and abort.code not in codes:
+                wanted = " or ".join(f"{code:08X}h" for code in codes)
+                raise Failure(f"{what}: {abort}, not {wanted}") from None
+            return
+        raise Failure(f"{what}: accepted")
+
+
+def _text(frame: Frame) -> str:
+    return f"{frame.can_id:03X} {'rtr' if frame.rtr else frame.data.hex(' ').upper()}".rstrip()

@@ -1,0 +1,68 @@
+"""Run the cases, each from a device fresh out of a reset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+from smarttac_can.conformance.case import Case, Failure, NotApplicable, Result
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.od.cia import Abort, AbortCode
+
+
+def run_cases(
+    probe: Probe, cases: Iterable[Case], on_result: Callable[[Result], None] | None = None
+) -> list[Result]:
+    """Judge a device.
+
+    Parameters
+    ----------
+    on_result
+        Called with each result as soon as it is known.
+
+    Raises
+    ------
+    BusError
+        If the bus carries no more frames.
+    """
+    results = []
+    for case in cases:
+        result = _run(probe, case)
+        results.append(result)
+        if on_result is not None:
+            on_result(result)
+    return results
+
+
+def _run(probe: Probe, case: Case) -> Result:
+    for need in case.needs:
+        reason = need(probe.sheet)
+        if reason is not None:
+            return Result(case, "not applicable", reason)
+    _reset(probe)
+    probe.trace.clear()
+    try:
+        case.check(probe)
+    except NotApplicable as refusal:
+        return Result(case, "not applicable", str(refusal))
+    except (Failure, Abort) as failure:
+        return Result(case, "fail", str(failure), tuple(probe.trace))
+    finally:
+        _reset(probe)
+    return Result(case, "pass")
+
+
+def _reset(probe: Probe) -> None:
+    """Reset; a device that sends no boot-up is judged by the cases that ask for it.
+
+    A transfer that a failed case left open is aborted: not every device drops it in a reset.
+    """
+    probe.sdo_send(b"\x80\0\0\0" + AbortCode.GENERAL.to_bytes(4, "little"))
+    try:
+        probe.reset()
+    except Failure:
+        probe.settle()
+
+
+def failed(results: Sequence[Result]) -> list[Result]:
+    """Results of the cases that failed."""
+    return [result for result in results if result.verdict == "fail"]

@@ -1,0 +1,182 @@
+"""What a data sheet says of a device, as the cases ask for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from smarttac_can.conformance.case import Need
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COMMUNICATION_LAST,
+    DEVICE_NAME,
+    HEARTBEAT_CONSUMER,
+    PDO_COB_ID,
+    PDO_COUNT,
+    PDO_TRANSMISSION,
+    RESTORE_DEFAULTS,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    STORE_PARAMETERS,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    VERIFY_CONFIGURATION,
+    DataType,
+)
+from smarttac_can.od.data_types import REAL, SIGNED, UNSIGNED
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.eds import load_eds
+from smarttac_can.od.ini import read_sections
+
+COMMANDS: Final = frozenset({STORE_PARAMETERS, RESTORE_DEFAULTS})
+"""Objects to which a value is a command: nothing is written back to them."""
+
+
+class Pdo(NamedTuple):
+    """Indices of one PDO."""
+
+    communication: int
+    mapping: int
+
+
+class Sheet:
+    """An EDS seen by who tests a device of it.
+
+    Parameters
+    ----------
+    text
+        The EDS.
+    node_id
+        Of the device, 1..127.
+    """
+
+    def __init__(self, text: str, node_id: int) -> None:
+        self.od: ObjectDictionary = load_eds(text, node_id)
+        self.node_id = node_id
+        self.sections = read_sections(text, [])
+        self.tpdos = self._pdos(TPDO_COMMUNICATION, TPDO_MAPPING)
+        self.rpdos = self._pdos(RPDO_COMMUNICATION, RPDO_MAPPING)
+
+    def _pdos(self, communication: int, mapping: int) -> list[Pdo]:
+        objects = self.od.objects
+        return [
+            Pdo(communication + n, mapping + n)
+            for n in range(PDO_COUNT)
+            if communication + n in objects and mapping + n in objects
+        ]
+
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Whether the EDS describes an entry."""
+        return self.od.get(index, subindex) is not None
+
+    def writable(self, index: int, subindex: int = 0) -> bool:
+        """Whether the EDS describes an entry that takes values."""
+        entry = self.od.get(index, subindex)
+        return entry is not None and entry.writable
+
+    def states_default(self, entry: Entry) -> bool:
+        """Whether the EDS names a default value, rather than leaving it open."""
+        for name in (f"{entry.index:04x}sub{entry.subindex:x}", f"{entry.index:04x}"):
+            section = self.sections.get(name, {})
+            if section.get("defaultvalue") or section.get("parametervalue"):
+                return True
+        values = self.sections.get(f"{entry.index:04x}value", {})
+        return bool(values.get(str(entry.subindex)))
+
+    def mapped(self, pdo: Pdo) -> list[int]:
+        """Default mapping entries of a PDO."""
+        return [self.od.number(pdo.mapping, n) for n in range(1, self.od.number(pdo.mapping) + 1)]
+
+    def usable(self, pdos: list[Pdo]) -> list[Pdo]:
+        """PDOs that carry something and let themselves be configured."""
+        return [
+            pdo
+            for pdo in pdos
+            if self.mapped(pdo)
+            and self.writable(pdo.communication, PDO_COB_ID)
+            and self.writable(pdo.communication, PDO_TRANSMISSION)
+            and self.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
+        ]
+
+    def mappable(self, pdos: list[Pdo]) -> list[Pdo]:
+        """Of the usable PDOs those whose mapping can be written."""
+        return [
+            pdo
+            for pdo in self.usable(pdos)
+            if self.writable(pdo.mapping) and self.writable(pdo.mapping, 1)
+        ]
+
+    def number_entries(self) -> list[Entry]:
+        """Entries of 4 bytes that may be written, those first that do no harm."""
+        harmless = [self.od.get(VERIFY_CONFIGURATION, 1), self.od.get(HEARTBEAT_CONSUMER, 1)]
+        words = (e for e in self.od if e.index > COMMUNICATION_LAST and e.high > e.low)
+        return [
+            entry
+            for entry in (*harmless, *words)
+            if entry is not None and entry.access == "rw" and entry.data_type == DataType.UNSIGNED32
+        ]
+
+    def long_entry(self) -> Entry | None:
+        """A readable entry that takes more than one frame; None if there is none."""
+        name = self.od.get(DEVICE_NAME)
+        candidates = ([] if name is None else [name]) + list(self.od)
+        return next((e for e in candidates if e.readable and _length(e) > 4), None)
+
+    def long_writable(self) -> Entry | None:
+        """An rw entry of the application that takes more than one frame; None if there is none."""
+        return next(
+            (
+                entry
+                for entry in self.od
+                if entry.index > COMMUNICATION_LAST and entry.access == "rw" and _length(entry) > 4
+            ),
+            None,
+        )
+
+    def first(self, access: str, *, writable: bool) -> Entry | None:
+        """First entry of an access type and of fixed length."""
+        return next(
+            (e for e in self.od if e.access == access and e.size and e.writable == writable), None
+        )
+
+    def numeric(self) -> Iterator[Entry]:
+        """Entries with an order: integers and reals."""
+        kinds = {*SIGNED, *UNSIGNED, *REAL}
+        return (entry for entry in self.od if entry.data_type in kinds)
+
+
+def _length(entry: Entry) -> int:
+    return entry.size or len(entry.default)
+
+
+def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Need:
+    """The EDS must describe an entry."""
+
+    def reason(sheet: Sheet) -> str | None:
+        if not sheet.has(index, subindex):
+            return f"the EDS has no {index:04X}h:{subindex:02X}"
+        if writable and not sheet.writable(index, subindex):
+            return f"{index:04X}h:{subindex:02X} cannot be written"
+        return None
+
+    return reason
+
+
+def needs_tpdo(sheet: Sheet) -> str | None:
+    """The EDS must have a TPDO that can be configured."""
+    return None if sheet.usable(sheet.tpdos) else "the EDS has no TPDO that can be configured"
+
+
+def needs_rpdo(sheet: Sheet) -> str | None:
+    """The EDS must have an RPDO that can be configured."""
+    return None if sheet.usable(sheet.rpdos) else "the EDS has no RPDO that can be configured"
+
+
+def needs_mapping(sheet: Sheet) -> str | None:
+    """The EDS must have a TPDO whose mapping can be changed."""
+    return None if sheet.mappable(sheet.tpdos) else "the EDS has no TPDO with a writable mapping"
+
+
+def needs_number(sheet: Sheet) -> str | None:
+    """The EDS must have a number of 4 bytes to write."""
+    return None if sheet.number_entries() else "the EDS has no rw number of 4 bytes to write"

@@ -1,0 +1,175 @@
+"""TPDO: parameters that are fixed while it is valid, its COB-ID, and NMT states."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from smarttac_can.conformance.case import Failure, NotApplicable, case
+from smarttac_can.conformance.pdo_setup import (
+    can_id,
+    configure,
+    disable,
+    enable,
+    operational,
+    tpdo,
+)
+from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.sdo_client import number, write_number
+from smarttac_can.conformance.sheet import needs_object, needs_tpdo
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    PDO_COB_ID,
+    PDO_INHIBIT,
+    PDO_SYNC_START,
+    PDO_TRANSMISSION,
+    SYNC_COB_ID,
+    SYNC_COUNTER,
+    SYNC_PERIOD,
+    NMTCommand,
+)
+
+_has_sync = needs_object(SYNC_COB_ID)
+
+
+def _fixed_while_valid(probe: Probe, subindex: int, value: int, name: str) -> None:
+    pdo = tpdo(probe)
+    if not probe.sheet.writable(pdo.communication, subindex):
+        raise NotApplicable(f"{pdo.communication:04X}h has no {name} to write")
+    enable(probe, pdo, disable(probe, pdo))
+    probe.refuse(
+        lambda: write_number(probe, pdo.communication, subindex, value),
+        f"{name} of a valid TPDO",
+    )
+
+
+@case(
+    "PDO-12",
+    "7.5.2.37: it cannot be changed while the PDO exists.",
+    needs_tpdo,
+)
+def inhibit_time_fixed(probe: Probe) -> None:
+    """Inhibit time of a valid TPDO."""
+    _fixed_while_valid(probe, PDO_INHIBIT, 100, "inhibit time")
+
+
+@case(
+    "PDO-13",
+    "7.5.2.37: the SYNC whose counter is the start value is the first one counted.",
+    needs_tpdo,
+    needs_object(SYNC_COUNTER, writable=True),
+)
+def start_value(probe: Probe) -> None:
+    """SYNC start value."""
+    pdo = tpdo(probe)
+    period = number(probe, SYNC_PERIOD) if probe.sheet.writable(SYNC_PERIOD) else 0
+    if period:
+        write_number(probe, SYNC_PERIOD, 0, 0)
+    write_number(probe, SYNC_COUNTER, 0, 10)
+    if period:
+        write_number(probe, SYNC_PERIOD, 0, period)
+    configure(probe, pdo, 1, start=3)
+    operational(probe)
+    for counter in (1, 2):
+        probe.sync(counter)
+        probe.silence(can_id(probe, pdo), f"TPDO at counter {counter}, start value 3")
+    probe.sync(3)
+    probe.expect(can_id(probe, pdo), "TPDO at its start value")
+
+
+@case(
+    "PDO-14",
+    "7.5.2.37: it cannot be changed while the PDO exists.",
+    needs_tpdo,
+)
+def start_value_fixed(probe: Probe) -> None:
+    """SYNC start value of a valid TPDO."""
+    _fixed_while_valid(probe, PDO_SYNC_START, 5, "SYNC start value")
+
+
+@case(
+    "PDO-15",
+    "7.5.2.37: types 241 to 251 are refused.",
+    needs_tpdo,
+)
+def reserved_types(probe: Probe) -> None:
+    """Reserved transmission types."""
+    pdo = tpdo(probe)
+    disable(probe, pdo)
+    for value in (241, 251):
+        probe.refuse(
+            partial(write_number, probe, pdo.communication, PDO_TRANSMISSION, value),
+            f"transmission type {value}",
+        )
+
+
+@case("PDO-16", "7.5.2.37: with bit 31 it is silent.", needs_tpdo, _has_sync)
+def disabled(probe: Probe) -> None:
+    """Disabled TPDO."""
+    pdo = tpdo(probe)
+    configure(probe, pdo, 1)
+    disable(probe, pdo)
+    operational(probe)
+    probe.sync()
+    probe.silence(can_id(probe, pdo), "TPDO that is disabled")
+
+
+@case(
+    "PDO-17",
+    "7.5.2.37: bits 0 to 29 cannot be changed while the PDO exists.",
+    needs_tpdo,
+)
+def can_id_fixed(probe: Probe) -> None:
+    """CAN-ID of a valid TPDO."""
+    pdo = tpdo(probe)
+    cob_id = disable(probe, pdo)
+    enable(probe, pdo, cob_id)
+    probe.refuse(
+        lambda: write_number(probe, pdo.communication, PDO_COB_ID, _moved(cob_id)),
+        "another CAN-ID of a valid TPDO",
+    )
+    if number(probe, pdo.communication, PDO_COB_ID) & CAN_ID_MASK != cob_id & CAN_ID_MASK:
+        raise Failure("the refused CAN-ID was taken")
+
+
+def _moved(cob_id: int) -> int:
+    return cob_id & ~CAN_ID_MASK | (cob_id & CAN_ID_MASK) ^ 1
+
+
+@case(
+    "PDO-18",
+    "7.5.2.37: the TPDO comes under the CAN-ID given while it was disabled.",
+    needs_tpdo,
+    _has_sync,
+)
+def new_can_id(probe: Probe) -> None:
+    """New CAN-ID."""
+    pdo = tpdo(probe)
+    configure(probe, pdo, 1)
+    moved = _moved(disable(probe, pdo))
+    write_number(probe, pdo.communication, PDO_COB_ID, moved | COB_INVALID)
+    enable(probe, pdo, moved)
+    operational(probe)
+    probe.sync()
+    probe.expect(moved & CAN_ID_MASK, "TPDO under its new CAN-ID")
+
+
+@case(
+    "PDO-19",
+    "7.3.2.2: sent in OPERATIONAL, not in PRE-OPERATIONAL and STOPPED.",
+    needs_tpdo,
+    _has_sync,
+)
+def tpdo_by_state(probe: Probe) -> None:
+    """TPDO by NMT state."""
+    pdo = tpdo(probe)
+    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
+    configure(probe, pdo, 1)
+    probe.sync()
+    probe.silence(can_id(probe, pdo), "TPDO in PRE-OPERATIONAL")
+    operational(probe)
+    probe.sync()
+    probe.expect(can_id(probe, pdo), "TPDO in OPERATIONAL")
+    probe.enter(NMTCommand.STOP)
+    probe.sync()
+    probe.silence(can_id(probe, pdo), "TPDO in STOPPED")

@@ -1,0 +1,27 @@
+"""What can go wrong between master and device, and in the message what to do about it."""
+
+from __future__ import annotations
+
+
+class BenchError(Exception):
+    """Anything the bench cannot do; the message says what to do about it."""
+
+
+class NodeNotFoundError(BenchError):
+    """No device answers at the node-ID."""
+
+
+class WrongDeviceError(BenchError):
+    """A device answers, but it is not the one the EDS describes."""
+
+
+class RefusedError(BenchError):
+    """The device refused to read or write an object; the message has the abort code's text."""
+
+
+class HeartbeatLostError(BenchError):
+    """A node that sent heartbeats has fallen silent."""
+
+
+class BusLostError(BenchError):
+    """The bench's own connection to the bus has failed."""

@@ -1,0 +1,1 @@
+"""What the paper shows, done again: experiments, metrics, figures and the report."""

@@ -1,0 +1,244 @@
+"""The paper's Fig. 2, 3, 5, 6 and 7, drawn from recorded traces.
+
+Colours are told apart by every common kind of colour vision, and no curve is told from another by
+its colour alone. Needs matplotlib (extra ``report``); draws off screen, without pyplot's state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+
+from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas
+from smarttac_can.bench.traces import Floats, Trace
+from smarttac_can.paper.metrics import (
+    LOOPS,
+    Step,
+    Touches,
+    UndefinedError,
+    align_at_switch,
+    final_mean,
+    find,
+    friction_amplitudes,
+    friction_ratio_percent,
+    from_switch_on,
+    overshoot_percent,
+    response_time,
+    rise_time,
+    subjects_of,
+    voltage_difference_percent,
+)
+from smarttac_can.paper.references import AMPLITUDE_UM, RESPONSE_BAND
+
+BAND = "#e9eef3"
+SUBJECTS = (
+    ("#0072b2", "o"),
+    ("#e69f00", "s"),
+    ("#56b4e9", "^"),
+    ("#8f4f86", "D"),
+    ("#5a5a5a", "v"),
+)
+"""Colour and marker of each subject of Fig. 2, after Okabe and Ito."""
+RUNS = {
+    "amplitude_and_frequency": (RED, "o", "-", "amplitude and frequency loops"),
+    "amplitude_only": (GREEN, "s", "--", "amplitude loop only"),
+}
+"""Colour, marker, line and name of the two runs of Fig. 5 and 6."""
+CURVES: dict[str, dict[str, Any]] = {
+    "touches": {"linestyle": ":", "color": "#3d7ea6", "linewidth": 0.6, "alpha": 0.5},
+    "reference": {"linestyle": "--", "color": RED, "linewidth": 1.5},
+    "mean": {"linestyle": "-", "color": "black", "linewidth": 2.2},
+}
+"""The lines of Fig. 7."""
+
+
+def fig2(traces: Iterable[Trace]) -> Figure:
+    """Friction left over at each amplitude: points per subject, their mean in red (Fig. 2)."""
+    traces = list(traces)
+    amplitudes, subjects = friction_amplitudes(traces), subjects_of(traces, "fig2")
+    if not subjects:
+        raise UndefinedError("fig2 was not run")
+    ratios = np.array(
+        [
+            [_ratio_or_nan(traces, subject, amplitude) for amplitude in amplitudes]
+            for subject in subjects
+        ]
+    )
+    with canvas(7.2, 4.6) as figure:
+        axes = figure.subplots()
+        aside = 0.025 * (np.arange(len(subjects)) - (len(subjects) - 1) / 2)
+        for subject, row, shift in zip(subjects, ratios, aside, strict=True):
+            colour, marker = SUBJECTS[(subject - 1) % len(SUBJECTS)]
+            points: dict[str, Any] = {
+                "color": colour,
+                "ms": 7.5,
+                "mec": "white",
+                "mew": 0.8,
+                "zorder": 3,
+            }
+            axes.plot(amplitudes + shift, row, marker, label=f"subject {subject}", **points)
+        axes.plot(amplitudes, ratios.mean(axis=0), "-", color=RED, lw=2.4, label="mean")
+        axes.set(
+            ylim=(0, 109), xticks=amplitudes, title="Friction left by the vibration (simulated)"
+        )
+        axes.set_xlabel("vibration amplitude, peak-to-peak (µm)")
+        axes.set_ylabel("friction ratio µ₁/µ₀ (%)")
+        axes.legend(loc="lower left", ncols=2)
+    return figure
+
+
+def fig3(law: Callable[[float], float]) -> Figure:
+    """The friction law: increment dW of the amplitude against the friction error E (Fig. 3).
+
+    Parameters
+    ----------
+    law
+        Eq. (9): takes E in %, gives dW in m peak-to-peak.
+    """
+    error = np.linspace(-50, 50, 401)
+    increment_um = np.array([1e6 * law(e) for e in error.tolist()])
+    with canvas(6.4, 4.2) as figure:
+        axes = figure.subplots()
+        axes.axhline(0, color=PALE, lw=0.8)
+        axes.axvline(0, color=PALE, lw=0.8)
+        axes.plot(error, increment_um, color=INK, lw=2.4)
+        axes.set(xlim=(-50, 50), title="Friction law, eq. (9)")
+        axes.set_xlabel("friction error E (%)")
+        axes.set_ylabel("amplitude increment ΔW, peak-to-peak (µm)")
+        axes.margins(y=0.12)
+    return figure
+
+
+def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
+    """Amplitude after switch-on with both loops and with one, and the 5 % band (Fig. 5)."""
+    traces = list(traces)
+    low, high = (AMPLITUDE_UM * (1 + sign * RESPONSE_BAND) for sign in (-1, 1))
+    with canvas(7.2, 4.6) as figure:
+        axes = figure.subplots()
+        axes.axhspan(low, high, color=BAND, zorder=0)
+        axes.text(until_ms, high, "±5 % ", ha="right", va="bottom", color=PALE)
+        for row, (loops, (colour, marker, line, name)) in enumerate(RUNS.items()):
+            trace = find(traces, f"fig5.{loops}")
+            amplitude = from_switch_on(trace, trace.amplitude_um)
+            _plot_run(axes, amplitude, colour, marker, line, name, "default")
+            try:
+                entry = response_time(amplitude, AMPLITUDE_UM)
+            except UndefinedError:
+                continue
+            axes.plot([entry] * 2, [0, low], ":", color=colour, lw=1.6)
+            note = f" {entry:.1f} ms"
+            axes.text(entry, 0.04 + 0.09 * row, note, color=colour, weight="bold")
+        axes.set(xlim=(0, until_ms), xticks=range(0, until_ms + 1, 2))
+        axes.set(title="Amplitude after switch-on, 140 Hz off (simulated)")
+        axes.set_ylim(0, max(1.15, axes.get_ylim()[1]))
+        axes.set_xlabel("time (ms)")
+        axes.set_ylabel("vibration amplitude W, peak-to-peak (µm)")
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 0.12))
+    return figure
+
+
+def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
+    """Voltage that holds the amplitude with both loops and with one (Fig. 6)."""
+    traces = list(traces)
+    runs = {loops: find(traces, f"fig5.{loops}") for loops in LOOPS}
+    finals = [final_mean(runs[loops], runs[loops].voltage_v) for loops in LOOPS]
+    percent = voltage_difference_percent(*(runs[loops] for loops in LOOPS))
+    with canvas(7.2, 4.6) as figure:
+        axes = figure.subplots()
+        for loops, (colour, marker, line, name) in RUNS.items():
+            voltage = from_switch_on(runs[loops], runs[loops].voltage_v)
+            _plot_run(axes, voltage, colour, marker, line, name, "steps-post")
+        at = 0.93 * until_ms
+        axes.annotate("", (at, finals[0]), (at, finals[1]), arrowprops={"arrowstyle": "<->"})
+        note = f"{percent:+.1f} %"
+        axes.text(at, float(np.mean(finals)), note + "  ", ha="right", va="center", weight="bold")
+        axes.set(xlim=(0, until_ms), xticks=range(0, until_ms + 1, 2))
+        axes.set(title=f"Voltage for {AMPLITUDE_UM:g} µm (simulated)")
+        axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
+        axes.set_xlabel("time (ms)")
+        axes.set_ylabel("voltage V (V)")
+        axes.legend(loc="lower right")
+    return figure
+
+
+def fig7(traces: Iterable[Trace]) -> Figure:
+    """Friction around each switch of the reference: touches, mean, reference (Fig. 7).
+
+    One panel a subject, with the up-steps left and the down-steps right.
+    """
+    traces = list(traces)
+    subjects = subjects_of(traces, "table1")
+    if not subjects:
+        raise UndefinedError("table1 was not run")
+    rows = (len(subjects) + 1) // 2
+    title = "Controlled friction around the switch of its reference (simulated)"
+    with canvas(11, 0.7 + 3.5 * rows) as figure:
+        figure.suptitle(title, x=0.012, ha="left", weight="bold", fontsize=13)
+        panels = figure.subfigures(rows, 2, squeeze=False, wspace=0.03, hspace=0.05).flat
+        for subject, panel in zip(subjects, panels, strict=False):
+            trace = find(traces, "table1", subject)
+            _draw_subject(panel, subject, [align_at_switch([trace], up=up) for up in (True, False)])
+        lines = [Line2D([], [], **style) for style in CURVES.values()]
+        figure.legend(lines, list(CURVES), loc="upper right", ncols=len(CURVES), fontsize=10)
+    return figure
+
+
+def _draw_subject(panel: SubFigure, subject: int, directions: Sequence[Touches]) -> None:
+    left, right = panel.subplots(1, 2, sharey=True)
+    for axes, touches, name in zip((left, right), directions, ("up", "down"), strict=True):
+        axes.set_xlabel("time after the switch (ms)")
+        axes.set_title(f"Subject {subject}, {name}-step", fontsize=10.5, pad=6)
+        try:
+            mean = touches.mean_curve()
+        except UndefinedError as reason:
+            axes.text(0.5, 0.5, str(reason), ha="center", transform=axes.transAxes, color=PALE)
+            continue
+        for step in touches.steps:
+            axes.plot(step.time_ms, step.mu, **CURVES["touches"])
+        reference = np.where(mean.time_ms < 0, mean.before, mean.after)
+        axes.plot(mean.time_ms, reference, drawstyle="steps-post", **CURVES["reference"])
+        axes.plot(mean.time_ms, mean.mu, **CURVES["mean"])
+        axes.set_xlim(mean.time_ms[0], mean.time_ms[-1])
+        y, va = (0.95, "top") if name == "down" else (0.06, "bottom")
+        note = _step_note(touches, mean)
+        axes.text(0.97, y, note, ha="right", va=va, transform=axes.transAxes, fontsize=9)
+    left.set_ylabel("coefficient of friction µ")
+
+
+def _step_note(touches: Touches, mean: Step) -> str:
+    count = len(touches.steps)
+    try:
+        name = "rise" if mean.after > mean.before else "fall"
+        dynamics = f"{name} {rise_time(mean):.1f} ms\novershoot {overshoot_percent(mean):.0f} %"
+    except UndefinedError as reason:
+        dynamics = str(reason)
+    return f"{dynamics}\n{count} touches"
+
+
+def _plot_run(
+    axes: Axes, values: Floats, colour: str, marker: str, line: str, name: str, drawstyle: str
+) -> None:
+    axes.plot(
+        values,
+        line,
+        color=colour,
+        marker=marker,
+        ms=4.5,
+        mec="white",
+        mew=0.5,
+        lw=1.8,
+        label=name,
+        drawstyle=drawstyle,
+    )
+
+
+def _ratio_or_nan(traces: list[Trace], subject: int, amplitude: float) -> float:
+    try:
+        return friction_ratio_percent(traces, subject, amplitude)
+    except UndefinedError:
+        return float("nan")

@@ -1,0 +1,285 @@
+"""The numbers of the paper's experiments, from recorded traces and nothing else.
+
+Definitions
+-----------
+* *Switch-on* is the first tick with a voltage; time counts from there (Fig. 5, 6).
+* *Response time* is the last entry into the band around the reference.
+* A *touch* is one crossing of the boundary: the curve of mu cut around the tick at which the
+  reference switches. Touches with a lost tick, a lost contact or a second switch in the window
+  are dropped and counted.
+* *Levels* of a step are the means of the curve itself before the switch and from 40 ms after it.
+  Rise time (10 to 90 %) and overshoot are taken in % of the step between these levels, as the
+  state levels of IEEE 181; the distance of the levels to the references is the static error. So
+  the three numbers do not leak into each other.
+* Table I is the up-step of the mean curve, since noise of mu biases the values of single touches;
+  these, and down-steps, are reported beside it.
+
+Metrics that do not exist for a trace raise `UndefinedError`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+
+from smarttac_can.bench.traces import Floats, Trace
+from smarttac_can.paper.references import RESPONSE_BAND
+
+BEFORE_MS, AFTER_MS = 20, 80
+"""Window around a switch of the reference."""
+SETTLED_MS = 40
+"""From here on after the switch a curve counts as static."""
+FINAL_MS = 20
+"""The end of a run that counts as its steady state."""
+LOOPS = ("amplitude_only", "amplitude_and_frequency")
+"""The two runs of Fig. 5 and 6."""
+
+
+class UndefinedError(ValueError):
+    """A metric that does not exist for the data; the message says why."""
+
+
+class NotRunError(UndefinedError):
+    """A metric of an experiment that was not run."""
+
+
+def response_time(W: Floats, reference: float, band: float = RESPONSE_BAND) -> float:
+    """Time in ms after which W stays within reference * (1 +- band).
+
+    Parameters
+    ----------
+    W
+        Samples 1 ms apart, the first at the instant of the step.
+    reference
+        Final value asked for, in the unit of W, above 0.
+    band
+        Half width of the band as a fraction of the reference.
+
+    Returns
+    -------
+    float
+        Last entry into the band, interpolated linearly between two samples; 0 if W never is
+        outside.
+
+    Raises
+    ------
+    UndefinedError
+        If the last sample is outside, or a sample at the entry is missing (NaN).
+    """
+    outside = ~(np.abs(W - reference) <= band * reference)
+    if not len(W) or outside[-1]:
+        raise UndefinedError(f"does not stay within {100 * band:g} % of {reference:g}")
+    if not outside.any():
+        return 0.0
+    last = int(np.flatnonzero(outside)[-1])
+    edge = reference * (1 + band if W[last] > reference else 1 - band)
+    entry = last + float((edge - W[last]) / (W[last + 1] - W[last]))
+    if np.isnan(entry):
+        raise UndefinedError("a sample is missing at the entry into the band")
+    return entry
+
+
+def from_switch_on(trace: Trace, column: Floats) -> Floats:
+    """Cut a column of the trace to begin at the switch-on, the first tick with a voltage."""
+    driven = np.flatnonzero(trace.V)
+    if not len(driven):
+        raise UndefinedError(f"{trace.experiment} has no voltage")
+    start = int(driven[0])
+    if trace.tick[-1] - trace.tick[start] != len(trace) - 1 - start:
+        raise UndefinedError(f"{trace.experiment} has lost ticks after switch-on")
+    return column[start:]
+
+
+def final_mean(trace: Trace, column: Floats) -> float:
+    """Mean of a column of the trace over its last 20 ms."""
+    if len(trace) < FINAL_MS or trace.tick[-1] - trace.tick[-FINAL_MS] != FINAL_MS - 1:
+        raise UndefinedError(f"{trace.experiment} has no {FINAL_MS} ticks in a row at its end")
+    return float(np.mean(column[-FINAL_MS:]))
+
+
+def final_frequency(trace: Trace) -> float:
+    """Mean excitation frequency in Hz over the last 20 ms."""
+    return final_mean(trace, trace.frequency_hz)
+
+
+def voltage_difference_percent(amplitude_only: Trace, both_loops: Trace) -> float:
+    """How much more voltage the amplitude loop alone needs, in % of what both loops need (Fig. 6).
+
+    The paper's "about 30 %" is read in this direction: 30 % more off resonance.
+    """
+    base = final_mean(both_loops, both_loops.voltage_v)
+    if base <= 0:
+        raise UndefinedError(f"{both_loops.experiment} ends without a voltage")
+    return 100 * (final_mean(amplitude_only, amplitude_only.voltage_v) / base - 1)
+
+
+class Step(NamedTuple):
+    """A curve of mu around a switch of its reference."""
+
+    time_ms: Floats
+    """Time in ms after the switch; mu of time 0 cannot know of it yet."""
+    mu: Floats
+    before: float
+    """Reference before the switch."""
+    after: float
+    """Reference from the switch on."""
+
+    def levels(self) -> tuple[float, float]:
+        """Means of the curve before the switch and from 40 ms after it."""
+        low = float(np.mean(self.mu[self.time_ms <= 0]))
+        return low, float(np.mean(self.mu[self.time_ms >= SETTLED_MS]))
+
+    def normalised(self) -> Floats:
+        """The curve as a fraction of the step between its own levels: from 0 to 1.
+
+        Raises
+        ------
+        UndefinedError
+            If the levels are less than half of the step asked for apart.
+        """
+        start, end = self.levels()
+        share = (end - start) / (self.after - self.before)
+        if not share >= 0.5:
+            raise UndefinedError(f"mu moves by {100 * share:.0f} % of the step asked for")
+        return (self.mu - start) / (end - start)
+
+
+def rise_time(step: Step) -> float:
+    """Time in ms from 10 % to 90 % of the step, interpolated linearly; falls count alike.
+
+    From the last passage of 10 % ahead of the first passage of 90 % after the switch.
+    """
+    share = step.normalised()
+    passes = (share[:-1] < 0.9) & (share[1:] >= 0.9) & (step.time_ms[1:] > 0)
+    if not passes.any():
+        raise UndefinedError("mu does not pass 90 % of the step")
+    upper = int(np.flatnonzero(passes)[0])
+    below = np.flatnonzero(share[: upper + 1] < 0.1)
+    if not len(below):
+        raise UndefinedError("mu is nowhere below 10 % of the step ahead of 90 %")
+    lower = int(below[-1])
+    start = np.interp(0.1, share[lower : lower + 2], step.time_ms[lower : lower + 2])
+    end = np.interp(0.9, share[upper : upper + 2], step.time_ms[upper : upper + 2])
+    return float(end - start)
+
+
+def overshoot_percent(step: Step) -> float:
+    """How far mu passes its level after the switch, in % of the step."""
+    return 100 * (float(np.max(step.normalised()[step.time_ms > 0])) - 1)
+
+
+def static_error_percent(step: Step) -> float:
+    """Distance of the levels to their references in % of the reference: the larger of the two."""
+    pairs = zip(step.levels(), (step.before, step.after), strict=True)
+    return 100 * max(abs(level - reference) / reference for level, reference in pairs)
+
+
+STEP_METRICS: dict[str, Callable[[Step], float]] = {
+    "rise_time_ms": rise_time,
+    "overshoot_percent": overshoot_percent,
+    "static_error_percent": static_error_percent,
+}
+"""What Table I and its neighbours hold of each step."""
+
+
+class Touches(NamedTuple):
+    """The touches of one subject in one direction, aligned at the switch."""
+
+    steps: tuple[Step, ...]
+    dropped: int
+    """Crossings left out: at the end of the trace, a lost tick or contact, a second switch."""
+
+    def mean_curve(self) -> Step:
+        """Mean over all touches at each tick (the continuous curve of Fig. 7)."""
+        if not self.steps:
+            raise UndefinedError(f"no whole touch ({self.dropped} dropped)")
+        if len({(step.before, step.after) for step in self.steps}) > 1:
+            raise UndefinedError("the touches have different references")
+        return self.steps[0]._replace(mu=np.mean([step.mu for step in self.steps], axis=0))
+
+    def of_mean_curve(self, metric: Callable[[Step], float]) -> float:
+        """One of `STEP_METRICS` of the mean curve."""
+        return metric(self.mean_curve())
+
+    def of_each(self, metric: Callable[[Step], float]) -> list[float]:
+        """One of `STEP_METRICS` of every touch that has it."""
+        values = []
+        for step in self.steps:
+            with suppress(UndefinedError):
+                values.append(metric(step))
+        return values
+
+
+def align_at_switch(traces: Iterable[Trace], *, up: bool) -> Touches:
+    """Cut the touches out of traces: -20 to +80 ms around each up-step, or down-step, of mu_ref."""
+    time_ms = np.arange(-BEFORE_MS, AFTER_MS + 1, dtype=np.float64)
+    steps, dropped = [], 0
+    for trace in traces:
+        reference = trace.mu_ref
+        change = np.diff(reference)
+        # A reference of 0 is none: the begin and the end of control are not steps of it.
+        wanted = (change > 0 if up else change < 0) & (reference[:-1] > 0) & (reference[1:] > 0)
+        for switch in (np.flatnonzero(wanted) + 1).tolist():
+            begin, end = switch - BEFORE_MS, switch + AFTER_MS + 1
+            whole = (
+                begin >= 0
+                and end <= len(trace)
+                and trace.tick[end - 1] - trace.tick[begin] == BEFORE_MS + AFTER_MS
+                and np.count_nonzero(change[begin : end - 1]) == 1
+                and np.all(trace.mu[begin:end] > 0)
+            )
+            if not whole:
+                dropped += 1
+                continue
+            before, after = trace.cof_reference[[switch - 1, switch]].tolist()
+            steps.append(Step(time_ms, trace.cof[begin:end], before, after))
+    return Touches(tuple(steps), dropped)
+
+
+def friction_amplitudes(traces: Iterable[Trace]) -> list[float]:
+    """Amplitudes in um that Fig. 2 was run at, from the labels ``fig2.<amplitude>``."""
+    labels = (re.fullmatch(r"fig2\.(\d+\.\d+)", trace.experiment) for trace in traces)
+    return sorted({float(label[1]) for label in labels if label})
+
+
+def friction_ratio_percent(traces: Iterable[Trace], subject: int, amplitude_um: float) -> float:
+    """Friction mu_1/mu_0 in % that an amplitude leaves of the one without vibration (Fig. 2).
+
+    mu_1 and mu_0 are medians over the ticks in contact: the reversals of the stroke, where the
+    finger does not slide, do not move them.
+
+    Raises
+    ------
+    UndefinedError
+        If a run is missing, has no contact, or was not at its amplitude within 5 % and 0.02 um.
+    """
+    traces = list(traces)
+    medians = []
+    for amplitude in (amplitude_um, 0.0):
+        trace = find(traces, f"fig2.{amplitude:.1f}", subject)
+        touching = trace.mu > 0
+        if not touching.any():
+            raise UndefinedError(f"{trace.experiment} of subject {subject} has no contact")
+        actual = float(np.median(trace.amplitude_um[touching]))
+        if abs(actual - amplitude) > 0.05 * amplitude + 0.02:
+            raise UndefinedError(f"{trace.experiment} ran at {actual:.3f} um")
+        medians.append(float(np.median(trace.mu[touching])))
+    return 100 * medians[0] / medians[1]
+
+
+def find(traces: Iterable[Trace], experiment: str, subject: int | None = None) -> Trace:
+    """Pick the trace of an experiment, of one subject or any; UndefinedError if it was not run."""
+    for trace in traces:
+        if trace.experiment == experiment and subject in (None, trace.subject):
+            return trace
+    by = "" if subject is None else f" by subject {subject}"
+    raise NotRunError(f"{experiment} was not run{by}")
+
+
+def subjects_of(traces: Iterable[Trace], experiment: str) -> list[int]:
+    """Numbers of the subjects of an experiment or of its parts (``fig2`` for ``fig2.0.5``)."""
+    return sorted({t.subject for t in traces if f"{t.experiment}.".startswith(f"{experiment}.")})

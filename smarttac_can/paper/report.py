@@ -1,0 +1,278 @@
+"""The results beside the paper's: as text for the terminal and as one page with its figures.
+
+The page stands alone: style and pictures are inside, nothing is fetched. Figures need matplotlib
+(extra ``report``); `table_text` and `compare` do not.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from html import escape
+from importlib import resources
+from io import BytesIO
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+from smarttac_can.bench.traces import Trace
+from smarttac_can.paper.metrics import UndefinedError
+from smarttac_can.paper.references import PUBLISHED, TITLE, Published
+
+INSIDE, OUTSIDE, MISSING, NOT_JUDGED = "inside", "outside", "missing", ""
+CAPTIONS = {
+    "fig2": "Friction that a vibration leaves of the friction without one, at five regulated "
+    "amplitudes. Points: subjects, set a little aside of each other. Red: their mean.",
+    "fig3": "Increment of the vibration amplitude that the friction law asks for at a friction "
+    "error E. This is the law itself, not a measurement.",
+    "fig5": "Switch-on at the resonance of 30 °C while the plate is at 20 °C, 140 Hz off. Dotted: "
+    "where the amplitude enters the 5 % band for good. One point a tick of 1 ms.",
+    "fig6": "The voltage behind the runs of Fig. 5, held over each tick. The difference is between "
+    "the means over the last 20 ms, in % of the voltage with both loops.",
+    "fig7": "Coefficient of friction around the switch of the reference, which follows the "
+    "position of the finger. Rise or fall from 10 to 90 % and overshoot are those of the mean "
+    "curve, in % of the step between its own levels before the switch and from 40 ms on.",
+}
+STEP_COLUMNS = {
+    "rise_time_ms": "Rise or fall (ms)",
+    "overshoot_percent": "Overshoot (%)",
+    "static_error_percent": "Static error (%)",
+}
+
+
+class Comparison(NamedTuple):
+    """A result beside the paper's figure."""
+
+    published: Published
+    value: float | None
+    """The result; None where there is none."""
+    reason: str
+    """Why there is no result; empty where there is one."""
+
+    @property
+    def verdict(self) -> str:
+        """``inside`` or ``outside`` the band, ``missing``, or empty where no band is stated."""
+        low, high = self.published.low, self.published.high
+        if low is None or high is None:
+            return NOT_JUDGED
+        if self.value is None:
+            return MISSING
+        return INSIDE if low <= self.value <= high else OUTSIDE
+
+
+def compare(summary: Mapping[str, Any]) -> list[Comparison]:
+    """Lay the paper's figures beside what was run, from `smarttac_can.paper.summary.summary`."""
+    comparisons = []
+    for published in PUBLISHED:
+        value = _look_up(summary, published.key)
+        reason = summary["unavailable"].get(published.key, "")
+        if value is not None or reason:
+            comparisons.append(Comparison(published, value, reason))
+    return comparisons
+
+
+def table_text(summary: Mapping[str, Any]) -> str:
+    """Result, paper, band and verdict as a table of plain text, with the run's parameters."""
+    rows = [("", "result", "paper", "band", "")]
+    rows += [
+        (item.published.name, _with_unit(item.value, item), *_paper_cells(item), item.verdict)
+        for item in compare(summary)
+    ]
+    if len(rows) == 1:
+        rows = [("The paper gives no number for this.", "", "", "", "")]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        f"{name:<{widths[0]}}  {result:>{widths[1]}}  {paper:>{widths[2]}}  "
+        f"{band:>{widths[3]}}  {verdict}".rstrip()
+        for name, result, paper, band, verdict in rows
+    ]
+    parameters = ", ".join(f"{name} {value}" for name, value in _parameters(summary))
+    missing = [f"missing {key}: {reason}" for key, reason in summary["unavailable"].items()]
+    return "\n".join([*lines, "", parameters, *missing]) + "\n"
+
+
+def write_report(
+    directory: Path,
+    traces: Iterable[Trace],
+    summary: Mapping[str, Any],
+    law: Callable[[float], float],
+    *,
+    fitted: Sequence[str],
+    emerges: Sequence[str],
+) -> Path:
+    """Write ``fig*.png`` and the self-contained ``index.html`` into a directory.
+
+    Parameters
+    ----------
+    directory
+        Made if it does not exist; files of the same names are replaced.
+    traces, summary
+        The runs and their `smarttac_can.paper.summary.summary`.
+    law
+        Eq. (9) for Fig. 3: E in % to dW in m.
+    fitted, emerges
+        What was chosen to meet the paper's figures, and what came out of it; plain sentences.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    traces = list(traces)
+    sections = []
+    for name, picture in _pictures(traces, law):
+        if isinstance(picture, UndefinedError):
+            sections.append(f"<p>Fig. {name[3:]}: {escape(str(picture))}.</p>")
+            continue
+        (directory / f"{name}.png").write_bytes(picture)
+        sections.append(_figure_html(name, picture))
+    page = Template(_page()).substitute(
+        paper=escape(TITLE),
+        parameters="".join(
+            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+            for name, value in _parameters(summary)
+        ),
+        verdict=escape(_headline(compare(summary))),
+        comparison="".join(map(_comparison_html, compare(summary))),
+        steps=_steps_html(summary["table1"]),
+        figures="\n".join(sections),
+        fitted=_list_html(fitted),
+        emerges=_list_html(emerges),
+        unavailable=_unavailable_html(summary["unavailable"]),
+        sha256=escape(summary["trace_sha256"]),
+    )
+    index = directory / "index.html"
+    index.write_text(page, encoding="utf-8", newline="\n")
+    return index
+
+
+def _page() -> str:
+    return resources.files(__package__).joinpath("page.html").read_text(encoding="utf-8")
+
+
+def _look_up(summary: Mapping[str, Any], key: str) -> float | None:
+    """Follow a key such as ``table1.subjects[0].rise_time_ms``; None where it leads nowhere."""
+    value: Any = summary
+    for name, index in re.findall(r"(\w+)|\[(\d+)\]", key):
+        try:
+            value = value[name or int(index)]
+        except (KeyError, IndexError):
+            return None
+    return None if value is None else float(value)
+
+
+def _pictures(
+    traces: list[Trace], law: Callable[[float], float]
+) -> Iterator[tuple[str, bytes | UndefinedError]]:
+    from smarttac_can.paper import figures  # noqa: PLC0415  matplotlib is an extra
+
+    draw: dict[str, Callable[[], Any]] = {
+        "fig2": lambda: figures.fig2(traces),
+        "fig3": lambda: figures.fig3(law),
+        "fig5": lambda: figures.fig5(traces),
+        "fig6": lambda: figures.fig6(traces),
+        "fig7": lambda: figures.fig7(traces),
+    }
+    for name, figure in draw.items():
+        png = BytesIO()
+        try:
+            # Without the metadata, which names the version of matplotlib.
+            figure().savefig(png, format="png", dpi=144, metadata={"Software": None})
+        except UndefinedError as reason:
+            yield name, reason
+        else:
+            yield name, png.getvalue()
+
+
+def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return [
+        ("seed", str(summary["seed"])),
+        ("law", summary["law"]),
+        ("link", summary["link"]),
+        ("dead time", f"{summary['dead_time_us']:g} us"),
+        ("version", summary["version"]),
+    ]
+
+
+def _number(value: float) -> str:
+    """Four significant digits, or whole numbers from 1000 on."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:#.4g}".rstrip(".")
+
+
+def _with_unit(value: float | None, item: Comparison) -> str:
+    return "-" if value is None else f"{_number(value)} {item.published.unit}"
+
+
+def _paper_cells(item: Comparison) -> tuple[str, str]:
+    published = item.published
+    paper = "-" if published.value is None else f"{published.value:g}"
+    if published.value is not None and published.value >= 1000:
+        paper = f"{published.value:.0f}"
+    if published.low is None or published.high is None:
+        return paper, ""
+    return paper, f"{_bound(published.low)} to {_bound(published.high)}"
+
+
+def _bound(value: float) -> str:
+    return f"{value:.0f}" if value >= 1000 else f"{value:g}"
+
+
+def _headline(comparisons: Sequence[Comparison]) -> str:
+    judged = [item for item in comparisons if item.verdict != NOT_JUDGED]
+    inside = sum(item.verdict == INSIDE for item in judged)
+    return f"{inside} of {len(judged)} judged results lie inside the stated band."
+
+
+def _comparison_html(item: Comparison) -> str:
+    paper, band = _paper_cells(item)
+    title = f' title="{escape(item.reason)}"' if item.reason else ""
+    mark = {INSIDE: "✓ ", OUTSIDE: "✗ ", MISSING: "? "}.get(item.verdict, "")
+    badge = f'<span class="{item.verdict}">{mark}{item.verdict}</span>' if mark else ""
+    return (
+        f'<tr><th scope="row">{escape(item.published.name)}<small>'
+        f"{escape(item.published.where)}</small></th>"
+        f"<td{title}>{escape(_with_unit(item.value, item))}</td>"
+        f"<td>{escape(paper)}</td><td>{escape(band)}</td><td>{badge}</td></tr>\n"
+    )
+
+
+def _steps_html(table: Mapping[str, Any]) -> str:
+    """Rise, overshoot and static error of subjects, by direction and by curve."""
+    blocks = (
+        ("Up-step, mean curve", table),
+        ("Up-step, single touches", table["touches"]),
+        ("Down-step, mean curve", table["down"]),
+        ("Down-step, single touches", table["down"]["touches"]),
+    )
+    lines = []
+    for title, block in blocks:
+        heads = [f"subject {row['subject']}" for row in block["subjects"]]
+        heads += ["mean", "std"]
+        cells = "".join(f'<th scope="col">{escape(head)}</th>' for head in heads)
+        lines.append(f'<tr class="block"><th scope="col">{title}</th>{cells}</tr>')
+        for name, words in STEP_COLUMNS.items():
+            values = [row[name] for row in (*block["subjects"], block["mean"], block["std"])]
+            row = "".join(f"<td>{'-' if v is None else _number(v)}</td>" for v in values)
+            lines.append(f'<tr><th scope="row">{escape(words)}</th>{row}</tr>')
+    return "\n".join(lines)
+
+
+def _figure_html(name: str, png: bytes) -> str:
+    data, caption = base64.b64encode(png).decode("ascii"), escape(CAPTIONS[name])
+    return (
+        f'<figure id="{name}"><img alt="{caption}" src="data:image/png;base64,{data}">'
+        f"<figcaption><b>Fig. {name[3:]}</b> (simulated). {caption}</figcaption></figure>"
+    )
+
+
+def _list_html(sentences: Sequence[str]) -> str:
+    return "<ul>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ul>"
+
+
+def _unavailable_html(unavailable: Mapping[str, str]) -> str:
+    if not unavailable:
+        return ""
+    rows = [f"{key}: {reason}" for key, reason in unavailable.items()]
+    return "<h2>Results that do not exist</h2>" + _list_html(rows)

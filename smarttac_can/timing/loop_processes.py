@@ -1,0 +1,188 @@
+"""The 1 kHz loop as processes on a bus of sockets, and a listener that takes part in nothing."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from tempfile import TemporaryFile
+from time import monotonic, sleep
+from typing import IO, Any, Final
+
+import can
+from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.udp_multicast import UdpMulticastBus
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import BusError
+from smarttac_can.host.kernel_filter import hear_only
+from smarttac_can.host.python_can import to_frame
+from smarttac_can.master.errors import BenchError
+from smarttac_can.od.cia import SYNC_ID
+
+_OWN_OPTIONS: Final = ("interface", "channel", "bitrate")
+_BUFFER: Final = 1 << 24
+_WORDS: Final = 4096
+_SO_RCVBUFFORCE: Final = 33
+_QUIET_S: Final = 0.2
+_PARTING_S: Final = 5.0
+_POLL_S: Final = 0.1
+_READY_POLL_S: Final = 0.02
+
+
+class NodeProcess:
+    """``smarttac node`` or ``plate`` as a process; `node_process` makes one.
+
+    Parameters
+    ----------
+    name
+        The command.
+    process
+        The process.
+    said
+        File that takes whatever it says; a pipe that nobody reads would block it.
+    """
+
+    def __init__(self, name: str, process: subprocess.Popen[bytes], said: IO[bytes]) -> None:
+        self._name = name
+        self._process = process
+        self._said = said
+
+    @property
+    def pid(self) -> int:
+        """Its process ID."""
+        return self._process.pid
+
+    def wait_until_ready(self) -> None:
+        """Return when it has said that it is ready; raises as `require_alive`."""
+        while b" ready on " not in self._words():
+            self.require_alive()
+            sleep(_READY_POLL_S)
+
+    def require_alive(self) -> None:
+        """Raise BenchError with its own words if it has ended."""
+        if self._process.poll() is not None:
+            words = self._words().decode().split("\n")
+            last = next((line for line in reversed(words) if line), "it said nothing")
+            raise BenchError(f"{self._name} has ended: {last.removeprefix('Error: ')}")
+
+    def end(self) -> None:
+        """Have it leave the plate at 0 V, and end it in any case."""
+        self._process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_PARTING_S)
+        self._process.kill()
+
+    def _words(self) -> bytes:
+        # Without seek, which would move the place at which the process writes, too.
+        file = self._said.fileno()
+        return os.pread(file, _WORDS, max(0, os.fstat(file).st_size - _WORDS))
+
+
+@contextmanager
+def node_process(
+    arguments: Sequence[str], bus: Mapping[str, Any], realtime: int | None
+) -> Iterator[NodeProcess]:
+    """Run ``smarttac node`` or ``plate`` as a process, from when it is ready to the block's end.
+
+    Parameters
+    ----------
+    arguments
+        The command and its own options.
+    bus
+        Options of `can.Bus`.
+    realtime
+        SCHED_FIFO priority for ``--realtime``; None without it.
+
+    Raises
+    ------
+    BenchError
+        With its own words, if it ends before it is ready.
+    """
+    command = [sys.executable, "-m", "smarttac_can", *arguments, *_bus_arguments(bus)]
+    if realtime is not None:
+        command += ["--realtime", str(realtime)]
+    with (
+        TemporaryFile() as said,
+        # In a session of its own: Ctrl-C does not end it before the bench has let go of it.
+        subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        ) as process,
+    ):
+        node = NodeProcess(f"smarttac {arguments[0]}", process, said)
+        try:
+            node.wait_until_ready()
+            yield node
+        finally:
+            node.end()
+
+
+def _bus_arguments(bus: Mapping[str, Any]) -> list[str]:
+    arguments = []
+    for key, value in bus.items():
+        if key in _OWN_OPTIONS:
+            arguments += [f"--{key}", str(value)]
+        else:
+            arguments += ["--bus-option", f"{key}={value}"]
+    return arguments
+
+
+@contextmanager
+def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
+    """Open a bus whose frames bear the kernel's time stamps, with room for many of them.
+
+    Raises
+    ------
+    BusError
+        If it cannot be opened, or is of an interface without such time stamps.
+    """
+    try:
+        opened = can.Bus(**bus)
+    except Exception as error:  # drivers raise what they like
+        raise BusError(f"cannot open the bus: {error}") from error
+    with opened:
+        if not isinstance(opened, SocketcanBus | UdpMulticastBus):
+            raise BusError(
+                "the loop is timed by the kernel's time stamps, between processes: "
+                f"socketcan or udp_multicast have them, {opened.channel_info} has not"
+            )
+        with socket.socket(fileno=os.dup(opened.fileno())) as same:
+            try:
+                same.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER)
+            except OSError:
+                same.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        yield opened
+
+
+@contextmanager
+def listening(
+    bus: Mapping[str, Any], can_ids: Iterable[int], feed: Callable[[float, Frame], None]
+) -> Iterator[None]:
+    """Feed frames on a bus, with the kernel's time stamps in s, until the block ends."""
+
+    def hear(message: can.Message) -> None:
+        frame = to_frame(message)
+        if frame is not None:
+            feed(message.timestamp, frame)
+
+    with _stamped(bus) as opened:
+        hear_only(opened, can_ids)
+        with can.Notifier(opened, [hear], timeout=_POLL_S):
+            yield
+
+
+def require_quiet(bus: Mapping[str, Any]) -> None:
+    """Raise BusError if the bus cannot be timed, BenchError if a loop runs there already."""
+    with _stamped(bus) as opened:
+        end = monotonic() + _QUIET_S
+        while (left := end - monotonic()) > 0:
+            message = opened.recv(left)
+            if message is not None and message.arbitration_id == SYNC_ID:
+                raise BenchError("somebody produces SYNC on this bus: end that loop first")

@@ -1,0 +1,276 @@
+"""How punctual the 1 kHz loop is, from the time stamps of its frames on the bus."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from math import ceil
+from typing import Any, Final
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.mapping import Direction, compile_mapping
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    PDO_COB_ID,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    SYNC_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.timing.frozen_stage import frozen_stage
+
+DEADLINE_MIN_MS: Final = 3
+DEADLINE_MAX_MS: Final = 100
+_MARGIN: Final = 2
+DEADLINE_RULE: Final = (
+    "twice the longest time between two drives, rounded up to whole ms, "
+    f"{DEADLINE_MIN_MS} ms at least and none above {DEADLINE_MAX_MS} ms"
+)
+_TICK_S: Final = 1e-3
+_LAST_MEASUREMENT: Final = 3
+"""TPDO of the plate that ends a measurement."""
+_DRIVE: Final = 1
+"""RPDO of the plate."""
+_IN_TURN: Final = 50
+"""How often SYNC and measurement come in turn until neither can be a whole tick late."""
+_TICKS: Final = 256
+"""Of which the tick counts show the remainder."""
+_WAITING_MAX: Final = DEADLINE_MAX_MS
+
+
+class Delays:
+    """Delays in whole us and how often each came: exact quantiles of any number of them."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[int] = Counter()
+
+    def add(self, seconds: float) -> None:
+        """Count one."""
+        self.counts[round(seconds * 1e6)] += 1
+
+    def quantile_us(self, share: float) -> int:
+        """Least delay in us that a share, 0..1, of all does not exceed; there has to be one."""
+        left = max(1, ceil(share * self.counts.total()))
+        for delay in sorted(self.counts):
+            left -= self.counts[delay]
+            if left <= 0:
+                return delay
+        raise ValueError("there are no delays")
+
+    def as_json(self) -> dict[str, int]:
+        """Return median, 99 %, 99.9 % and maximum in us."""
+        return {
+            "p50_us": self.quantile_us(0.5),
+            "p99_us": self.quantile_us(0.99),
+            "p999_us": self.quantile_us(0.999),
+            "max_us": self.quantile_us(1.0),
+        }
+
+
+class _Cycle:
+    """A SYNC and whether its drive has come."""
+
+    __slots__ = ("driven", "sync")
+
+    def __init__(self, sync: float) -> None:
+        self.sync = sync
+        self.driven = False
+
+
+class LoopTiming:
+    """Statistics of the loop's frames, whoever listens and however late.
+
+    A measurement belongs to the first SYNC that has none yet, a drive to the measurement whose tick
+    count it carries. Cycles of which the tick counts say that the listener has not heard them are
+    neither ticks nor missed.
+
+    Parameters
+    ----------
+    plate
+        EDS of the plate, loaded for its node-ID.
+    sync_id
+        CAN-ID of SYNC.
+
+    Attributes
+    ----------
+    sync
+        How much later than 1 ms after the one before it each SYNC came, 0 if earlier.
+    measurement
+        From SYNC to the TPDO that ends the measurement.
+    drive
+        From SYNC to the drive that answers that measurement.
+    lost
+        Cycles that the listener has not heard.
+    """
+
+    def __init__(self, plate: ObjectDictionary, sync_id: int = SYNC_ID) -> None:
+        self.sync = Delays()
+        self.measurement = Delays()
+        self.drive = Delays()
+        self.lost = 0
+        measurement = TPDO_COMMUNICATION + _LAST_MEASUREMENT - 1
+        drive = RPDO_COMMUNICATION + _DRIVE - 1
+        self._handlers = {
+            sync_id: self._on_sync,
+            plate.number(measurement, PDO_COB_ID) & CAN_ID_MASK: self._on_measurement,
+            plate.number(drive, PDO_COB_ID) & CAN_ID_MASK: self._on_drive,
+        }
+        self._measured_at = _place(
+            plate, TPDO_MAPPING + _LAST_MEASUREMENT - 1, Direction.TRANSMIT, "Vibration.Tick"
+        )
+        self._driven_at = _place(plate, RPDO_MAPPING + _DRIVE - 1, Direction.RECEIVE, "Drive.Tick")
+        self._cycle: _Cycle | None = None
+        self._begun = 0.0
+        self._intervals = 0
+        self._undriven = 0
+        self._doubtful: deque[float] = deque(maxlen=_WAITING_MAX)
+        self._unmeasured: deque[_Cycle] = deque(maxlen=_WAITING_MAX)
+        self._unanswered: dict[int, _Cycle] = {}
+        self._tick: int | None = None
+        self._tick_time = 0.0
+        self._measured = 0
+        self._unheard_sync = False
+        self._in_turn = 0
+        self._drive_time: float | None = None
+        self._gap_s = 0.0
+
+    @property
+    def ticks(self) -> int:
+        """Ticks of 1 ms between the first SYNC and the last."""
+        return self._span - self.lost
+
+    @property
+    def missed(self) -> int:
+        """Those without a SYNC, and those whose drive did not come before the next SYNC."""
+        return max(0, self._span - self._intervals + self._undriven - self.lost)
+
+    @property
+    def gap_s(self) -> float:
+        """Longest time between two drives in s, or from the last one to the last SYNC."""
+        if self._cycle is None or self._drive_time is None:
+            return self._gap_s
+        return max(self._gap_s, self._cycle.sync - self._drive_time)
+
+    @property
+    def ran(self) -> bool:
+        """Whether there is anything to show: SYNCs, measurements and drives."""
+        return all(delays.counts for delays in (self.sync, self.measurement, self.drive))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the figures, and what a stage that freezes does within the deadline."""
+        deadline = deadline_ms(self.gap_s)
+        return {
+            "sync": self.sync.as_json(),
+            "measurement": self.measurement.as_json(),
+            "drive": self.drive.as_json(),
+            "ticks": self.ticks,
+            "missed": self.missed,
+            "lost": self.lost,
+            "gap_max_us": round(self.gap_s * 1e6),
+            "deadline_ms": deadline,
+            "stage": None if deadline is None else frozen_stage(deadline).as_json(),
+        }
+
+    @property
+    def can_ids(self) -> frozenset[int]:
+        """Identifiers of the frames that it is made from."""
+        return frozenset(self._handlers)
+
+    def feed(self, time: float, frame: Frame) -> None:
+        """Take a frame with its time stamp in s, in the order of the bus; others are ignored."""
+        handler = self._handlers.get(frame.can_id)
+        if handler is not None and not frame.rtr:
+            handler(time, frame.data)
+
+    @property
+    def _span(self) -> int:
+        return 0 if self._cycle is None else round((self._cycle.sync - self._begun) / _TICK_S)
+
+    def _on_sync(self, time: float, _data: bytes) -> None:
+        if self._cycle is None:
+            self._begun = time
+        else:
+            self._intervals += 1
+            self._undriven += not self._cycle.driven
+            self._note_delay(max(0.0, time - self._cycle.sync - _TICK_S))
+        # Who lags behind catches up soon: with one measurement to each SYNC, and a SYNC left over,
+        # that one gets none any more.
+        self._in_turn = self._in_turn + 1 if self._measured == 1 and self._unmeasured else 0
+        if self._in_turn == _IN_TURN:
+            self._unmeasured.clear()
+        self._measured = 0
+        self._unheard_sync = False
+        self._cycle = _Cycle(time)
+        self._unmeasured.append(self._cycle)
+
+    def _note_delay(self, late: float) -> None:
+        """Count the delay of a SYNC, later on if there may be one between that was not heard."""
+        if late < 0.5 * _TICK_S:
+            self.sync.add(late)
+        elif not self._unheard_sync:
+            self._doubtful.append(late)
+
+    def _on_measurement(self, time: float, data: bytes) -> None:
+        if self._cycle is None or len(data) <= self._measured_at:
+            return
+        tick = data[self._measured_at]
+        self._forget_unheard(tick)
+        self._tick = tick
+        self._measured += 1
+        if not self._unmeasured:
+            self.lost += 1
+            self._unheard_sync = True
+            self._drive_time = None
+            return
+        cycle = self._unanswered[tick] = self._unmeasured.popleft()
+        self._tick_time = cycle.sync
+        self.measurement.add(time - cycle.sync)
+
+    def _forget_unheard(self, tick: int) -> None:
+        """See by the tick count whether cycles seem to be missed that were only not heard."""
+        assert self._cycle is not None
+        unheard = 0 if self._tick is None else (tick - self._tick - 1) % _TICKS
+        most = round((self._cycle.sync - self._tick_time) / _TICK_S) - 1
+        # A run that starts anew jumps as well, but seldom by no more than the time allows.
+        if 0 < unheard <= most:
+            unheard += (most - unheard) // _TICKS * _TICKS
+            self.lost += unheard
+            self._drive_time = None
+            for _ in range(min(unheard, len(self._unmeasured) - 1)):
+                self._unmeasured.popleft()
+        else:
+            for late in self._doubtful:
+                self.sync.add(late)
+        self._doubtful.clear()
+
+    def _on_drive(self, time: float, data: bytes) -> None:
+        if len(data) <= self._driven_at:
+            return
+        cycle = self._unanswered.pop(data[self._driven_at], None)
+        if cycle is None:
+            return
+        cycle.driven = True
+        self.drive.add(time - cycle.sync)
+        if self._drive_time is not None:
+            self._gap_s = max(self._gap_s, time - self._drive_time)
+        self._drive_time = time
+
+
+def deadline_ms(gap_s: float) -> int | None:
+    """Return the deadline that a machine can promise, None if that is too long to be of use.
+
+    Parameters
+    ----------
+    gap_s
+        Longest time between two drives in s; the deadline is by `DEADLINE_RULE`.
+    """
+    deadline = max(DEADLINE_MIN_MS, ceil(_MARGIN * gap_s * 1e3))
+    return deadline if deadline <= DEADLINE_MAX_MS else None
+
+
+def _place(plate: ObjectDictionary, mapping: int, direction: Direction, name: str) -> int:
+    """Where in a PDO an object of one byte is."""
+    entries = compile_mapping(plate, mapping, direction).entries
+    names = [entry.name for entry in entries]
+    return sum(entry.size for entry in entries[: names.index(name)])

@@ -1,0 +1,195 @@
+"""The voltage of the plate's stage, read by SDO as fast as it goes, beside a loop that drives."""
+
+from __future__ import annotations
+
+import struct
+from contextlib import suppress
+from time import monotonic
+from types import TracebackType
+from typing import Any, Final, NamedTuple, Self
+
+from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.host.bus import QueueFullError
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.master.errors import BenchError
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
+from smarttac_can.od.cia import (
+    EMCY_ID,
+    ERROR_FIELD,
+    HEARTBEAT_ID,
+    PDO_EVENT,
+    RPDO_COMMUNICATION,
+    SDO_RX_ID,
+    SDO_TX_ID,
+    TPDO_IDS,
+)
+from smarttac_can.od.dictionary import Entry
+
+MASTER_ID: Final = 100
+"""Node-ID of the heartbeat of `StageWatch`."""
+_BEAT_S: Final = 0.1
+_ANSWER_S: Final = 0.02
+_PATIENCE_S: Final = 30.0
+_UPLOAD: Final = 0x40
+_DOWNLOAD: Final = 0x23
+_ABORT: Final = 0x80
+_NODES: Final = (PLATE_ID, STIMULATOR_ID)
+
+
+class Moment(NamedTuple):
+    """Something happened at some time between two, in s of the monotonic clock."""
+
+    begun: float
+    over: float
+
+
+class Reading(NamedTuple):
+    """What an object was at some time between two, in s of the monotonic clock."""
+
+    asked: float
+    answered: float
+    raw: int
+
+
+class StageWatch:
+    """Expedited SDO, emergency messages, and a heartbeat, on a bus with a plate and a stimulator.
+
+    Everything happens in its calls: there is no thread.
+
+    Parameters
+    ----------
+    bus
+        Options of `PythonCanBus`.
+
+    Attributes
+    ----------
+    emergencies
+        Node-ID and code of each emergency message that came while a call waited.
+    tick
+        Of the last measurement of the plate that came while a call waited.
+    beats
+        Whether a heartbeat goes out each 0.1 s, in calls that last or follow each other.
+    beaten
+        When the last one went out.
+    """
+
+    def __init__(self, **bus: Any) -> None:
+        self._bus = PythonCanBus(**bus)
+        heard = [base + node for base in (EMCY_ID, SDO_TX_ID) for node in _NODES]
+        self._bus.listen_to(frozenset([*heard, TPDO_IDS[0] + PLATE_ID]))
+        self._ods = {PLATE_ID: plate_od(), STIMULATOR_ID: stimulator_od()}
+        self._stage = self._ods[PLATE_ID]["Stage.Voltage"]
+        self.emergencies: list[tuple[int, int]] = []
+        self.tick = 0
+        self.beats = False
+        self.beaten = Moment(0.0, 0.0)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bus.close()
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Send a frame, unless the queue is full."""
+        with suppress(QueueFullError):
+            self._bus.send(Frame(can_id, data))
+
+    def ask(self) -> None:
+        """Ask for the voltage, and do not wait for the answer."""
+        self.send(SDO_RX_ID + PLATE_ID, _request(_UPLOAD, self._stage))
+
+    def listen(self, seconds: float) -> None:
+        """Hear what comes, for so long: what nobody hears is lost once the socket is full."""
+        end = monotonic() + seconds
+        while (left := end - monotonic()) > 0:
+            self._hear(left)
+
+    def read_stage(self) -> Reading:
+        """Return the voltage in 10 mV; raises as `read`."""
+        return self._transfer(PLATE_ID, _request(_UPLOAD, self._stage))
+
+    def read(self, node_id: int, entry: Entry) -> int:
+        """Return an object of up to 4 bytes as an unsigned number.
+
+        Raises
+        ------
+        BenchError
+            If the node refuses it, or does not answer for 30 s.
+        """
+        return self._transfer(node_id, _request(_UPLOAD, entry)).raw
+
+    def write(self, node_id: int, entry: Entry, raw: int) -> None:
+        """Write an object of 1 to 4 bytes, as an unsigned number; raises as `read`."""
+        self._transfer(node_id, _request(_DOWNLOAD | (4 - entry.size) << 2, entry, raw))
+
+    def errors(self, node_id: int) -> list[int]:
+        """Return the error history of a node, the newest first; raises as `read`.
+
+        Each is an emergency error code, and above its 16 bits the first two bytes of what the
+        emergency message says beside.
+        """
+        history = self._ods[node_id].objects[ERROR_FIELD].entries
+        number = self.read(node_id, history[0])
+        return [self.read(node_id, history[place]) for place in range(1, number + 1)]
+
+    def forget_errors(self, node_id: int) -> None:
+        """Clear the error history of a node; raises as `read`."""
+        self.write(node_id, self._ods[node_id].entry(ERROR_FIELD, 0), 0)
+
+    def deadline_ms(self) -> int:
+        """Return the deadline of the plate; raises as `read`."""
+        return self.read(PLATE_ID, self._deadline(PLATE_ID, 1))
+
+    def set_deadlines(self, deadline_ms: int) -> None:
+        """Set the deadlines of the loop at both nodes, 1..100 ms; raises as `read`."""
+        self.write(PLATE_ID, self._deadline(PLATE_ID, 1), deadline_ms)
+        for rpdo in MEASUREMENT_RPDOS:
+            self.write(STIMULATOR_ID, self._deadline(STIMULATOR_ID, rpdo), deadline_ms)
+
+    def _deadline(self, node_id: int, rpdo: int) -> Entry:
+        return self._ods[node_id].entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT)
+
+    def _transfer(self, node_id: int, request: bytes) -> Reading:
+        """Ask until an answer comes; one to an earlier asking may be as old as the first."""
+        asked = monotonic()
+        while monotonic() < asked + _PATIENCE_S:
+            self.send(SDO_RX_ID + node_id, request)
+            again = monotonic() + _ANSWER_S
+            while (left := again - monotonic()) > 0:
+                frame = self._hear(left)
+                if frame is None or frame.can_id != SDO_TX_ID + node_id:
+                    continue
+                command, *mux = frame.data[:4]
+                if bytes(mux) == request[1:4]:
+                    if command == _ABORT:
+                        code = int.from_bytes(frame.data[4:], "little")
+                        raise BenchError(f"node {node_id} refuses it: {code:08X}h")
+                    return Reading(asked, monotonic(), int.from_bytes(frame.data[4:], "little"))
+        raise BenchError(f"node {node_id} does not answer")
+
+    def _hear(self, timeout: float) -> Frame | None:
+        if self.beats and monotonic() > self.beaten.begun + _BEAT_S:
+            begun = monotonic()
+            self.send(HEARTBEAT_ID + MASTER_ID, bytes((NMTState.OPERATIONAL,)))
+            self.beaten = Moment(begun, monotonic())
+        frame = self._bus.receive(timeout)
+        if frame is None:
+            return None
+        if frame.can_id == TPDO_IDS[0] + PLATE_ID:
+            self.tick = frame.data[4]
+        elif frame.can_id - EMCY_ID in _NODES:
+            code = int.from_bytes(frame.data[:2], "little")
+            self.emergencies.append((frame.can_id - EMCY_ID, code))
+        return frame
+
+
+def _request(command: int, entry: Entry, raw: int = 0) -> bytes:
+    return struct.pack("<BHBI", command, entry.index, entry.subindex, raw)

@@ -1,0 +1,199 @@
+"""How faults come and go: acts on a rig that runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from struct import pack
+from typing import Any, Final
+
+from smarttac_can.bench.open_link import STIMULATOR_ID
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.mishaps import Disturbance, Mishap
+from smarttac_can.nodes.loop_period import TICK_US
+from smarttac_can.od.cia import PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS
+from smarttac_can.signals import Drive, Measurement, Setpoint
+from smarttac_can.trials.rig import Rig
+
+SETPOINT_DEADLINE_MS: Final = 5
+"""Event timer of the set-points at the stimulator, where the master sends them in each cycle."""
+_PAUSE_CYCLES: Final = 2000
+_SETPOINT_RPDO: Final = 2
+_SETPOINT_PDO: Final = Frame(
+    RPDO_IDS[_SETPOINT_RPDO - 1] + STIMULATOR_ID, pack("<HI", 4000, 4_339_000)
+)
+"""Set-points of voltage and frequency, 40 V at the resonance."""
+
+Act = Callable[[Rig], None]
+
+
+def nothing(rig: Rig) -> None:
+    """The cause is gone already."""
+
+
+def put(name: str, value: object) -> Act:
+    """Give an attribute of the rig another value."""
+    return lambda rig: setattr(rig, name, value)
+
+
+def befall(mishap: Mishap, *can_ids: int, cycles: int = 1) -> Act:
+    """Have a mishap befall every frame of these identifiers."""
+    disturbance = Disturbance(mishap, frozenset(can_ids), cycles=cycles)
+    return lambda rig: rig.bus.disturbances.append(disturbance)
+
+
+def lose(*can_ids: int) -> Act:
+    """Lose these frames of one cycle; a second in a row would be a fault."""
+
+    def act(rig: Rig) -> None:
+        befall(Mishap.LOSS, *can_ids)(rig)
+        rig.cycle()
+        calm(rig)
+
+    return act
+
+
+def calm(rig: Rig) -> None:
+    """End all mishaps."""
+    rig.bus.disturbances.clear()
+
+
+def jump(plate: bool) -> Act:
+    """Put the clock of a node forward by 2 s."""
+
+    def act(rig: Rig) -> None:
+        port = rig.plate_port if plate else rig.stimulator_port
+        assert port is not None
+        rig.bus.jump(port, _PAUSE_CYCLES * TICK_US)
+
+    return act
+
+
+def stop_clock(rig: Rig) -> None:
+    """Stop the clock of the stimulator."""
+    rig.bus.stop_clock(rig.stimulator_port)
+
+
+def start_clock(rig: Rig) -> None:
+    """Let the clock of the stimulator go on."""
+    rig.bus.start_clock(rig.stimulator_port)
+
+
+def restart_stimulator(rig: Rig) -> None:
+    """Take the power from the stimulator and give it back."""
+    rig.bus.power_off(rig.stimulator_port)
+    rig.bus.power_on(rig.stimulator_port)
+
+
+def restart_plate(rig: Rig) -> None:
+    """Take the power from the plate and give it back."""
+    assert rig.plate_port is not None
+    rig.bus.power_off(rig.plate_port)
+    rig.bus.power_on(rig.plate_port)
+
+
+def pause_stimulator(rig: Rig) -> None:
+    """Stop the process of the stimulator."""
+    rig.bus.pause(rig.stimulator_port)
+
+
+def resume_stimulator(rig: Rig) -> None:
+    """Let the process of the stimulator go on, 2 s later."""
+    rig.cycle(_PAUSE_CYCLES)
+    rig.bus.resume(rig.stimulator_port)
+
+
+def pause_plate(rig: Rig) -> None:
+    """For the plate in its process no time passes, so the pause is over when the count begins."""
+    assert rig.plate_port is not None
+    rig.bus.pause(rig.plate_port)
+    rig.cycle(_PAUSE_CYCLES)
+    rig.bus.resume(rig.plate_port)
+
+
+def pause_master(rig: Rig) -> None:
+    """Silence the master."""
+    rig.heartbeat, rig.syncs = False, 0
+
+
+def resume_master(rig: Rig) -> None:
+    """Let the master speak again."""
+    rig.heartbeat, rig.syncs = True, 1
+
+
+class _BrokenController:
+    """A cascade whose drive has another voltage than it should."""
+
+    def __init__(self, cascade: Cascade, voltage: float) -> None:
+        self._cascade = cascade
+        self._voltage = voltage
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cascade, name)
+
+    def update(self, measurement: Measurement, setpoint: Setpoint) -> Drive:
+        drive = self._cascade.update(measurement, setpoint)
+        return Drive(self._voltage, drive.frequency)
+
+
+def control_wrongly(voltage: float) -> Act:
+    """Have the controllers ask for a voltage in V, whatever they see."""
+
+    def act(rig: Rig) -> None:
+        block = rig.stimulator.block
+        block.cascade = _BrokenController(block.cascade, voltage)  # type: ignore[assignment]
+
+    return act
+
+
+def control_rightly(rig: Rig) -> None:
+    """Put the controllers back."""
+    block = rig.stimulator.block
+    if isinstance(block.cascade, _BrokenController):
+        block.cascade = block.cascade._cascade
+
+
+def another_plate(serial: int) -> Act:
+    """Give the plate another serial number."""
+
+    def act(rig: Rig) -> None:
+        rig.plate_block.od["Plate serial number"].value = serial
+
+    return act
+
+
+def lower_force_limit(rig: Rig) -> None:
+    """Have a lateral limit that lies well within the range of the gauges."""
+    rig.write("Limit.Lateral force", 1000)
+
+
+def limit_amplitude(nm: int) -> Act:
+    """A run at 0.6 um and more is above 100 nm; an identification ends itself from 1500 nm on."""
+    return lambda rig: rig.write("Limit.Amplitude trip", nm)
+
+
+def send_setpoints(rig: Rig) -> None:
+    """Have the master send set-points in each cycle, and the stimulator expect them."""
+    timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
+    rig.write_entry(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
+    rig.each_cycle.append(_SETPOINT_PDO)
+
+
+def skip_syncs(rig: Rig) -> None:
+    """Leave numbers out of the SYNC counter."""
+    rig.sync_counter += 5
+
+
+def bus_off(rig: Rig) -> None:
+    """Tell the stimulator that its CAN controller is bus-off."""
+    rig.bus.answer(rig.stimulator_port, rig.stimulator.bus_off())
+
+
+def bus_recovered(rig: Rig) -> None:
+    """Tell the stimulator that its CAN controller is back."""
+    rig.bus.answer(rig.stimulator_port, rig.stimulator.bus_recovered())
+
+
+def transmit_failed(rig: Rig) -> None:
+    """Tell the stimulator that its transmit queue is full."""
+    rig.bus.answer(rig.stimulator_port, rig.stimulator.transmit_failed())

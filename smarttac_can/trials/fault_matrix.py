@@ -1,0 +1,260 @@
+"""The fault matrix: every fault in every mode that drives, and how soon the plate is at 0 V."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import repeat
+from multiprocessing import get_context
+from typing import Final
+from zlib import crc32
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import LogHook
+from smarttac_can.host.socketcan_wire import SocketCanWire
+from smarttac_can.master.errors import HeartbeatLostError
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.od.cia import Abort, NMTCommand
+from smarttac_can.trials.fault_cases import CASES, TOLERATED, FaultCase
+from smarttac_can.trials.fault_row import Row, mode_name
+from smarttac_can.trials.master_traffic import MasterTraffic
+from smarttac_can.trials.rig import Rig
+
+HOLD_CYCLES: Final = 10_000
+"""Cycles for which a plate has to stay at 0 V while the master does what it likes."""
+_LOGGED_CYCLES: Final = 50
+_RUN_UP: Final = {Mode.IDENTIFY: 440}
+"""Cycles of driving before the fault; an identification is then in its sweep."""
+_OTHER_RUN_UP: Final = 500
+_LATE: Final = 10
+_GO_ON: Final = 300
+_SETTLE: Final = 200
+_SETPOINTS: Final = {
+    "Setpoint.Voltage": 4000,
+    "Setpoint.Frequency": 4_339_000,
+    "Setpoint.Amplitude": 1000,
+    "Setpoint.COF left": 3500,
+    "Setpoint.COF right": 3500,
+}
+
+
+class _Log:
+    """The frames of one row, without the long parts in which nothing new happens."""
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[int, Frame]] = []
+        self.time = 0
+        self.on = False
+
+    def __call__(self, microseconds: int, frame: Frame) -> None:
+        self.time = microseconds
+        if self.on:
+            self.frames.append((microseconds, frame))
+
+
+def cases(faults: Sequence[str] = (), modes: Sequence[Mode] = ()) -> list[tuple[FaultCase, Mode]]:
+    """Return every fault with every mode it is injected in.
+
+    Parameters
+    ----------
+    faults, modes
+        Names and modes to keep; all if empty.
+
+    Raises
+    ------
+    ValueError
+        If there is no such fault, or it is injected in none of these modes.
+    """
+    known = {case.name for case in CASES}
+    for name in faults:
+        if name not in known:
+            raise ValueError(f"fault {name!r} is none of {', '.join(sorted(known))}")
+    chosen = [
+        (case, mode)
+        for case in CASES
+        for mode in case.modes
+        if (not faults or case.name in faults) and (not modes or mode in modes)
+    ]
+    found = {case.name for case, _ in chosen}
+    absent = " or ".join(repr(name) for name in faults if name not in found)
+    if absent or not chosen:
+        what = f"fault {absent} is not" if absent else "no fault is"
+        raise ValueError(f"{what} injected in mode {' or '.join(map(mode_name, modes))}")
+    return chosen
+
+
+def fault_matrix(
+    chosen: Sequence[tuple[FaultCase, Mode]],
+    *,
+    hold: int = HOLD_CYCLES,
+    log: LogHook | None = None,
+    jobs: int = 1,
+    channel: str | None = None,
+) -> Iterator[Row]:
+    """Inject faults, each in a run of its own, and yield a row for each; always the same ones.
+
+    Parameters
+    ----------
+    chosen
+        From `cases`.
+    hold
+        Cycles for which the plate has to stay at 0 V under traffic of the master.
+    log
+        Called with a time stamp in us and the frame; left out are the way to the fault, and the
+        inner part of the hold.
+    jobs
+        How many processes share the rows, 1 or more; with 1 there is none but this.
+    channel
+        SocketCAN interface that carries the frames, for 1 job; None keeps them in the process.
+
+    Raises
+    ------
+    BusError
+        If the interface cannot be had, or somebody else sends there.
+    """
+    offset = 0
+    for row, frames, end in _results(chosen, hold, jobs, channel):
+        if log is not None:
+            for time, frame in frames:
+                log(offset + time, frame)
+        yield replace(row, injected_at_s=round(row.injected_at_s + offset * 1e-6, 6))
+        offset += end
+
+
+_Result = tuple[Row, list[tuple[int, Frame]], int]
+"""A row, its frames with their times in us, and the time at its end."""
+
+
+def _results(
+    chosen: Sequence[tuple[FaultCase, Mode]], hold: int, jobs: int, channel: str | None
+) -> Iterator[_Result]:
+    if jobs == 1:
+        for case, mode in chosen:
+            yield _row(case, mode, hold, channel)
+        return
+    names = [case.name for case, _ in chosen]
+    modes = [mode for _, mode in chosen]
+    # Spawned, not forked: a fork copies the threads of whoever asks in an unknown state.
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        yield from pool.map(_row_by_name, names, modes, repeat(hold))
+
+
+def _row_by_name(name: str, mode: Mode, hold: int) -> _Result:
+    return _row(_BY_NAME[name], mode, hold, None)
+
+
+def _row(case: FaultCase, mode: Mode, hold: int, channel: str | None) -> _Result:
+    if channel is None:
+        return _row_of(case, mode, hold, None)
+    with SocketCanWire(channel) as wire:
+        return _row_of(case, mode, hold, wire)
+
+
+def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) -> _Result:
+    log = _Log()
+    rig = driving_rig(case, mode, log, wire)
+    log.on = True
+    rig.cycle(_LOGGED_CYCLES)
+    before = rig.stage.value * 1e-2
+    seen = len(rig.emergencies)
+    case.inject(rig)
+    injected = log.time
+    cycles_to_zero = _cycles_to_zero(rig, case.bound)
+    state = rig.state
+    codes = tuple(
+        dict.fromkeys(f"{emcy.code:04X}h" for emcy in rig.emergencies[seen:] if emcy.code)
+    )
+    log.on = False
+    seed = crc32(f"{case.name}, {mode_name(mode)}".encode())
+    at_zero = _cycles_at_zero(rig, hold, MasterTraffic(rig, seed, commands=not case.forgets))
+    log.on = True
+    recovered = _recovers(rig, case, mode)
+    row = Row(
+        fault=case.name,
+        mode=mode_name(mode),
+        voltage_before_v=round(before, 2),
+        detection_bound_cycles=case.bound,
+        cycles_to_zero=cycles_to_zero,
+        emcy_codes=codes,
+        state_after=state.name.lower(),
+        cycles_at_zero=at_zero,
+        held=at_zero == hold,
+        recovered=recovered,
+        injected_at_s=injected * 1e-6,
+    )
+    return row, log.frames, log.time
+
+
+def driving_rig(
+    case: FaultCase, mode: Mode, log: LogHook | None = None, wire: SocketCanWire | None = None
+) -> Rig:
+    """Return a rig that drives in a mode, just before the fault."""
+    rig = Rig(plate_inside=case.plate_inside, log=log, wire=wire)
+    rig.start()
+    _begin_run(rig, mode)
+    if case.prepare is not None:
+        case.prepare(rig)
+        rig.cycle(2)
+    rig.drive(mode)
+    rig.cycle(_RUN_UP.get(mode, _OTHER_RUN_UP))
+    return rig
+
+
+def _begin_run(rig: Rig, mode: Mode) -> None:
+    for name, raw in _SETPOINTS.items():
+        rig.write(name, raw)
+    rig.start_run(touch=mode is not Mode.IDENTIFY)
+
+
+def _cycles_to_zero(rig: Rig, bound: int) -> int | None:
+    """Cycles until the stage is at 0 V and stays there; a loop may ask for 0 V in passing."""
+    window = bound + _LOGGED_CYCLES
+    last = 0
+    for count in range(1, window + 1):
+        if rig.stage.value:
+            last = count
+        rig.cycle()
+    return None if last > window - _LATE else last
+
+
+def _cycles_at_zero(rig: Rig, hold: int, traffic: MasterTraffic) -> int:
+    for count in range(hold):
+        traffic.send()
+        rig.cycle()
+        if rig.stage.value:
+            return count
+    return hold
+
+
+def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
+    """Whether the stimulator drives again when the cause is gone and the fault is reset."""
+    case.remove(rig)
+    rig.nmt(NMTCommand.START)
+    try:
+        rig.configure()
+        rig.cycle(_SETTLE)
+        _begin_run(rig, mode)
+        if rig.state is State.FAULT:
+            rig.reset_fault()
+        else:
+            rig.write("Controlword", 0)
+        rig.drive(mode)
+    except (Abort, HeartbeatLostError):
+        return False
+    rig.cycle(_RUN_UP.get(mode, _OTHER_RUN_UP))
+    return rig.state is State.RUNNING and rig.stage.value > 0
+
+
+def tolerated(case: FaultCase, mode: Mode) -> bool:
+    """Whether a run goes on under a fault of `TOLERATED`."""
+    rig = driving_rig(case, mode)
+    case.inject(rig)
+    rig.cycle(_GO_ON if mode is not Mode.IDENTIFY else _LOGGED_CYCLES)
+    return rig.state is State.RUNNING and rig.stage.value > 0
+
+
+_BY_NAME: Final = {case.name: case for case in CASES}
+ALL_TOLERATED: Final = tuple((case, mode) for case in TOLERATED for mode in case.modes)
+"""Every fault that must not end a run, with every mode."""

@@ -1,0 +1,125 @@
+"""What must hold in every cycle, whatever a master, a finger or a fault does."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from math import isfinite
+from typing import Final
+
+from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.watchdogs import AMPLITUDE_CYCLES
+from smarttac_can.od.cia import ERROR_FIELD
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.trials.rig import Rig
+
+AFTERGLOW_CYCLES: Final = 5
+"""Cycles that the vibration takes to die away."""
+UNDRIVEN_CYCLES: Final = 5
+"""Cycles outside of RUNNING after which the power stage is at 0 V over the bus, too."""
+_ENTRIES_PER_CYCLE: Final = 4
+_MOST_VIOLATIONS: Final = 20
+
+
+class Invariants:
+    """Checks of a rig with a plate node, to be called after every cycle.
+
+    Parameters
+    ----------
+    rig
+        What is watched; over calls, not over the bus, so that nothing changes by being seen.
+
+    Attributes
+    ----------
+    violations
+        What did not hold, a line each; no more than 20 are kept.
+    violated
+        How many there were.
+    stage_is_broken
+        Whether the power stage ignores what is asked for; its voltage is then not checked.
+    deaf
+        Whether a node cannot hear or act, so that it may go on driving until its plate notices.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._plate_block = rig.plate_block
+        self._machine = rig.stimulator.block.supervisor
+        od = rig.od
+        self._drive = od["Drive.Voltage"]
+        self._limit = od["Limit.Voltage"]
+        self._trip = od["Limit.Amplitude trip"]
+        entries = [
+            entry
+            for dictionary in (od, rig.plate_block.od)
+            for entry in dictionary
+            if isinstance(entry.default, int) and entry.low < entry.high
+        ]
+        self._rolling = cycle(entries)
+        self._high_for = 0
+        self._undriven_for = 0
+        self.violations: list[str] = []
+        self.violated = 0
+        self.stage_is_broken = False
+        self.deaf = False
+
+    def check(self) -> None:
+        """Check all that can be checked in one cycle."""
+        rig = self._rig
+        volts = rig.stage.value * rig.stage.si
+        most = self._limit.value * self._limit.si
+        if not 0.0 <= volts <= most and not self.stage_is_broken:
+            self.violate(f"{volts:g} V at the power stage, limit {most:g} V")
+        asked = self._drive.value * self._drive.si
+        if not 0.0 <= asked <= most:
+            self.violate(f"a drive of {asked:g} V, limit {most:g} V")
+        plate = self._plate_block.plate
+        W = abs(plate.W)
+        if not isfinite(W + plate.temperature + plate.Ft + plate.Fn):
+            self.violate("a state of the plate is not finite")
+        self._high_for = self._high_for + 1 if self._trip.value * self._trip.si < W else 0
+        if self._high_for > AMPLITUDE_CYCLES + AFTERGLOW_CYCLES:
+            self.violate(f"an amplitude of {W * 1e6:.2f} um for {self._high_for} cycles")
+        if self._machine.state is State.RUNNING or self.deaf or not rig.stage.value:
+            self._undriven_for = 0
+        else:
+            self._undriven_for += 1
+            if self._undriven_for > UNDRIVEN_CYCLES:
+                self.violate(f"{volts:g} V in state {self._machine.state.name.lower()}")
+        for _ in range(_ENTRIES_PER_CYCLE):
+            entry = next(self._rolling)
+            if not entry.low <= entry.value <= entry.high:
+                self.violate(f"{entry.name} is {entry.value}, outside {entry.low}..{entry.high}")
+
+    def clear_history(self) -> None:
+        """Begin to compare the error histories with the emergency messages anew."""
+        rig = self._rig
+        for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate_block.od)):
+            rig.write_entry(node_id, od.entry(ERROR_FIELD), 0)
+        del rig.emergencies[:]
+
+    def check_history(self) -> None:
+        """Compare the error histories with the messages since `clear_history`, place by place."""
+        rig = self._rig
+        for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate_block.od)):
+            sent = [emcy.code for emcy in rig.emergencies if emcy.node_id == node_id and emcy.code]
+            kept = [entry.value & 0xFFFF for entry in history(od)]
+            newest = sent[::-1][: len(od.objects[ERROR_FIELD].entries) - 1]
+            if kept != newest:
+                self.violate(f"node {node_id} sent {_hex(newest)}, its history is {_hex(kept)}")
+
+    def violate(self, what: str) -> None:
+        """Note something that does not hold."""
+        self.violated += 1
+        if len(self.violations) < _MOST_VIOLATIONS:
+            self.violations.append(f"cycle {self._rig.cycles}: {what}")
+
+
+def history(od: ObjectDictionary) -> list[Entry]:
+    """Return the used places of a node's error history, the newest first."""
+    places = od.objects[ERROR_FIELD].entries
+    return [places[subindex] for subindex in range(1, places[0].value + 1)]
+
+
+def _hex(codes: list[int]) -> str:
+    return "[" + " ".join(f"{code:04X}" for code in codes) + "]"

@@ -1,0 +1,290 @@
+"""A test rig: two simulated nodes on a bus with faults, and a master that counts cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.host.bus import LogHook
+from smarttac_can.host.faulty_bus import FaultyBus
+from smarttac_can.host.local_bus import Port, Wire
+from smarttac_can.master.errors import HeartbeatLostError
+from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
+from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS, TICK_US
+from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.state_machine import Control, State
+from smarttac_can.nodes.stimulator_block import SIMULATION
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import (
+    EMCY_ID,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_ID,
+    HEARTBEAT_PRODUCER,
+    NMT_ID,
+    SDO_RX_ID,
+    SDO_TX_ID,
+    SYNC_COUNTER,
+    SYNC_ID,
+    SYNC_PERIOD,
+    Abort,
+    NMTCommand,
+)
+from smarttac_can.od.data_types import pack, unpack
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+MASTER_ID: Final = 1
+"""Node-ID of the master."""
+HEARTBEAT_CYCLES: Final = 20
+"""Cycles between two heartbeats of the master, and of the plate."""
+NODE_LOST_MS: Final = 50
+"""After how long without a heartbeat the stimulator counts master or plate as lost."""
+_PLATE_WATCH: Final = 4
+"""Entry of the heartbeat consumer that watches the plate."""
+SYNC_OVERFLOW: Final = 240
+"""Highest counter of a SYNC with one."""
+_SYNC: Final = Frame(SYNC_ID)
+_OPERATIONAL: Final = bytes((NMTState.OPERATIONAL,))
+_ABORT: Final = 0x80
+_EXPEDITED: Final = 4
+TARE_CYCLES: Final = 70
+"""Cycles without a finger that are enough for the tare."""
+_READY_CYCLES: Final = 5
+"""Cycles in which the stimulator sees that all is well."""
+
+
+class Emcy(NamedTuple):
+    """An emergency message as seen on the bus."""
+
+    cycle: int
+    """Cycle of the rig in which it came."""
+    node_id: int
+    code: int
+    register: int
+    """Content of the error register."""
+
+
+class Rig:
+    """Stimulator and plate in one process, with a master that can do without either.
+
+    Time passes by `cycle` alone: 1 ms for every node, then a SYNC.
+
+    Parameters
+    ----------
+    plate_inside
+        Whether the plate is inside the stimulator node.
+    seed
+        Of all that goes wrong at random.
+    log
+        Called with the time stamp in us and the frame, for every frame on the bus.
+    wire
+        Carries the frames; None keeps them in the process.
+
+    Attributes
+    ----------
+    cycles
+        How many there were.
+    emergencies
+        All emergency messages, in order.
+    stage
+        Voltage of the power stage, what the plate really gets, in 10 mV.
+    heartbeat
+        Whether the master sends its heartbeat.
+    syncs
+        How many SYNCs the master sends in a cycle, 1 unless the clock of the master is wrong.
+    sync_counter
+        Counter of the last SYNC, 0 for SYNC without a counter.
+    observe
+        Called after every cycle.
+    each_cycle
+        Further frames that the master sends in every cycle.
+    """
+
+    def __init__(
+        self,
+        *,
+        plate_inside: bool = False,
+        seed: int = 1,
+        log: LogHook | None = None,
+        wire: Wire | None = None,
+    ) -> None:
+        self.bus = FaultyBus(seed, log=log, wire=wire)
+        self.cycles = 0
+        self.emergencies: list[Emcy] = []
+        self.heartbeat = True
+        self.syncs = 1
+        self.sync_counter = 0
+        self.observe: Callable[[], None] | None = None
+        self.each_cycle: list[Frame] = []
+        self._answers: dict[int, bytes] = {}
+        self._emcy_ids = (EMCY_ID + STIMULATOR_ID, EMCY_ID + PLATE_ID)
+        self._sdo_ids = (SDO_TX_ID + STIMULATOR_ID, SDO_TX_ID + PLATE_ID)
+        self.master: Port = self.bus.connect(self._hear)
+        if plate_inside:
+            self.plate_block = PlateBlock(plate_od())
+            self.stimulator = StimulatorNode(stimulator_od(), self.plate_block)
+            self.plate_port = None
+        else:
+            plate = PlateNode(plate_od(), deadline_ms=SHORT_DEADLINE_MS)
+            self.plate_block = plate.block
+            self.stimulator = StimulatorNode(
+                stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=SHORT_DEADLINE_MS
+            )
+            self.plate_port = self.bus.attach(plate, lockstep=False)
+            self.plate = plate
+        self.stimulator_port = self.bus.attach(self.stimulator, lockstep=False)
+        self.od = self.stimulator.od
+        self.stage: Entry = self.plate_block.od["Stage.Voltage"]
+
+    def cycle(self, count: int = 1) -> None:
+        """Let 1 ms pass, then send SYNC; so many times."""
+        for _ in range(count):
+            self.cycles += 1
+            self.bus.advance(TICK_US)
+            if self.heartbeat and self.cycles % HEARTBEAT_CYCLES == 0:
+                self.master.send(Frame(HEARTBEAT_ID + MASTER_ID, _OPERATIONAL))
+            for frame in self.each_cycle:
+                self.master.send(frame)
+            for _ in range(self.syncs):
+                self.master.send(self._next_sync())
+            if self.observe is not None:
+                self.observe()
+
+    def nmt(self, command: int, node_id: int = 0) -> None:
+        """Send an NMT command; node 0 stands for all."""
+        self.master.send(Frame(NMT_ID, bytes((command, node_id))))
+
+    def read(self, name: str) -> int:
+        """Read a raw value of the stimulator, or of the simulation, by expedited SDO."""
+        node_id, entry = self._find(name)
+        answer = self.ask(node_id, b"\x40", entry)
+        return int(unpack(entry.data_type, answer[4 : 4 + entry.size]))
+
+    def write(self, name: str, raw: int) -> None:
+        """Write a raw value to the stimulator, or the simulation, by expedited SDO."""
+        node_id, entry = self._find(name)
+        self.write_entry(node_id, entry, raw)
+
+    def write_entry(self, node_id: int, entry: Entry, raw: int) -> None:
+        """Write a raw value to an entry of a node by expedited SDO."""
+        data = pack(entry.data_type, raw)
+        self.ask(node_id, bytes((0x23 | (_EXPEDITED - len(data)) << 2,)), entry, data)
+
+    def ask(self, node_id: int, command: bytes, entry: Entry, data: bytes = b"") -> bytes:
+        """Make an SDO request and return the answer.
+
+        Raises
+        ------
+        Abort
+            If the node refuses.
+        HeartbeatLostError
+            If it does not answer at once.
+        """
+        address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
+        self._answers.pop(node_id, None)
+        request = Frame(SDO_RX_ID + node_id, command + address + data.ljust(4, b"\0"))
+        self.master.send(request)
+        answer = self._answers.pop(node_id, None)
+        if answer is None:
+            raise HeartbeatLostError(f"node {node_id} does not answer to {entry.name}")
+        if answer[0] == _ABORT:
+            raise Abort(int.from_bytes(answer[4:], "little"))
+        return answer
+
+    @property
+    def state(self) -> State:
+        """State of the stimulator, read directly and not over the bus."""
+        return self.stimulator.block.state
+
+    def configure(self) -> None:
+        """Have heartbeats of master and plate under watch, as after every reset of a node."""
+        watched = [(1, MASTER_ID)]
+        if self.plate_port is not None:
+            watched.append((_PLATE_WATCH, PLATE_ID))
+            producer = self.plate.od.entry(HEARTBEAT_PRODUCER)
+            self.write_entry(PLATE_ID, producer, HEARTBEAT_CYCLES)
+        for subindex, node_id in watched:
+            watch = self.od.entry(HEARTBEAT_CONSUMER, subindex)
+            self.write_entry(STIMULATOR_ID, watch, node_id << 16 | NODE_LOST_MS)
+
+    def start(self) -> None:
+        """Configure and start both nodes."""
+        self.configure()
+        self.nmt(NMTCommand.START)
+        self.cycle(HEARTBEAT_CYCLES + 1)
+
+    def start_run(self, *, subject: int = 2, force_mN: int = 500, touch: bool = True) -> None:
+        """Begin a run, under a stroking finger or none, and tare it."""
+        self.write("Simulation.Subject", subject)
+        self.write("Finger.Force", force_mN)
+        self.write("Finger.Motion", int(touch))
+        self._write_both(START_RUN, 1)
+        self.cycle(TARE_CYCLES)
+        self.write(AUTO_ZERO[0], ZERO)
+        self.cycle(_READY_CYCLES)
+
+    def drive(self, mode: Mode) -> None:
+        """Choose a mode, arm and run."""
+        self.write("Mode", mode)
+        self.write("Controlword", Control.ARM)
+        self.write("Controlword", Control.ARM | Control.RUN)
+
+    def reset_fault(self) -> None:
+        """Disarm and reset the fault."""
+        self.write("Controlword", 0)
+        self.write("Controlword", Control.FAULT_RESET)
+        self.write("Controlword", 0)
+
+    def inject(self, kind: int, sensor: int = 1, value: int = 0, delay: int = 0) -> None:
+        """Break something of the simulated plate."""
+        self.write("Fault.Sensor", sensor)
+        self.write("Fault.Value", value)
+        self.write("Fault.Delay in cycles", delay)
+        self.write("Fault.Kind", kind)
+
+    def mend(self) -> None:
+        """Mend the simulated plate."""
+        self.write("Fault.Kind", 0)
+
+    def _next_sync(self) -> Frame:
+        if not self.sync_counter:
+            return _SYNC
+        self.sync_counter = self.sync_counter % SYNC_OVERFLOW + 1
+        return Frame(SYNC_ID, bytes((self.sync_counter,)))
+
+    def count_syncs(self) -> None:
+        """Have SYNC carry a counter from now on, which both nodes expect."""
+        for node_id, od in self._dictionaries():
+            period = od.entry(SYNC_PERIOD)
+            before = int(period.value)
+            self.write_entry(node_id, period, 0)
+            self.write_entry(node_id, od.entry(SYNC_COUNTER), SYNC_OVERFLOW)
+            self.write_entry(node_id, period, before)
+        self.sync_counter = SYNC_OVERFLOW
+
+    def _dictionaries(self) -> list[tuple[int, ObjectDictionary]]:
+        nodes = [(STIMULATOR_ID, self.od)]
+        return nodes if self.plate_port is None else [*nodes, (PLATE_ID, self.plate.od)]
+
+    def _write_both(self, name: str, raw: int) -> None:
+        """Write to the plate node, if there is one, and to the stimulator."""
+        self.write(name, raw)
+        if self.plate_port is not None:
+            self.write_entry(STIMULATOR_ID, self.od[name], raw)
+
+    def _find(self, name: str) -> tuple[int, Entry]:
+        if self.plate_port is not None and name.partition(".")[0] in SIMULATION:
+            return PLATE_ID, self.plate.od[name]
+        return STIMULATOR_ID, self.od[name]
+
+    def _hear(self, frame: Frame) -> None:
+        can_id = frame.can_id
+        if can_id in self._sdo_ids:
+            self._answers[can_id - SDO_TX_ID] = frame.data
+        elif can_id in self._emcy_ids and len(frame.data) == 8:
+            code = int.from_bytes(frame.data[:2], "little")
+            self.emergencies.append(Emcy(self.cycles, can_id - EMCY_ID, code, frame.data[2]))

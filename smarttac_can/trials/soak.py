@@ -1,0 +1,287 @@
+"""A soak: hours of simulated time in which everything happens, and nothing may go wrong."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Final
+from zlib import crc32
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.master.errors import HeartbeatLostError
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.watchdogs import Watchdog
+from smarttac_can.od.cia import Abort, NMTCommand
+from smarttac_can.trials.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
+from smarttac_can.trials.invariants import Invariants
+from smarttac_can.trials.master_traffic import MasterTraffic
+from smarttac_can.trials.rig import Rig
+from smarttac_can.trials.soak_report import SoakReport
+
+CYCLES_PER_HOUR: Final = 3_600_000
+_RSS_CYCLES: Final = 60_000
+_WARM_UP_SAMPLES: Final = 2
+_PAGE: Final = 4096
+RSS_GROWTH_MIB: Final = 8.0
+"""How much the process may grow after its first two simulated minutes."""
+_READY_CYCLES: Final = 5
+_SHOWING_V: Final = 20.0
+"""Voltage from which any plate vibrates enough to be judged."""
+_PATIENCE_CYCLES: Final = 2000
+_TOO_MUCH: Final = 1 << Watchdog.AMPLITUDE | 1 << Watchdog.SATURATED
+_USED: Final = tuple(
+    case for case in CASES
+    if not case.plate_inside and case.prepare is None and not case.breaks_controller
+)  # fmt: skip
+
+
+class Soak:
+    """One soak on the in-process bus, with a plate node.
+
+    Parameters
+    ----------
+    cycles
+        How long, in cycles of 1 ms, 1 or more; the last scene may take longer.
+    seed
+        Of everything.
+    progress
+        Called with the share that is done, 0..1.
+    """
+
+    def __init__(
+        self, cycles: int, seed: int, progress: Callable[[float], None] | None = None
+    ) -> None:
+        if cycles < 1:
+            raise ValueError(f"cycles {cycles} is below 1")
+        self._length = cycles
+        self._progress = progress
+        self._random = random.Random(seed)
+        self._rig = rig = Rig(seed=seed)
+        self._traffic = MasterTraffic(rig, seed, commands=False)
+        self._invariants = Invariants(rig)
+        self._report = SoakReport(seed)
+        self._mode = Mode.OPEN_LOOP
+        self._driven = dict.fromkeys(DRIVING, 0)
+        self._faults: Counter[str] = Counter()
+        self._tolerated: Counter[str] = Counter()
+        self._check_sum = 0
+        rig.observe = self._observe
+
+    def run(self) -> SoakReport:
+        """Let it all happen."""
+        start = perf_counter()
+        rig, report = self._rig, self._report
+        rig.start()
+        self._invariants.clear_history()
+        scenes: tuple[tuple[Callable[[], None], int], ...] = (
+            (self._touch, 4),
+            (self._fault, 6),
+            (self._mishap, 2),
+            (self._restart_master, 1),
+        )
+        acts, weights = zip(*scenes, strict=True)
+        while rig.cycles < self._length:
+            self._run_scene(self._random.choices(acts, weights)[0])
+            if self._progress is not None:
+                self._progress(min(1.0, rig.cycles / self._length))
+        report.simulated_s = rig.cycles * 1e-3
+        report.driving_s = {
+            mode.name.lower(): round(count * 1e-3, 3) for mode, count in self._driven.items()
+        }
+        report.faults = dict(sorted(self._faults.items()))
+        report.tolerated = dict(sorted(self._tolerated.items()))
+        self._check_memory()
+        report.violations = self._invariants.violations
+        report.violated = self._invariants.violated
+        report.fingerprint = f"{self._check_sum:08x}"
+        report.wall_s = round(perf_counter() - start, 2)
+        return report
+
+    def _run_scene(self, scene: Callable[[], None]) -> None:
+        try:
+            self._begin()
+            scene()
+            self._invariants.check_history()
+        except (Abort, HeartbeatLostError) as error:
+            present = self._rig.od["Diagnosis.Present"].value
+            self._invariants.violate(
+                f"{scene.__name__.strip('_')} in mode {self._mode.name.lower()}, state "
+                f"{self._rig.state.name.lower()}, faults {present:06X}h: {error}"
+            )
+            self._recover()
+        self._report.emergencies += len(self._rig.emergencies)
+        self._invariants.clear_history()
+
+    def _cycle(self, count: int, *, traffic: float = 0.0) -> None:
+        """Let cycles pass, a share of them with something from the master."""
+        rig, draw = self._rig, self._random.random
+        for _ in range(count):
+            if traffic and draw() < traffic:
+                self._traffic.send()
+                self._report.transfers += 1
+            rig.cycle()
+
+    def _observe(self) -> None:
+        """Check a cycle, wherever it came from."""
+        self._invariants.check()
+        voltage = self._rig.stage.value
+        if voltage:
+            self._driven[self._mode] += 1
+        self._check_sum = crc32(voltage.to_bytes(4, "little"), self._check_sum)
+        if self._rig.cycles % _RSS_CYCLES == 0:
+            self._sample_memory()
+
+    def _begin(self) -> None:
+        """Start a run with another finger, and drive in a random mode."""
+        rig, draw = self._rig, self._random
+        self._mode = mode = draw.choice(DRIVING)
+        rig.write("Simulation.Seed", draw.randrange(2**32))
+        rig.write("Finger.Speed", draw.randint(100, 1500))
+        rig.write("Finger.Force variation", draw.randint(0, 300))
+        self._draw_setpoints()
+        rig.write("Controlword", 0)
+        rig.start_run(
+            subject=draw.randint(1, 5),
+            force_mN=draw.randint(200, 1200),
+            touch=mode is not Mode.IDENTIFY,
+        )
+        rig.drive(mode)
+        self._report.runs += 1
+
+    def _draw_setpoints(self) -> None:
+        rig, draw = self._rig, self._random
+        rig.write("Setpoint.Voltage", draw.randint(1000, 5000))
+        rig.write("Setpoint.Frequency", 4_339_000 + draw.randint(-5000, 5000))
+        rig.write("Setpoint.Amplitude", draw.randint(300, 1800))
+        for side in ("left", "right"):
+            rig.write(f"Setpoint.COF {side}", draw.randint(2500, 6000))
+
+    def _touch(self) -> None:
+        """Strokes, other set-points, other modes, and a master that asks a lot."""
+        for _ in range(self._random.randint(1, 6)):
+            self._cycle(self._random.randint(100, 1500), traffic=0.05)
+            if self._tripped():
+                return
+            self._draw_setpoints()
+
+    def _tripped(self) -> bool:
+        """Whether set-points at random ended the run; only too much vibration may do that."""
+        rig = self._rig
+        if rig.state is not State.FAULT:
+            return False
+        if rig.od["Diagnosis.Latched"].value & ~_TOO_MUCH:
+            self._expect_no_fault("set-points")
+        else:
+            self._report.tripped += 1
+            self._recover()
+        return True
+
+    def _expect_no_fault(self, what: str) -> None:
+        """Note a false alarm, and go on."""
+        if self._rig.state is State.FAULT:
+            message = self._rig.od["Message"].value
+            self._invariants.violate(f"{what} in mode {self._mode.name.lower()}: {message}")
+            self._recover()
+
+    def _fault(self) -> None:
+        """Break something in the middle of a run, see 0 V, and recover."""
+        case = self._random.choice([case for case in _USED if self._mode in case.modes])
+        self._cycle(450 if self._mode is Mode.IDENTIFY else self._random.randint(300, 700))
+        self._expect_no_fault("a stroke")
+        if not self._rig.stage.value:
+            return
+        invariants = self._invariants
+        self._faults[case.name] += 1
+        invariants.stage_is_broken = case.breaks_stage
+        invariants.deaf = case.deaf
+        case.inject(self._rig)
+        self._wait(case)
+        if self._rig.stage.value:
+            invariants.violate(f"{case.name}: {self._rig.stage.value * 1e-2:g} V too late")
+        self._cycle(self._random.randint(20, 400), traffic=0.2)
+        if self._rig.state is State.FAULT:
+            self._report.latched += 1
+        self._mend(case)
+
+    def _wait(self, case: FaultCase) -> None:
+        """Let a fault have the time that it may take until 0 V."""
+        rig, left = self._rig, case.bound + 1
+        if not case.needs_voltage:
+            self._cycle(left)
+            return
+        for _ in range(_PATIENCE_CYCLES):
+            if not left or rig.state is not State.RUNNING:
+                return
+            self._cycle(1)
+            left -= rig.stage.value * rig.stage.si >= _SHOWING_V
+
+    def _mend(self, case: FaultCase) -> None:
+        case.remove(self._rig)
+        self._recover()
+        invariants = self._invariants
+        invariants.stage_is_broken = invariants.deaf = False
+        invariants.check_history()
+        self._report.emergencies += len(self._rig.emergencies)
+        invariants.clear_history()
+
+    def _mishap(self) -> None:
+        """A bus that is bad, but not too bad."""
+        case = self._random.choice(TOLERATED)
+        self._tolerated[case.name] += 1
+        self._cycle(300)
+        case.inject(self._rig)
+        self._cycle(self._random.randint(100, 1000))
+        case.remove(self._rig)
+        self._expect_no_fault(case.name)
+
+    def _restart_master(self) -> None:
+        """The master falls silent, comes back, and resets everybody."""
+        rig = self._rig
+        self._cycle(self._random.randint(100, 600))
+        self._expect_no_fault("a stroke")
+        rig.heartbeat, rig.syncs = False, 0
+        self._cycle(self._random.randint(100, 2000))
+        if rig.stage.value:
+            self._invariants.violate("a voltage without a master")
+        rig.heartbeat, rig.syncs = True, 1
+        rig.nmt(NMTCommand.RESET_NODE)
+        rig.start()
+        self._report.master_restarts += 1
+        self._invariants.clear_history()
+
+    def _recover(self) -> None:
+        """Start what does not run, and reset the fault if there is one."""
+        rig = self._rig
+        rig.nmt(NMTCommand.START)
+        rig.configure()
+        self._cycle(200)
+        # A heartbeat that was still being missed has stopped the stimulator meanwhile.
+        rig.nmt(NMTCommand.START)
+        self._cycle(_READY_CYCLES)
+        self._lift()
+        if rig.state is State.FAULT:
+            rig.reset_fault()
+        if rig.state is State.FAULT:
+            self._invariants.violate("the fault cannot be reset")
+            rig.nmt(NMTCommand.RESET_NODE)
+            rig.start()
+        rig.write("Controlword", 0)
+
+    def _lift(self) -> None:
+        """Lift the finger and tare: zeros taken under a finger would bar the reset."""
+        self._rig.start_run(touch=False)
+
+    def _sample_memory(self) -> None:
+        try:
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        except OSError:
+            return
+        self._report.rss_mib.append(round(pages * _PAGE / 2**20, 1))
+
+    def _check_memory(self) -> None:
+        sizes = self._report.rss_mib[_WARM_UP_SAMPLES:]
+        if sizes and max(sizes) - sizes[0] > RSS_GROWTH_MIB:
+            self._invariants.violate(f"the process grew from {sizes[0]} to {max(sizes)} MiB")

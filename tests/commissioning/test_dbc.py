@@ -1,0 +1,122 @@
+"""A DBC is what cantools makes of it: it decodes a recorded run to the recorded numbers."""
+
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import cantools
+import pytest
+from cantools.database.can import Database
+
+from smarttac_can.bench.open_link import stimulator_od
+from smarttac_can.bench.traces import read_csv
+from smarttac_can.commissioning.dbc import identifier, make_dbc
+from smarttac_can.host.candump import read_candump
+from smarttac_can.od.cia import SYNC_ID
+from smarttac_can.od.eds import load_eds
+from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.reproduce import CANDUMP, TRACES, reproduce
+
+RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text()
+
+
+def load(text: str) -> Database:
+    database = cantools.database.load_string(text, "dbc", strict=True)
+    assert isinstance(database, Database)
+    return database
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    reproduce(frozenset({"fig5"}), Conditions(), link="bus", folder=folder)
+    return folder
+
+
+def cycles(log: Path, database: Database) -> list[dict[str, Any]]:
+    """What the node's TPDOs carry from SYNC to SYNC."""
+    known = {message.frame_id for message in database.messages}
+    numbered = []
+    number = 0
+    for _, frame in read_candump(log):
+        number += frame.can_id == SYNC_ID
+        if frame.can_id in known:
+            numbered.append((number, frame))
+    rows = []
+    for _, frames in groupby(numbered, key=lambda item: item[0]):
+        row: dict[str, Any] = {}
+        for _, frame in frames:
+            # The first is the cycle's; a node that ends says once more how it left the plate.
+            row = {**database.decode_message(frame.can_id, frame.data), **row}
+        rows.append(row)
+    return rows
+
+
+def test_a_recorded_run_decodes_to_its_traces(run: Path) -> None:
+    """All rows of the traces are in the log, in their order, with other cycles between runs."""
+    decoded = iter(cycles(run / CANDUMP, load(make_dbc(stimulator_od()))))
+    compared = 0
+    for trace in read_csv(run / TRACES):
+        columns = {
+            "Contact_Tick": trace.tick,
+            "Vibration_Amplitude": trace.W * 0.1,
+            "Vibration_Voltage": trace.V * 10,
+            "Vibration_Frequency": trace.f * 0.01,
+            "Contact_Tangential_force": trace.Ft,
+            "Contact_Normal_force": trace.Fn,
+            "Contact_COF": trace.mu * 1e-4,
+            "Contact_COF_reference": trace.mu_ref * 1e-4,
+        }
+        for k in range(len(trace)):
+            wanted = {name: pytest.approx(values[k]) for name, values in columns.items()}
+            assert any(
+                all(row.get(name) == value for name, value in wanted.items()) for row in decoded
+            ), (trace.experiment, k)
+            compared += 1
+    assert compared > 50
+
+
+def test_scale_unit_sign_and_limits() -> None:
+    database = load(make_dbc(load_eds(RICH, 5)))
+    message = database.get_message_by_name("Conformance_probe_5_RPDO1")
+    assert (message.frame_id, message.length) == (0x205, 8)
+    offset = message.get_signal_by_name("Setpoint_Offset")
+    assert (offset.start, offset.length, offset.is_signed) == (48, 16, True)
+    assert (offset.scale, offset.unit) == (0.1, "us")
+    assert (offset.minimum, offset.maximum) == (-100, 100)
+    assert offset.receivers == ["Conformance_probe_5"]
+    assert message.decode(bytes.fromhex("E80338354200F6FF")) == {
+        "Setpoint_Voltage": 10_000,
+        "Setpoint_Frequency": 43_390.0,
+        "Setpoint_Offset": -1.0,
+    }
+    heartbeat = database.decode_message(0x705, b"\x85")
+    assert heartbeat == {"NMT_state": "operational"}
+    emergency = database.decode_message(0x85, bytes.fromhex("3081110102030405"))
+    assert emergency["Error_code"] == 0x8130
+
+
+def test_what_is_off_is_left_out() -> None:
+    names = {message.name for message in load(make_dbc(load_eds(RICH, 5))).messages}
+    assert "Conformance_probe_5_TPDO3" in names
+    assert not {f"Conformance_probe_5_{pdo}" for pdo in ("RPDO3", "TPDO4", "TPDO5")} & names
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("0x2F990010", "TPDO 1 maps 2F99h sub-index 0, which is not there"),
+        ("0x22000100", "TPDO 1 maps no bit or more than 64"),
+        ("0x22000140", "TPDO 1 maps no bit or more than 64"),
+    ],
+)
+def test_a_mapping_that_makes_no_sense(value: str, message: str) -> None:
+    assert RICH.count("DefaultValue=0x22000110") == 1
+    od = load_eds(RICH.replace("DefaultValue=0x22000110", f"DefaultValue={value}"), 5)
+    with pytest.raises(ValueError, match=message):
+        make_dbc(od)
+
+
+def test_identifiers() -> None:
+    assert identifier("Contact.Normal force") == "Contact_Normal_force"
+    assert identifier("3 phases (µ)") == "_3_phases"

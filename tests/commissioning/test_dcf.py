@@ -1,0 +1,109 @@
+"""A DCF is what other readers make of it: python-canopen, lely's dcfchk, and our own."""
+
+import io
+import subprocess
+import sys
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+from canopen.objectdictionary.eds import import_eds
+
+from smarttac_can.commissioning.dcf import make_dcf
+from smarttac_can.host.eds_files import read_eds
+from smarttac_can.od.eds import load_eds
+from smarttac_can.od.eds_check import check_eds
+from smarttac_can.od.ini import EDSError
+
+RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text()
+
+
+def dcf(text: str, node_id: int = 9, bit_rate: int = 500_000, **values: str) -> str:
+    return make_dcf(
+        text,
+        node_id=node_id,
+        bit_rate=bit_rate,
+        values={name.replace("__", "."): value for name, value in values.items()},
+        eds_name="device.eds",
+        dcf_name="device.dcf",
+        now=datetime(2026, 3, 4, 15, 6),
+    )
+
+
+@pytest.mark.parametrize("name", ["stimulator.eds", "plate.eds"])
+def test_others_read_it(name: str, tmp_path: Path) -> None:
+    text = dcf(read_eds(name), 9, 1_000_000, **{"1017": "250"})
+    od = import_eds(io.StringIO(text), None)
+    assert (od.node_id, od.bitrate) == (9, 1_000_000)
+    assert od[0x1017].value == 250
+    assert od[0x1800][1].value & 0x7FF == 0x189
+    path = tmp_path / "device.dcf"
+    path.write_text(text)
+    done = subprocess.run(
+        [Path(sys.executable).with_name("dcfchk"), "-n", "9", path],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert check_eds(text, "device.dcf") == []
+
+
+def test_the_values_are_in_force() -> None:
+    text = dcf(RICH, Setpoint__Voltage="0x64", **{"2100sub2": "4400000"})
+    od = load_eds(text, 9)
+    assert od["Setpoint.Voltage"].default == 100
+    assert od["Setpoint.Frequency"].default == 4_400_000
+    for line in (
+        "FileName=device.dcf", "LastEDS=device.eds", "ModificationTime=03:06PM",
+        "ModificationDate=03-04-2026", "NodeID=9", "Baudrate=500", "LSS_SerialNumber=42",
+    ):  # fmt: skip
+        assert text.count(f"\n{line}\n") == 1, line
+    # Nothing else has changed.
+    same = load_eds(RICH, 9)
+    changed = [
+        entry.name
+        for entry in od
+        if entry.default != same.entry(entry.index, entry.subindex).default
+    ]
+    assert changed == ["Setpoint.Voltage", "Setpoint.Frequency"]
+
+
+def test_a_member_of_a_compact_array() -> None:
+    od = load_eds(dcf(RICH, **{"2210sub1": "33"}), 9)
+    values = [od.entry(0x2210, subindex).default for subindex in (1, 2, 3)]
+    assert values == [33, 10, -7]
+    assert check_eds(dcf(RICH, **{"2210sub1": "33"}), "device.dcf") == []
+
+
+def test_a_dcf_becomes_that_of_another_node() -> None:
+    first = dcf(RICH, 9, **{"1801sub1": "0x40000199"})
+    od = load_eds(dcf(first, 10), 10)
+    assert od.number(0x1800, 1) == 0x4000018A
+    assert od.number(0x1801, 1) == 0x40000199
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("Nonsense", "1", "'Nonsense' is not in the EDS"),
+        ("3000", "1", "3000 is not in the EDS"),
+        ("2100sub9", "1", "2100sub9 is not in the EDS"),
+        ("1018sub1", "1", "is ro: it takes no value"),
+        ("2100sub1", "20001", r"Setpoint.Voltage 20001 is outside 0..20000"),
+        ("2100sub1", "x", "is no integer"),
+        ("1017", "65536", "is outside UNSIGNED16"),
+    ],
+)
+def test_what_it_refuses(name: str, value: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dcf(RICH, **{name: value})
+
+
+def test_bit_rates_are_those_of_the_device() -> None:
+    for bit_rate in (125_000, 123):
+        with pytest.raises(ValueError, match=f"bit rate {bit_rate} is none"):
+            dcf(read_eds("plate.eds"), 9, bit_rate)
+
+
+def test_a_file_that_configparser_cannot_read() -> None:
+    with pytest.raises(EDSError):
+        dcf(f"nonsense\n{RICH}")

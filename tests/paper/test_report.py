@@ -1,0 +1,184 @@
+import base64
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from synthetic_traces import all_experiments, trace
+
+from smarttac_can.paper.references import PUBLISHED
+from smarttac_can.paper.report import compare, table_text, write_report
+from smarttac_can.paper.summary import summary
+
+VOID = {"meta", "img", "link", "br"}
+
+
+def law(error):
+    return 1e-6 * max(-1.0, min(1.0, 0.04 * error))
+
+
+def summary_of(traces, **changes):
+    parameters = {"seed": 7, "law": "measured", "link": "bus", "dead_time": 4.5e-4}
+    parameters |= {"version": "0.3", "trace_sha256": "c0ffee"}
+    return summary(traces, **(parameters | changes))
+
+
+def verdicts(summary):
+    return {item.published.key: item.verdict for item in compare(summary)}
+
+
+class Page(HTMLParser):
+    """Checks that tags match, and collects pictures, words and everything that would be fetched."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.images, self.fetched, self.words = [], [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attributes:
+            if name == "src" and value.startswith("data:image/png;base64,"):
+                self.images.append(base64.b64decode(value.split(",", 1)[1], validate=True))
+            elif name in {"src", "href", "srcset", "data"}:
+                self.fetched.append(value)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report") / "new"
+    traces = all_experiments()
+    sentences = {"fitted": ["W0 < 2 & so on"], "emerges": ["$law: both <b>response</b> times"]}
+    page = write_report(folder, traces, summary_of(traces), law, **sentences)
+    return page, page.read_text(encoding="utf-8")
+
+
+def test_the_page_stands_alone(report):
+    index, text = report
+    page = Page(text)
+    assert page.fetched == []
+    assert not re.search(r"url\(|@import|<script|https?:", text)
+    files = [index.with_name(f"fig{n}.png").read_bytes() for n in (2, 3, 5, 6, 7)]
+    assert page.images == files
+    assert all(picture.startswith(b"\x89PNG") for picture in files)
+
+
+def test_the_page_holds_the_run_and_its_results(report):
+    words = " ".join("".join(Page(report[1]).words).split())
+    for expected in (
+        "450 us",
+        "measured",
+        "bus",
+        "c0ffee",
+        "43390 Hz",
+        "30.00 %",
+        "simulated",
+        "Down-step, single touches",
+        "9 of 9 judged results",
+    ):
+        assert expected in words, expected
+    assert "Results that do not exist" not in words
+
+
+def test_passed_in_text_is_text(report):
+    words = "".join(Page(report[1]).words)
+    assert "W0 < 2 & so on" in words
+    assert "$law: both <b>response</b> times" in words
+
+
+def test_same_input_same_page(report, tmp_path):
+    traces = all_experiments()
+    sentences = {"fitted": ["W0 < 2 & so on"], "emerges": ["$law: both <b>response</b> times"]}
+    again = write_report(tmp_path, traces, summary_of(traces), law, **sentences)
+    assert again.read_text(encoding="utf-8") == report[1]
+
+
+def test_a_partial_run_says_what_is_missing(tmp_path):
+    traces = [t for t in all_experiments() if t.experiment.startswith("fig2")]
+    page = write_report(tmp_path, traces, summary_of(traces), law, fitted=[], emerges=[])
+    words = "".join(Page(page.read_text(encoding="utf-8")).words)
+    assert "Fig. 5: fig5.amplitude_and_frequency was not run." in words
+    assert "Results that do not exist" not in words
+    assert "response time" not in words
+    assert sorted(path.name for path in tmp_path.glob("*.png")) == ["fig2.png", "fig3.png"]
+
+
+def test_a_value_at_the_bound_is_inside_and_beyond_it_outside():
+    result = summary_of(all_experiments())
+    key = "fig6.voltage_difference_percent"
+    (published,) = (p for p in PUBLISHED if p.key == key)
+    for value, verdict in (
+        (published.low, "inside"),
+        (published.high, "inside"),
+        (published.low - 1e-9, "outside"),
+        (published.high + 1e-9, "outside"),
+    ):
+        result["fig6"]["voltage_difference_percent"] = value
+        assert verdicts(result)[key] == verdict
+
+
+def test_every_published_figure_is_found_in_a_complete_summary():
+    for item in compare(summary_of(all_experiments())):
+        assert item.value is not None, item.published.key
+        assert item.reason == ""
+
+
+def test_single_subjects_are_shown_but_not_judged():
+    result = verdicts(summary_of(all_experiments()))
+    assert result["table1.subjects[3].rise_time_ms"] == ""
+    assert result["table1.mean.rise_time_ms"] == "inside"
+
+
+def without_voltage():
+    """All experiments, of which one gave nothing that can be measured."""
+    runs = [t for t in all_experiments() if t.experiment != "fig5.amplitude_only"]
+    return [*runs, trace("fig5.amplitude_only", 0, W=np.zeros(60), V=np.zeros(60))]
+
+
+def test_missing_results_bring_their_reason():
+    items = {item.published.key: item for item in compare(summary_of(without_voltage()))}
+    missing = items["fig5.amplitude_only.response_time_ms"]
+    assert missing.reason == "fig5.amplitude_only has no voltage"
+    assert missing.verdict == "missing"
+
+
+def test_what_was_not_run_is_left_out():
+    assert compare(summary_of([])) == []
+
+
+def test_table_text_is_plain_and_aligned():
+    text = table_text(summary_of(all_experiments()))
+    assert text.isascii()
+    lines = text.splitlines()
+    (row,) = (line for line in lines if line.startswith("More voltage"))
+    assert row.split()[-6:] == ["%", "30", "28", "to", "32", "inside"]
+    end = lines[0].index("paper") + len("paper")
+    assert row[:end].endswith(" 30")
+    assert "seed 7, law measured, link bus, dead time 450 us, version 0.3" in text
+    assert "missing" not in text
+
+
+def test_table_text_says_when_there_is_nothing_to_compare():
+    assert table_text(summary_of([])).startswith("The paper gives no number for this.\n\nseed")
+
+
+def test_table_text_names_what_is_missing():
+    text = table_text(summary_of(without_voltage()))
+    key = "fig5.amplitude_only.response_time_ms"
+    assert f"missing {key}: fig5.amplitude_only has no voltage" in text
+
+
+def test_the_text_table_needs_no_matplotlib():
+    code = "import sys, smarttac_can.paper.report; print('matplotlib' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"

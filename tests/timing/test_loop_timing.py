@@ -1,0 +1,289 @@
+"""Statistics of synthetic frames."""
+
+import struct
+
+import pytest
+
+from smarttac_can.bench.open_link import plate_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.timing.loop_timing import Delays, LoopTiming, deadline_ms
+
+MS = 1e-3
+START = 1_700_000_000.0
+"""As of the clock that the kernel's time stamps are of."""
+MEASURED, DRIVEN = 200e-6, 450e-6
+
+
+def sync() -> Frame:
+    return Frame(0x080)
+
+
+def measurement(tick: int, plate: int = 33) -> Frame:
+    return Frame(0x380 + plate, struct.pack("<hhBHB", 0x1111, 0x2222, tick & 0xFF, 7, 0x33))
+
+
+def drive(tick: int, plate: int = 33) -> Frame:
+    return Frame(0x200 + plate, struct.pack("<HIBB", 0x1111, 0x22222222, tick & 0xFF, 0x33))
+
+
+class Loop:
+    """Frames of a loop, with time stamps in ms."""
+
+    def __init__(self) -> None:
+        self.timing = LoopTiming(plate_od())
+
+    def feed(self, ms: float, frame: Frame) -> None:
+        self.timing.feed(START + ms * MS, frame)
+
+    def cycle(
+        self, tick: int, *, late: float = 0.0, measured: float = MEASURED, driven: float = DRIVEN
+    ) -> None:
+        """The cycle of the SYNC of a tick, all within its ms; delays in s."""
+        at = tick + late
+        self.feed(at, sync())
+        self.feed(at + measured / MS, measurement(tick))
+        self.feed(at + driven / MS, drive(tick))
+
+    def cycles(self, first: int, end: int) -> None:
+        for tick in range(first, end):
+            self.cycle(tick)
+
+
+@pytest.fixture
+def loop() -> Loop:
+    return Loop()
+
+
+def test_a_punctual_loop(loop: Loop) -> None:
+    loop.cycles(0, 1001)
+    timing = loop.timing
+    assert (timing.ticks, timing.missed, timing.lost) == (1000, 0, 0)
+    assert timing.sync.counts == {0: 1000}
+    assert timing.measurement.counts == {200: 1001}
+    assert timing.drive.counts == {450: 1001}
+    assert timing.gap_s == pytest.approx(MS, abs=1e-6)
+
+
+def test_the_frames_are_those_of_the_plate_s_node_id() -> None:
+    timing = LoopTiming(plate_od(5))
+    timing.feed(START, sync())
+    for plate in (33, 5):
+        timing.feed(START + MEASURED, measurement(0, plate))
+        timing.feed(START + DRIVEN * plate, drive(0, plate))
+    assert timing.drive.counts == {round(DRIVEN * 5e6): 1}
+
+
+def test_frames_without_their_tick_and_remote_ones_are_ignored(loop: Loop) -> None:
+    loop.feed(0, sync())
+    for frame in (measurement(0), drive(0)):
+        loop.feed(0.1, Frame(frame.can_id, frame.data[:4]))
+        loop.feed(0.1, Frame(frame.can_id, b"", rtr=True))
+    loop.feed(0.1, Frame(0x080, rtr=True))
+    assert not loop.timing.measurement.counts
+    assert not loop.timing.drive.counts
+    assert not loop.timing.sync.counts
+
+
+def test_what_came_before_the_first_sync_is_ignored(loop: Loop) -> None:
+    loop.feed(-0.5, measurement(255))
+    loop.feed(-0.4, drive(255))
+    loop.cycles(0, 11)
+    assert (loop.timing.ticks, loop.timing.missed, loop.timing.lost) == (10, 0, 0)
+    assert loop.timing.drive.counts == {450: 11}
+
+
+def test_a_late_sync_and_the_one_after_it(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    loop.cycle(10, late=0.3)
+    loop.cycles(11, 21)
+    assert (loop.timing.ticks, loop.timing.missed) == (20, 0)
+    assert loop.timing.sync.counts == {0: 19, 300: 1}
+    assert loop.timing.gap_s == pytest.approx(1.3 * MS, abs=1e-6)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.4, 0.9])
+def test_ticks_without_a_sync(late: float, loop: Loop) -> None:
+    """The plate's tick counts go on without a gap: nobody has heard more."""
+    loop.cycles(0, 10)
+    at = 14 + late
+    loop.feed(at, sync())
+    loop.feed(at + 0.2, measurement(10))
+    loop.feed(at + 0.45, drive(10))
+    for n in range(15, 21):
+        loop.feed(n, sync())
+        loop.feed(n + 0.2, measurement(n - 4))
+        loop.feed(n + 0.45, drive(n - 4))
+    timing = loop.timing
+    assert (timing.ticks, timing.missed, timing.lost) == (20, 4, 0)
+    assert timing.sync.quantile_us(1.0) == pytest.approx(4000 + 1000 * late, abs=1)
+    assert timing.gap_s == pytest.approx((5 + late) * MS, abs=1e-6)
+
+
+def test_a_late_drive_has_missed_its_tick_and_keeps_its_delay(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    loop.feed(10, sync())
+    loop.feed(10.2, measurement(10))
+    loop.feed(11, sync())
+    loop.feed(11.1, measurement(11))
+    loop.feed(11.2, drive(10))
+    loop.feed(11.4, drive(11))
+    loop.cycles(12, 21)
+    timing = loop.timing
+    assert (timing.ticks, timing.missed) == (20, 1)
+    assert timing.drive.counts == {400: 1, 450: 19, 1200: 1}
+
+
+def test_a_late_measurement_is_that_of_its_own_sync(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    for n in (10, 11, 12):
+        loop.feed(n, sync())
+    for n in (10, 11, 12):
+        loop.feed(12.5 + (n - 10) * 0.1, measurement(n))
+        loop.feed(12.55 + (n - 10) * 0.1, drive(n))
+    loop.cycles(13, 21)
+    timing = loop.timing
+    assert (timing.ticks, timing.missed, timing.lost) == (20, 2, 0)
+    assert timing.measurement.counts == {200: 18, 2500: 1, 1600: 1, 700: 1}
+
+
+def test_a_measurement_without_a_drive(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    loop.feed(10, sync())
+    loop.feed(10.2, measurement(10))
+    loop.cycles(11, 21)
+    assert (loop.timing.ticks, loop.timing.missed, loop.timing.lost) == (20, 1, 0)
+    assert loop.timing.drive.counts == {450: 20}
+
+
+def test_drives_that_stay_away(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    for n in range(10, 31):
+        loop.feed(n, sync())
+        loop.feed(n + 0.2, measurement(n))
+    assert (loop.timing.ticks, loop.timing.missed, loop.timing.lost) == (30, 20, 0)
+    assert loop.timing.gap_s == pytest.approx((21 - 0.45) * MS, abs=1e-6)
+
+
+def test_a_drive_that_is_sent_again_counts_once(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    loop.cycle(10)
+    loop.feed(10.8, drive(10))
+    loop.cycles(11, 12)
+    assert loop.timing.drive.counts == {450: 12}
+    assert loop.timing.gap_s == pytest.approx(MS, abs=1e-6)
+
+
+@pytest.mark.parametrize("lost", [1, 5, 200, 700])
+def test_cycles_that_were_not_heard_are_not_missed(lost: int, loop: Loop) -> None:
+    loop.cycles(0, 10)
+    loop.cycles(10 + lost, 16 + lost)
+    timing = loop.timing
+    assert (timing.ticks, timing.missed, timing.lost) == (15, 0, lost)
+    assert timing.sync.quantile_us(1.0) == 0
+    assert timing.measurement.counts == {200: 16}
+    assert timing.gap_s == pytest.approx(MS, abs=1e-6)
+
+
+def test_a_sync_that_was_not_heard(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    loop.feed(10.2, measurement(10))
+    loop.feed(10.45, drive(10))
+    loop.cycles(11, 21)
+    timing = loop.timing
+    assert (timing.ticks, timing.missed, timing.lost) == (19, 0, 1)
+    assert timing.sync.quantile_us(1.0) == 0
+    assert timing.gap_s == pytest.approx(MS, abs=1e-6)
+
+
+def test_measurements_that_were_not_heard(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    for n in (10, 11):
+        loop.feed(n, sync())
+        loop.feed(n + 0.45, drive(n))
+    loop.cycles(12, 21)
+    timing = loop.timing
+    assert (timing.ticks, timing.missed, timing.lost) == (18, 0, 2)
+    assert timing.measurement.counts == {200: 19}
+
+
+def test_a_sync_that_the_plate_has_not_heard_shifts_nothing_for_long(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    loop.feed(10, sync())
+    for n in range(11, 111):
+        loop.feed(n, sync())
+        loop.feed(n + 0.2, measurement(n - 1))
+        loop.feed(n + 0.45, drive(n - 1))
+    timing = loop.timing
+    assert timing.measurement.counts == {200: 60, 1200: 50}
+    assert (timing.ticks, timing.missed, timing.lost) == (110, 51, 0)
+
+
+def test_a_run_that_starts_anew_loses_nothing(loop: Loop) -> None:
+    loop.cycles(0, 100)
+    for n in range(100, 121):
+        loop.feed(n, sync())
+        loop.feed(n + 0.2, measurement(n - 100))
+        loop.feed(n + 0.45, drive(n - 100))
+    timing = loop.timing
+    assert (timing.ticks, timing.missed, timing.lost) == (120, 0, 0)
+    assert timing.drive.counts == {450: 121}
+
+
+def test_a_sync_that_comes_after_a_late_one_makes_up_for_no_tick(loop: Loop) -> None:
+    """Five ticks late, the producer sends two SYNCs in a row and is on time again."""
+    loop.cycles(0, 10)
+    for at, tick in ((15.1, 10), (15.5, 11), (16.0, 12), (17.0, 13)):
+        loop.feed(at, sync())
+        loop.feed(at + 0.2, measurement(tick))
+        loop.feed(at + 0.3, drive(tick))
+    assert (loop.timing.ticks, loop.timing.missed, loop.timing.lost) == (17, 4, 0)
+
+
+def test_a_plate_that_says_nothing_takes_no_memory(loop: Loop) -> None:
+    for n in range(10_000):
+        loop.feed(n, sync())
+    assert (loop.timing.ticks, loop.timing.missed) == (9999, 9999)
+    assert len(loop.timing._unmeasured) <= 100
+    assert not loop.timing.ran
+
+
+def test_quantiles_are_delays_that_came() -> None:
+    delays = Delays()
+    for us in range(1, 1001):
+        delays.add(us * 1e-6)
+    assert delays.as_json() == {"p50_us": 500, "p99_us": 990, "p999_us": 999, "max_us": 1000}
+    with pytest.raises(ValueError, match="no delays"):
+        Delays().quantile_us(0.5)
+
+
+@pytest.mark.parametrize(
+    ("gap", "deadline"),
+    [
+        (1.0, 3), (1.5, 3), (1.51, 4), (4.2, 9), (50.0, 100), (50.01, None), (900.0, None)
+    ],
+)  # fmt: skip
+def test_the_deadline_is_twice_the_longest_gap(gap: float, deadline: int | None) -> None:
+    assert deadline_ms(gap * MS) == deadline
+
+
+def test_the_keys_of_the_json(loop: Loop) -> None:
+    loop.cycles(0, 11)
+    figures = loop.timing.as_json()
+    assert list(figures) == [
+        *("sync", "measurement", "drive", "ticks", "missed", "lost", "gap_max_us"),
+        *("deadline_ms", "stage"),
+    ]
+    assert figures["drive"] == dict.fromkeys(("p50_us", "p99_us", "p999_us", "max_us"), 450)
+    assert figures["deadline_ms"] == 3
+    assert figures["stage"]["dose_ratio"] == 1.0
+    assert figures["gap_max_us"] == 1000
+
+
+def test_without_a_deadline_there_is_no_stage(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    loop.feed(110, sync())
+    loop.feed(110.2, measurement(10))
+    loop.feed(110.4, drive(10))
+    figures = loop.timing.as_json()
+    assert figures["deadline_ms"] is None
+    assert figures["stage"] is None

@@ -1,0 +1,129 @@
+"""The fault matrix: a share of its rows, its log, and what a row that fails looks like."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from smarttac_can.bench.open_link import PLATE_ID
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.frame import Frame
+from smarttac_can.od.cia import EMCY_ID, RPDO_IDS, SYNC_ID
+from smarttac_can.trials.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
+from smarttac_can.trials.fault_matrix import cases, fault_matrix, tolerated
+from smarttac_can.trials.fault_row import Row, matrix_table, rows_as_json
+
+HOLD = 50
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
+SAMPLE = [(case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES)]
+
+
+def one(name: str, mode: Mode) -> Row:
+    (row,) = fault_matrix(cases([name], [mode]), hold=HOLD)
+    return row
+
+
+@pytest.mark.parametrize(("case", "mode"), SAMPLE, ids=[case.name for case, _ in SAMPLE])
+def test_fault_ends_in_0_v_in_time_and_recovers(case: FaultCase, mode: Mode) -> None:
+    (row,) = fault_matrix([(case, mode)], hold=HOLD)
+    assert row.voltage_before_v > 0.0
+    assert row.cycles_to_zero is not None
+    assert row.cycles_to_zero <= row.detection_bound_cycles + 1
+    assert row.held
+    assert row.recovered
+    assert row.passed
+
+
+@pytest.mark.parametrize("case", TOLERATED, ids=[case.name for case in TOLERATED])
+def test_mishap_does_not_end_a_run(case: FaultCase) -> None:
+    assert tolerated(case, Mode.FRICTION)
+
+
+def test_every_fault_is_on_the_page_in_each_of_its_modes() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    for case, mode in cases():
+        assert f"| {case.name} | {mode.name.lower().replace('_', ' ')} |" in page
+
+
+def test_every_driving_mode_is_there_for_most_faults() -> None:
+    assert len(cases()) >= 200
+    assert {mode for _, mode in cases()} == set(DRIVING)
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+def test_row_can_be_checked_from_the_log() -> None:
+    frames: list[tuple[int, Frame]] = []
+    (row,) = fault_matrix(
+        cases(["S3 stuck"], [Mode.AMPLITUDE]),
+        hold=HOLD,
+        log=lambda time, frame: frames.append((time, frame)),
+    )
+    injected = row.injected_at_s * 1e6
+    drives = [f.data for t, f in frames if f.can_id == RPDO_IDS[0] + PLATE_ID and t <= injected]
+    assert int.from_bytes(drives[-1][:2], "little") * 1e-2 == pytest.approx(row.voltage_before_v)
+    syncs = 0
+    for time, frame in frames:
+        if time <= injected:
+            continue
+        syncs += frame.can_id == SYNC_ID
+        if frame.can_id == RPDO_IDS[0] + PLATE_ID and frame.data[:2] == bytes(2):
+            break
+    assert syncs == row.cycles_to_zero
+    codes = [
+        f"{int.from_bytes(f.data[:2], 'little'):04X}h"
+        for t, f in frames
+        if t > injected and f.can_id in (EMCY_ID + 32, EMCY_ID + 33)
+    ]
+    assert codes[0] == row.emcy_code
+
+
+def test_rows_repeat() -> None:
+    assert one("measurements corrupt", Mode.FRICTION) == one("measurements corrupt", Mode.FRICTION)
+
+
+def test_fault_that_goes_unnoticed_fails_its_row() -> None:
+    harmless = replace_inject(CASES[0])
+    (row,) = fault_matrix([(harmless, Mode.OPEN_LOOP)], hold=HOLD)
+    assert row.cycles_to_zero is None
+    assert not row.held
+    assert row.recovered
+    assert not row.passed
+
+
+def replace_inject(case: FaultCase) -> FaultCase:
+    return case._replace(name="nothing", inject=lambda rig: None)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"voltage_before_v": 0.0},
+        {"cycles_to_zero": None},
+        {"cycles_to_zero": 9},
+        {"held": False},
+        {"recovered": False},
+    ],
+)
+def test_what_makes_a_row_fail(change: dict[str, float]) -> None:
+    good = Row("it", "friction", 10.0, 5, 6, ("5210h",), "fault", HOLD, True, True, 0.0)
+    assert good.passed
+    assert not replace(good, **change).passed  # type: ignore[arg-type]
+
+
+def test_unknown_fault_and_empty_choice_are_refused() -> None:
+    with pytest.raises(ValueError, match="fault 'rust' is none of"):
+        cases(["rust"])
+    with pytest.raises(
+        ValueError,
+        match="fault 'resonance out of reach' is not injected in mode open_loop or identify",
+    ):
+        cases(["resonance out of reach", "NMT stop"], [Mode.OPEN_LOOP, Mode.IDENTIFY])
+    with pytest.raises(ValueError, match="no fault is injected in mode off"):
+        cases([], [Mode.OFF])
+
+
+def test_table_says_never_and_none() -> None:
+    bad = Row("it", "open_loop", 10.0, 5, None, (), "not_ready", 0, False, True, 0.0)
+    line = list(matrix_table([bad]))[2]
+    assert line == "| it | open loop | 10 | 5 | never | none | not ready | no | yes |"
+    assert rows_as_json([bad])[0]["emcy_code"] is None

@@ -1,0 +1,96 @@
+"""The rig: time, SDO, emergencies, and a master that can fall silent."""
+
+import pytest
+
+from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.frame import Frame
+from smarttac_can.master.errors import HeartbeatLostError
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.od.cia import Abort, NMTCommand
+from smarttac_can.plant.faults import FaultKind
+from smarttac_can.trials.master_traffic import MasterTraffic
+from smarttac_can.trials.rig import Rig
+
+
+@pytest.fixture
+def rig() -> Rig:
+    rig = Rig()
+    rig.start()
+    return rig
+
+
+@pytest.mark.parametrize("plate_inside", [False, True])
+def test_drives_in_a_mode(plate_inside: bool) -> None:
+    rig = Rig(plate_inside=plate_inside)
+    rig.start()
+    rig.write("Setpoint.Voltage", 2000)
+    rig.start_run()
+    rig.drive(Mode.OPEN_LOOP)
+    rig.cycle(3)
+    assert rig.state is State.RUNNING
+    assert rig.stage.value == 2000
+
+
+def test_one_cycle_is_one_tick_of_the_plate(rig: Rig) -> None:
+    before = rig.plate_block.od["Cycle.Ticks"].value
+    rig.cycle(7)
+    assert rig.plate_block.od["Cycle.Ticks"].value == before + 7
+
+
+def test_reads_what_was_written_and_from_the_right_node(rig: Rig) -> None:
+    rig.write("Setpoint.Amplitude", 700)
+    rig.write("Simulation.Subject", 4)
+    assert rig.read("Setpoint.Amplitude") == 700
+    assert rig.plate_block.od["Simulation.Subject"].value == 4
+
+
+def test_refusals_and_silence_are_told(rig: Rig) -> None:
+    with pytest.raises(Abort):
+        rig.write("Simulation.Subject", 9)
+    rig.nmt(NMTCommand.STOP)
+    with pytest.raises(HeartbeatLostError, match="node 32 does not answer to Mode"):
+        rig.read("Mode")
+
+
+def test_notes_emergencies_of_both_nodes(rig: Rig) -> None:
+    for node_id in (PLATE_ID, STIMULATOR_ID):
+        rig.bus.connect(lambda frame: None).send(
+            Frame(0x80 + node_id, bytes.fromhex("1052810000000000"))
+        )
+    codes = [(emcy.node_id, emcy.code, emcy.register) for emcy in rig.emergencies]
+    assert codes == [(PLATE_ID, 0x5210, 0x81), (STIMULATOR_ID, 0x5210, 0x81)]
+
+
+def test_breaks_and_mends_the_plate(rig: Rig) -> None:
+    rig.inject(FaultKind.SATURATED, 2)
+    rig.cycle()
+    assert rig.plate_block.od["Vibration.Saturation"].value == 2
+    rig.mend()
+    rig.cycle()
+    assert rig.plate_block.od["Vibration.Saturation"].value == 0
+
+
+def test_syncs_carry_a_counter_that_both_nodes_take(rig: Rig) -> None:
+    rig.nmt(NMTCommand.ENTER_PRE_OPERATIONAL)
+    rig.count_syncs()
+    rig.nmt(NMTCommand.START)
+    before = rig.plate_block.od["Cycle.Ticks"].value
+    rig.cycle(500)
+    assert rig.plate_block.od["Cycle.Ticks"].value == before + 500
+    assert not rig.emergencies
+
+
+def test_random_traffic_is_the_same_with_the_same_seed() -> None:
+    def frames(seed: int) -> list[Frame]:
+        heard: list[Frame] = []
+        rig = Rig(log=lambda _time, frame: heard.append(frame))
+        rig.start()
+        traffic = MasterTraffic(rig, seed)
+        for _ in range(300):
+            traffic.send()
+            rig.cycle()
+        return heard
+
+    assert frames(1) == frames(1)
+    assert frames(1) != frames(2)

@@ -1,0 +1,123 @@
+"""A soak repeats by its seed, and its checks see what does not hold."""
+
+from dataclasses import replace
+
+import pytest
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.nodes.watchdogs import AMPLITUDE_CYCLES
+from smarttac_can.od.cia import ERROR_FIELD
+from smarttac_can.trials.invariants import AFTERGLOW_CYCLES, UNDRIVEN_CYCLES, Invariants
+from smarttac_can.trials.rig import Rig
+from smarttac_can.trials.soak import Soak
+
+
+@pytest.fixture
+def rig() -> Rig:
+    rig = Rig()
+    rig.start()
+    rig.write("Setpoint.Voltage", 2000)
+    rig.start_run()
+    rig.drive(Mode.OPEN_LOOP)
+    rig.cycle(20)
+    return rig
+
+
+@pytest.fixture
+def invariants(rig: Rig) -> Invariants:
+    return Invariants(rig)
+
+
+def test_twenty_seconds_hold_and_repeat() -> None:
+    shares: list[float] = []
+    first = Soak(20_000, 3, shares.append).run()
+    assert first.violations == []
+    assert first.passed
+    assert first.faults and first.simulated_s >= 20.0
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    again = Soak(20_000, 3).run()
+    assert replace(again, wall_s=0.0, rss_mib=[]) == replace(first, wall_s=0.0, rss_mib=[])
+    assert Soak(20_000, 4).run().fingerprint != first.fingerprint
+
+
+def test_length_below_one_cycle_is_refused() -> None:
+    with pytest.raises(ValueError, match="cycles 0 is below 1"):
+        Soak(0, 1)
+
+
+def test_a_sound_run_violates_nothing(rig: Rig, invariants: Invariants) -> None:
+    for _ in range(200):
+        rig.cycle()
+        invariants.check()
+    assert not invariants.violated
+
+
+def test_voltage_above_the_limit_is_seen(rig: Rig, invariants: Invariants) -> None:
+    rig.od["Limit.Voltage"].value = 100
+    invariants.check()
+    assert any("V at the power stage" in line for line in invariants.violations)
+    assert any("a drive of" in line for line in invariants.violations)
+
+
+def test_lasting_amplitude_above_the_limit_is_seen(rig: Rig, invariants: Invariants) -> None:
+    rig.od["Limit.Amplitude trip"].value = 0
+    for _ in range(AMPLITUDE_CYCLES + AFTERGLOW_CYCLES):
+        invariants.check()
+    assert not invariants.violated
+    invariants.check()
+    assert "um for" in invariants.violations[0]
+
+
+def test_plate_that_is_not_finite_is_seen(rig: Rig, invariants: Invariants) -> None:
+    rig.plate_block.plate.temperature = float("nan")
+    invariants.check()
+    assert "not finite" in invariants.violations[0]
+
+
+def test_object_outside_its_limits_is_seen(rig: Rig, invariants: Invariants) -> None:
+    rig.od["Setpoint.Amplitude"].value = -1
+    for _ in range(1000):
+        invariants.check()
+    assert any("Setpoint.Amplitude is -1" in line for line in invariants.violations)
+
+
+def test_voltage_outside_of_running_is_seen(rig: Rig, invariants: Invariants) -> None:
+    stage = rig.stage
+    rig.write("Controlword", 0)
+    rig.cycle(5)
+    stage.value = 100
+    for _ in range(UNDRIVEN_CYCLES + 1):
+        invariants.check()
+    assert "1 V in state ready" in invariants.violations[0]
+
+
+def test_history_that_differs_from_the_messages_is_seen(rig: Rig, invariants: Invariants) -> None:
+    invariants.clear_history()
+    rig.stimulator.device.emergency(0x5210, 0)
+    rig.bus.answer(rig.stimulator_port, rig.stimulator.device.take())
+    invariants.check_history()
+    assert not invariants.violated
+    rig.od.entry(ERROR_FIELD, 1).value = 0x5211
+    invariants.check_history()
+    assert "[5210], its history is [5211]" in invariants.violations[0]
+
+
+def test_history_that_is_cut_short_is_seen(rig: Rig, invariants: Invariants) -> None:
+    invariants.clear_history()
+    count = rig.od.entry(ERROR_FIELD, 0)
+    for code in range(0xFF00, 0xFF00 + len(rig.od.objects[ERROR_FIELD].entries)):
+        rig.stimulator.device.emergency(code, 0)
+        rig.bus.answer(rig.stimulator_port, rig.stimulator.device.take())
+    assert len(rig.emergencies) == count.value + 1, "one more than there are places"
+    invariants.check_history()
+    assert not invariants.violated
+    count.value -= 1
+    invariants.check_history()
+    assert invariants.violated == 1
+
+
+def test_only_the_first_violations_are_kept(invariants: Invariants) -> None:
+    for _ in range(50):
+        invariants.violate("it")
+    assert invariants.violated == 50
+    assert len(invariants.violations) == 20
