@@ -26,7 +26,7 @@ ROWS = [
 
 
 def test_the_cycle_is_as_it_stands_in_the_file() -> None:
-    shown = re.search(r"```python\n(.*?)```", section("The cycle"), re.DOTALL)
+    shown = re.search(r"```py\n(.*?)```", section("The cycle"), re.DOTALL)
     assert shown is not None
     source = inspect.getsource(StimulatorBlock.cycle)
     body = source.split('"""')[2].strip("\n")

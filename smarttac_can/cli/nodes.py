@@ -239,7 +239,7 @@ def _blaming(eds: Path | None) -> Iterator[None]:
     """Say that an EDS a person gave is not one of this device, if a node cannot work with it."""
     try:
         yield
-    except (KeyError, Abort) as error:
+    except (KeyError, ValueError, Abort) as error:
         if eds is None:
             raise
         reason = error.args[0] if isinstance(error, KeyError) else error

@@ -62,12 +62,12 @@ class StimulatorBlock:
     def __init__(self, od: ObjectDictionary, plate: PlateBlock | None = None) -> None:
         self.od = od
         self._plate = plate
-        if plate is not None:
-            self._measured = _pairs(sent_measurement(plate.od), received_measurement(od))
-            self._driven = _pairs(sent_drive(od), received_drive(plate.od))
         self._inbox = Inbox(od)
         self._setpoints = Setpoints(od)
         self._outbox = Outbox(od)
+        if plate is not None:
+            self._measured = _pairs(sent_measurement(plate.od), received_measurement(od))
+            self._driven = _pairs(sent_drive(od), received_drive(plate.od))
         self._read_back = ReadBack(od)
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
@@ -323,5 +323,16 @@ class StimulatorBlock:
 
 
 def _pairs(sources: list[Entry], targets: list[Entry]) -> list[tuple[Entry, Entry]]:
-    """Link entries as a TPDO and an RPDO would; the check is for what crosses a bus."""
-    return list(zip(sources[:-1], targets[:-1], strict=True))
+    """Link entries as a TPDO and an RPDO would; the check is for what crosses a bus.
+
+    Raises
+    ------
+    ValueError
+        If the PDOs of the two EDS files do not carry the same.
+    """
+    pairs = list(zip(sources[:-1], targets[:-1], strict=False))
+    for source, target in pairs:
+        what = source.name.rpartition(".")[2].lower()
+        if len(sources) != len(targets) or not target.name.lower().endswith(what):
+            raise ValueError(f"{source.name} and {target.name} are mapped at the same place")
+    return pairs

@@ -95,6 +95,16 @@ def test_the_eds_of_another_device(tmp_path: Path) -> None:
     assert "is not in the EDS" in refusal("plate", *VIRTUAL, "--eds", str(path))
 
 
+def test_an_eds_whose_loop_carries_something_else(tmp_path: Path) -> None:
+    path = tmp_path / "permuted.eds"
+    text = read_eds("stimulator.eds")
+    first, second = "DefaultValue=0x21000610", "DefaultValue=0x21000710"
+    assert text.count(first) == text.count(second) == 1
+    path.write_text(text.replace(first, "@").replace(second, first).replace("@", second))
+    said = refusal("node", *VIRTUAL, "--eds", str(path))
+    assert "Gauge.S1 and Plate input.S2 are mapped at the same place" in said
+
+
 def test_an_eds_whose_defaults_contradict_each_other(tmp_path: Path) -> None:
     path = tmp_path / "contradiction.eds"
     text = read_eds("stimulator.eds")
