@@ -83,6 +83,8 @@ class PlateNode(Application):
         self._protecting: set[FaultCode] = set()
         self.start = self.device.start
         self.receive = self.device.receive
+        self.bus_off = self.device.bus_off
+        self.bus_recovered = self.device.bus_recovered
         self.advance = self.device.advance
 
     @property
