@@ -40,7 +40,7 @@ def reproduce(
     *,
     link: LinkName = "local",
     folder: Path | None = None,
-    progress: Progress = lambda share: None,
+    progress: Progress = lambda _: None,
 ) -> tuple[list[Trace], dict[str, Any]]:
     """Run experiments on a simulated stimulator and compute their results.
 

@@ -125,14 +125,14 @@ class _BrokenController:
     """A cascade whose drive has another voltage than it should."""
 
     def __init__(self, cascade: Cascade, voltage: float) -> None:
-        self._cascade = cascade
+        self.cascade = cascade
         self._voltage = voltage
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._cascade, name)
+        return getattr(self.cascade, name)
 
     def update(self, measurement: Measurement, setpoint: Setpoint) -> Drive:
-        drive = self._cascade.update(measurement, setpoint)
+        drive = self.cascade.update(measurement, setpoint)
         return Drive(self._voltage, drive.frequency)
 
 
@@ -150,7 +150,7 @@ def control_rightly(rig: Rig) -> None:
     """Put the controllers back."""
     block = rig.stimulator.block
     if isinstance(block.cascade, _BrokenController):
-        block.cascade = block.cascade._cascade
+        block.cascade = block.cascade.cascade
 
 
 def another_plate(serial: int) -> Act:
