@@ -19,6 +19,7 @@ from io import StringIO
 from itertools import groupby
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import can
 import canopen
@@ -35,7 +36,7 @@ from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.od import cia
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.eds import load_eds
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -151,7 +152,7 @@ def _variable(entry: Entry) -> durand.Variable | None:
     )
 
 
-def _map(pdos: list[object], od: object, communication: int, mapping: int) -> None:
+def _map(pdos: list[Any], od: ObjectDictionary, communication: int, mapping: int) -> None:
     for n, pdo in enumerate(pdos):
         entries = [od.number(mapping + n, s + 1) for s in range(od.number(mapping + n))]
         try:

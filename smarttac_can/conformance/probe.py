@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from time import monotonic
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from smarttac_can.conformance.case import Failure
 from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import Bus
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     HEARTBEAT_ID,
@@ -27,6 +26,16 @@ from smarttac_can.od.cia import (
 
 _TRACE_LENGTH: Final = 24
 _BOOT_TIME_OUTS: Final = 10
+
+
+class ProbeBus(Protocol):
+    """What the probe needs of a bus: any `Bus` has it, and a `DeviceTimeBus`."""
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame."""
+
+    def receive(self, timeout: float) -> Frame | None:
+        """Return the next frame, None if none comes within a time in s; 0 takes what is there."""
 
 
 class Arrival(NamedTuple):
@@ -54,7 +63,7 @@ class Probe:
 
     def __init__(
         self,
-        bus: Bus,
+        bus: ProbeBus,
         sheet: Sheet,
         *,
         timeout: float = 0.3,
