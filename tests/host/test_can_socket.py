@@ -1,10 +1,8 @@
 """Sockets of python-can's interfaces, with python-can as the other party and as the oracle."""
 
-import signal
 import socket
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 
 import can
 import msgpack
@@ -64,22 +62,6 @@ def to_hear(message: can.Message, can_ids: frozenset[int] | None) -> Frame | Non
     """What is heard of a message, as the rest of the host layer has it."""
     frame = to_frame(message)
     return frame if frame and (can_ids is None or frame.can_id in can_ids) else None
-
-
-@contextmanager
-def guard() -> Iterator[None]:
-    """End what waits although it must not."""
-
-    def give_up(*_: object) -> None:
-        raise TimeoutError("it waits")
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.setitimer(signal.ITIMER_REAL, GUARD_S)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
 
 
 # Bytes of udp_multicast
@@ -340,7 +322,7 @@ Pair = tuple[CanSocket, socket.socket]
 def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
     """A socket under test, and the other end."""
     mine, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    with mine, other, guard():
+    with mine, other:
         mine.setblocking(True)
         under_test = CanSocket(Party(mine), CODECS[request.param](), None)
         yield under_test, other

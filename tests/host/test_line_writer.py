@@ -3,7 +3,6 @@
 import fcntl
 import os
 import re
-import signal
 from collections.abc import Iterator
 
 import pytest
@@ -45,15 +44,8 @@ class Pipe:
 
 @pytest.fixture
 def pipe() -> Iterator[Pipe]:
-    def give_up(*_: object) -> None:
-        raise TimeoutError("it waits")
-
     made = Pipe()
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.setitimer(signal.ITIMER_REAL, GUARD_S)
     yield made
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.signal(signal.SIGALRM, before)
     if made.thread.ident is not None:
         made.thread.join(GUARD_S)
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import GUARD_S
 
 import smarttac_can
 from smarttac_can.host import realtime
@@ -146,7 +145,6 @@ def child(program: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
         env={**os.environ, "PYTHONPATH": str(root)},
         capture_output=True,
         text=True,
-        timeout=10 * GUARD_S,
         check=False,
     )
 

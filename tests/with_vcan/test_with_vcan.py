@@ -16,8 +16,7 @@ import psutil
 import pytest
 
 WITH_VCAN = Path(__file__).parents[2] / "tools" / "with-vcan"
-GUARD_S = 600.0
-"""Only ever waited for by a test that is about to fail, or for a slow net."""
+pytestmark = pytest.mark.timeout(600)  # a net may be slow
 
 
 def left_in(folder: Path) -> list[psutil.Process]:
@@ -34,9 +33,7 @@ def with_vcan(
     *arguments: str, folder: Path, env: dict[bytes, bytes] | None = None
 ) -> subprocess.CompletedProcess[bytes]:
     command = [sys.executable, WITH_VCAN, *arguments]
-    done = subprocess.run(
-        command, capture_output=True, cwd=folder, env=env, timeout=GUARD_S, check=False
-    )
+    done = subprocess.run(command, capture_output=True, cwd=folder, env=env, check=False)
     assert left_in(folder) == []
     return done
 
@@ -100,7 +97,7 @@ def test_a_terminal_is_told_what_is_fetched(fresh_machine: dict[bytes, bytes]) -
     command = [sys.executable, WITH_VCAN, "--", "true"]
     with os.fdopen(reader, "rb", buffering=0) as screen:
         with os.fdopen(terminal, "wb") as stderr:
-            subprocess.run(command, stderr=stderr, env=fresh_machine, timeout=GUARD_S, check=False)
+            subprocess.run(command, stderr=stderr, env=fresh_machine, check=False)
         told = b""
         with suppress(OSError):  # which is how a terminal ends
             while words := screen.read(1 << 12):
@@ -134,7 +131,7 @@ def test_interrupted(number: signal.Signals, tmp_path: Path) -> None:
         assert process.stdout.readline() == b"up\n"
         assert len(left_in(tmp_path)) > 1
         process.send_signal(number)
-        assert process.wait(GUARD_S) == 128 + number
+        assert process.wait() == 128 + number
     assert left_in(tmp_path) == []
 
 
