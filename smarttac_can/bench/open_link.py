@@ -1,17 +1,17 @@
-"""Links to a stimulator: over any CAN bus, or to one simulated inside this process."""
+"""Links to a stimulator: over any CAN bus, or to one simulated inside this process.
+
+What needs python-canopen is imported where a link over CAN is opened: it takes about as long as the
+rest of the bench, and a simulation on the local link has no use for it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
-from typing import Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
-import canopen
-
-from smarttac_can.bench.can_link import CanLink
 from smarttac_can.bench.link import Link
 from smarttac_can.bench.local_link import LocalLink
-from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.host.local_bus import LocalBus
@@ -23,6 +23,9 @@ from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
+
+if TYPE_CHECKING:
+    import canopen
 
 LinkName = Literal["local", "bus"]
 
@@ -72,9 +75,11 @@ def open_can_link(
     TypeError
         If an option is a misspelt argument: some interfaces ignore what they do not know.
     """
+    from canopen import Network  # noqa: PLC0415 - only over CAN
+
     _refuse_misspelt(options)
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
-    network = canopen.Network()
+    network = Network()
     # How long closing the bus may take; python-canopen waits for up to 1 s.
     network.NOTIFIER_CYCLE = _CLOSING_S
     try:
@@ -104,6 +109,8 @@ def open_simulated_link(
             block.write(name, raw)
         block.start_run()
         return LocalLink(block), block.od
+    from smarttac_can.bench.local_network import LocalNetwork  # noqa: PLC0415 - only over CAN
+
     bus = LocalBus(log=log)
     if plate_inside:
         bus.attach(StimulatorNode(stimulator_od(), PlateBlock(plate_od()), presets=presets))
@@ -134,6 +141,8 @@ def _over_can(
     lockstep: bool,
     timeout: float,
 ) -> tuple[Link, ObjectDictionary]:
+    from smarttac_can.bench.can_link import CanLink  # noqa: PLC0415 - only over CAN
+
     try:
         od = stimulator_od(node_id)
         plate = None if plate_node_id is None else plate_od(plate_node_id)
