@@ -16,7 +16,7 @@ from smarttac_can.od.cia import Abort
 from smarttac_can.plant.faults import FaultKind
 
 DEFAULT_US = 20_000
-SAVE_ALL = bytes.fromhex("2310100173617665")
+SAVE = int.from_bytes(b"save", "little")
 STATE = 0x08000022
 
 
@@ -56,7 +56,7 @@ def test_a_deadline_is_another_from_the_write_on_but_counts_from_the_last_drive(
         plate.receive(drive(2000 * tick, tick))
     assert stage(plate) == 2000
     plate.advance(4000)
-    assert line.write_data(plate, entry, b"\x05\0") == 0
+    assert line.write_entry(plate, entry, 5) == 0
     plate.advance(999)
     assert stage(plate) == 2000
     plate.advance(1)
@@ -130,12 +130,7 @@ def test_nothing_is_stored_while_something_drives(server: int) -> None:
     node = loop.node if server == 0x20 else loop.plate
 
     def save() -> int:
-        (answer,) = [
-            frame
-            for frame in loop.line.answers(Frame(0x600 + server, SAVE_ALL))
-            if frame.can_id == 0x580 + server
-        ]
-        return int.from_bytes(answer.data[4:], "little") if answer.data[0] == 0x80 else 0
+        return loop.line.write_entry(node, node.od.entry(0x1010, 1), SAVE)
 
     assert save() == STATE
     with pytest.raises(Abort):
@@ -168,7 +163,7 @@ def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> 
 def loop_that_may_be_late(mode: int) -> Loop:
     loop = Loop(mode)
     for node, index in ((loop.plate, 0x1400), *((loop.node, 0x1404 + n) for n in range(3))):
-        assert loop.line.write_data(node, node.od.entry(index, 5), b"\x14\0") == 0
+        assert loop.line.write_entry(node, node.od.entry(index, 5), 20) == 0
     return loop
 
 
