@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.control.cascade import Mode
+from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
@@ -38,8 +39,8 @@ NODE_LOST_MS: Final = 50
 """After how long without a heartbeat the stimulator counts master or plate as lost."""
 _PLATE_WATCH: Final = 4
 """Entry of the heartbeat consumer that watches the plate."""
-TARE_CYCLES: Final = 70
-"""Cycles without a finger that are enough for the tare."""
+TARE_CYCLES: Final = TARE_SAMPLES + 6
+"""Cycles without a finger that are enough for the tare, even if some are lost."""
 _READY_CYCLES: Final = 5
 """Cycles in which the stimulator sees that all is well."""
 

@@ -15,6 +15,7 @@ from smarttac_can.nodes.analogue_input import ZERO
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.trials.rig import TARE_CYCLES
 
 OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY = DRIVING = range(1, 6)
 MASTER, MASTER_LOST_MS = 1, 30
@@ -51,7 +52,7 @@ class Loop:
         assert write(self.plate, "Finger.Motion", int(self.mode != IDENTIFY)) == 0
         for node in (self.plate, self.node):
             assert write(node, "Simulation.Start run", 1) == 0
-        self.cycle(66)
+        self.cycle(TARE_CYCLES)
         assert write(self.node, "AI auto-zero.AI auto-zero normal force", ZERO) == 0
         assert write(self.node, "Setpoint.Amplitude", 1000) == 0
         self.cycle(400 if self.mode != IDENTIFY else 2)
