@@ -21,9 +21,8 @@ def stimulator(memory: Memory, *, plate_node_id: int = 0) -> StimulatorNode:
 
 
 def save(node: StimulatorNode | PlateNode, node_id: int) -> None:
-    entry = node.od.entry(0x1010, 1)
-    (answer,) = node.receive(requests.download(node_id, entry, SAVE))
-    requests.value(answer, entry)
+    (answer,) = node.receive(requests.download(node_id, node.od.entry(0x1010, 1), SAVE))
+    assert answer.data[0] == 0x60
 
 
 def test_controller_parameters_are_kept() -> None:
