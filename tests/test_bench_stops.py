@@ -31,7 +31,7 @@ def rows(tool: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Rows of a case that always ends like this, on a machine that stood still for so long."""
 
     def row(act: Any, *, bound_ms: int | None = 20, earliest_ms: int = 0, stood_s: float = 0.0):
-        latest = SimpleNamespace(value=0.0)
+        machine = SimpleNamespace(longest_s=[0.0], forget=lambda: None)
 
         @contextmanager
         def scene(*_: object) -> Iterator[SimpleNamespace]:
@@ -40,12 +40,12 @@ def rows(tool: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def acted(here: SimpleNamespace) -> Any:
             here.watch.emergencies.append((33, 0x8253))
-            latest.value = stood_s
+            machine.longest_s = [stood_s]
             return act()
 
         monkeypatch.setattr(tool, "scene", scene)
         case = tool.Case("case", bound_ms, acted, earliest_ms)
-        return tool.measured(case, None, 2, set(), [latest])
+        return tool.measured(case, None, 2, set(), machine)
 
     return row
 

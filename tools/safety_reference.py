@@ -16,7 +16,8 @@ _OF_THE_PLATE = (
     (
         EmergencyCode.RPDO_TIME_OUT,
         ErrorRegister.COMMUNICATION,
-        "no RPDO 1 within its deadline, 1400h sub-index 5, 3 ms by default",
+        "no RPDO 1 within its deadline, 1400h sub-index 5, 20 ms by default; the next row is what "
+        "puts the plate at 0 V then",
         "an RPDO 1 whose values are within their limits",
     ),
     (

@@ -102,7 +102,7 @@ def run_in_process(
         stop = stack.enter_context(stop_on_signals())
         writer = stack.enter_context(LineWriter(_stdout()))
         lines = StateLines(name, bus.where, node, writer.say)
-        lasting = LastingBus(bus.open, lost=lines.lost, back=lines.back)
+        lasting = LastingBus(bus.open, node, lost=lines.lost, back=lines.back)
         if pace.lockstep:
             run_node(lines, lasting, stop, lockstep=True, full=lines.full)
         else:

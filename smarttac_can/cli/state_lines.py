@@ -46,9 +46,6 @@ class StateLines:
         self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
-        stimulator = node if isinstance(node, StimulatorNode) else None
-        self._off = stimulator.bus_off if stimulator else node.device.bus_off
-        self._recovered = stimulator.bus_recovered if stimulator else node.device.bus_recovered
         self.clock = node.clock
         self.segments = node.segments
 
@@ -95,14 +92,12 @@ class StateLines:
         return frames
 
     def lost(self, reason: BusError) -> None:
-        """Take note that there is no bus; what the node has to say of it reaches nobody."""
-        self._off()
+        """Say that there is no bus."""
         self._say(f"{self._title} lost {self._where}, at 0 V: {reason}")
 
-    def back(self) -> list[Frame]:
-        """Take note that the bus is there again."""
+    def back(self) -> None:
+        """Say that the bus is there again."""
         self._say(f"{self._title} back on {self._where}")
-        return self._recovered()
 
     def full(self, reason: BusError) -> None:
         """Say that the bus has begun not to take what the loop needs."""

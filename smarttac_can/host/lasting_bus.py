@@ -9,6 +9,7 @@ from time import monotonic, sleep
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
+from smarttac_can.host.node import ConnectedNode
 
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 5.0
@@ -25,10 +26,12 @@ class LastingBus:
     ----------
     open_bus
         Opens the bus; raises BusError. Called at once, and then must not fail.
+    node
+        Told when there is no bus any more, and when it is back, of which it tells the others.
     lost
-        Told why there is no bus any more.
+        Called then with the reason, for people.
     back
-        Told that it is there again; what it returns is sent.
+        Called when it is there again.
     clock, pause
         Monotonic time in s, and a wait of so many s.
     """
@@ -36,13 +39,15 @@ class LastingBus:
     def __init__(
         self,
         open_bus: Callable[[], Bus],
+        node: ConnectedNode,
         *,
         lost: Callable[[BusError], None],
-        back: Callable[[], list[Frame]],
+        back: Callable[[], None],
         clock: Callable[[], float] = monotonic,
         pause: Callable[[float], None] = sleep,
     ) -> None:
         self._open = open_bus
+        self._node = node
         self._lost = lost
         self._back = back
         self._clock = clock
@@ -103,6 +108,7 @@ class LastingBus:
             return
         self._wait = FIRST_WAIT_S
         self._next_try = self._clock() + self._wait
+        self._node.bus_off()
         self._lost(reason)
 
     def _try_again(self) -> None:
@@ -125,7 +131,8 @@ class LastingBus:
         if not self._on_trial:
             return
         self._on_trial = False
-        self._owed.extend(self._back())
+        self._back()
+        self._owed.extend(self._node.bus_recovered())
         try:
             self._send_owed()
         except QueueFullError:

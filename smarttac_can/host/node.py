@@ -58,6 +58,18 @@ class HostedNode(Node, Protocol):
         ...
 
 
+class ConnectedNode(Node, Protocol):
+    """A node whose connection to the bus may fail, and come back."""
+
+    def bus_off(self) -> list[Frame]:
+        """Take note that there is no bus; what is returned reaches nobody."""
+        ...
+
+    def bus_recovered(self) -> list[Frame]:
+        """Take note that the bus is there again; return what there is to say of it."""
+        ...
+
+
 def without_queue(node: Node) -> Callable[[Frame], list[Frame]]:
     """Make a `Node.receive` that has the segments among its answers: for a bus that takes all."""
     receive, segments = node.receive, node.segments

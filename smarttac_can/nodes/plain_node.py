@@ -23,6 +23,8 @@ class PlainNode:
         self.receive = device.receive
         self.advance = device.advance
         self.segments = device.segments
+        self.bus_off = device.bus_off
+        self.bus_recovered = device.bus_recovered
 
     @property
     def ids(self) -> Identifiers:

@@ -55,7 +55,7 @@ class PlateBlock:
     plate
         The plate of the present run, for tests and reports.
     state
-        State of the power stage, to look at; `bar`, `protect` and drives change it.
+        State of the power stage, to look at; `bar` and drives change it.
     """
 
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
@@ -126,17 +126,18 @@ class PlateBlock:
     def take_drive(self) -> Taken:
         """Take the drive in the object dictionary if it answers this tick, or the one before.
 
-        A late answer is better than the one in force, which is older. Anything else, a second
+        A late answer is better than a voltage in force, which is older. Anything else, a second
         answer or an overtaken one included, is ignored and counted. 0 V is always taken, and lifts
-        the bar of `bar` and `protect`.
+        the bar of `bar`.
         """
         in_time = self._drive_tick.value == self.tick.value
         late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
         if self._voltage.value != 0:
             if self.barred:
                 return Taken.NOT
-            answered = self._answered or (late and self._answered_before)
-            if answered or not (in_time or late) or not self._moving:
+            # A voltage begins in time, or nobody would see it last too long.
+            late = late and self.state is StageState.IN_USE and not self._answered_before
+            if self._answered or not (in_time or late) or not self._moving:
                 self._foreign.count()
                 return Taken.NOT
             self._follow(StageEvent.VOLTAGE)
@@ -164,12 +165,8 @@ class PlateBlock:
         self._go_to_zero(StageEvent.SWITCH_OFF)
 
     def bar(self) -> None:
-        """Put the power stage at 0 V, where it has to be told 0 V if it was in use."""
+        """Put the power stage at 0 V, where it has to be told 0 V; tripped if it was in use."""
         self._go_to_zero(StageEvent.BAR)
-
-    def protect(self) -> None:
-        """Put the power stage at 0 V, where it has to be told 0 V in any case."""
-        self._go_to_zero(StageEvent.PROTECT)
 
     def _go_to_zero(self, event: StageEvent) -> None:
         self._follow(event)

@@ -83,6 +83,8 @@ class PlateNode(Application):
         self._protecting: set[FaultCode] = set()
         self.start = self.device.start
         self.receive = self.device.receive
+        self.bus_off = self.device.bus_off
+        self.bus_recovered = self.device.bus_recovered
         self.advance = self.device.advance
 
     @property
@@ -171,12 +173,11 @@ class PlateNode(Application):
         The deadline of the RPDO begins anew with any values within their limits; this one with a
         drive that was taken.
         """
-        if self.block.state is StageState.IN_USE:
-            self.block.bar()
+        self.block.bar()
 
     def _protect(self, code: FaultCode, register: ErrorRegister) -> None:
         """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
-        self.block.protect()
+        self.block.bar()
         if code not in self._protecting:
             self._protecting.add(code)
             self.device.emergency(code, register)

@@ -21,8 +21,7 @@ class StageEvent(Enum):
     ZERO = "a drive of 0 V"
     VOLTAGE = "a drive with a voltage that counts"
     SWITCH_OFF = "told to switch off"
-    BAR = "no drive that counts in time, OPERATIONAL left, a heartbeat or the loop lost"
-    PROTECT = "a limit of the plate, or a stage that does not obey"
+    BAR = "no drive in time, OPERATIONAL, a heartbeat or the loop lost, a limit, a stage that fails"
     START_RUN = "start run"
 
 
@@ -40,9 +39,8 @@ STAGE_TRANSITIONS: Final = (
     StageTransition(_S.TRIPPED, _E.ZERO, _S.FREE),
     StageTransition(_S.FREE, _E.VOLTAGE, _S.IN_USE),
     StageTransition(_S.IN_USE, _E.SWITCH_OFF, _S.FREE),
+    StageTransition(_S.FREE, _E.BAR, _S.WAITING),
     StageTransition(_S.IN_USE, _E.BAR, _S.TRIPPED),
-    StageTransition(_S.IN_USE, _E.PROTECT, _S.TRIPPED),
-    StageTransition(_S.FREE, _E.PROTECT, _S.WAITING),
     *(StageTransition(state, _E.START_RUN, _S.WAITING) for state in _S if state is not _S.WAITING),
 )
 """Every transition there is; any other event changes nothing."""

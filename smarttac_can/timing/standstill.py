@@ -17,7 +17,6 @@ PRIORITY: Final = 60
 _TICK_NS: Final = 1_000_000
 _STALLED_NS: Final = 1_000_000
 _MOST: Final = 1 << 16
-_PARTING_S: Final = 5.0
 _SETTLING_S: Final = 0.2
 _SIGNAL_AT_PARENTS_DEATH: Final = 1
 _FORK: Final = multiprocessing.get_context("fork")
@@ -106,8 +105,6 @@ def forked(work: Callable[..., None], *arguments: Any) -> Iterator[Any]:
     try:
         yield process
     finally:
-        process.terminate()
-        process.join(_PARTING_S)
         process.kill()
         process.join()
 

@@ -125,7 +125,7 @@ class Run:
         self.driven_before = False
         bus.watch.append(self._look)
         lines = StateLines(name, "here", node, self.said.append)
-        lasting = LastingBus(lambda: bus, lost=lines.lost, back=lines.back)
+        lasting = LastingBus(lambda: bus, node, lost=lines.lost, back=lines.back)
         run_node(lines, lasting, bus.stop, full=lines.full, clock=bus.clock, rest=bus.rest)
 
     def _look(self, now: int) -> None:

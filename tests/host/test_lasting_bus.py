@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import pytest
+from toy_node import ToyNode
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, QueueFullError
@@ -76,14 +77,19 @@ class Connection:
 def lasting(interface: Interface) -> tuple[LastingBus, list[str]]:
     said: list[str] = []
 
-    def back() -> list[Frame]:
-        said.append("back")
-        return [HELLO, AGAIN]
+    class Node(ToyNode):
+        def bus_off(self) -> list[Frame]:
+            said.append("off")
+            return [GOODBYE]
+
+        def bus_recovered(self) -> list[Frame]:
+            return [HELLO, AGAIN]
 
     bus = LastingBus(
         interface.connect,
+        Node(),
         lost=lambda reason: said.append(f"lost: {reason}"),
-        back=back,
+        back=lambda: said.append("back"),
         clock=lambda: interface.now,
         pause=interface.sleep,
     )
@@ -104,7 +110,7 @@ def test_lost_is_told_once_and_the_broken_connection_closed(use):
     interface.plugged = False
     for _ in range(3):
         use(bus)
-    assert said == ["lost: network is down"]
+    assert said == ["off", "lost: network is down"]
     assert (interface.open, interface.sent) == (0, [])
 
 
@@ -131,7 +137,7 @@ def test_back_is_told_its_frames_are_sent_and_the_interval_begins_anew():
         interface.plugged = True
         interface.sleep(2 * FIRST_WAIT_S + 0.001)
         bus.receive(0.001)
-    assert said == ["lost: network is down", "back"] * 2
+    assert said == ["off", "lost: network is down", "back"] * 2
     assert interface.sent == [HELLO, AGAIN] * 2
     bus.close()
     bus.close()
@@ -170,7 +176,7 @@ def test_what_back_returns_waits_for_the_queue_and_goes_out_before_the_next_fram
     lose_and_plug_in(interface, bus)
     interface.room = room
     bus.receive(0.001)
-    assert said == ["lost: network is down", "back"]
+    assert said == ["off", "lost: network is down", "back"]
     assert interface.sent == [HELLO, AGAIN][:room]
     interface.room = 0
     with pytest.raises(QueueFullError):
@@ -190,7 +196,7 @@ def test_what_back_returned_ends_with_the_bus():
     lose_and_plug_in(interface, bus)
     interface.room = 1000
     bus.receive(0.001)
-    assert said == ["lost: network is down", "back"] * 2
+    assert said == ["off", "lost: network is down", "back"] * 2
     assert interface.sent == [HELLO, AGAIN]
 
 
@@ -201,12 +207,12 @@ def test_a_bus_that_is_heard_but_takes_no_frame_is_lost_again():
     lose_and_plug_in(interface, bus)
     interface.deaf = True
     assert bus.receive(0.001) == GOODBYE, "what was heard is not lost with the bus"
-    assert said == ["lost: network is down", "back", "lost: bus error"]
+    assert said == ["off", "lost: network is down", "back", "off", "lost: bus error"]
     assert (interface.open, interface.sent) == (0, [])
     interface.deaf = False
     interface.sleep(2 * FIRST_WAIT_S)
     bus.receive(0.001)
-    assert said[3:] == ["back"]
+    assert said[5:] == ["back"]
     assert interface.sent == [HELLO, AGAIN]
 
 
@@ -216,14 +222,14 @@ def test_an_interface_that_opens_while_it_is_down_is_not_back():
     interface.down = True
     while interface.now < 30.0:
         bus.receive(0.1)
-    assert said == ["lost: network is down"]
+    assert said == ["off", "lost: network is down"]
     waits = [b - a for a, b in pairwise(interface.tries)]
     assert waits[-1] == pytest.approx(LONGEST_WAIT_S, abs=0.2)
     assert interface.open == 0
     interface.down = False
     interface.sleep(LONGEST_WAIT_S)
     bus.receive(0.1)
-    assert (said[1:], interface.sent) == (["back"], [HELLO, AGAIN])
+    assert (said[2:], interface.sent) == (["back"], [HELLO, AGAIN])
 
 
 def test_what_is_listened_to_is_in_force_again_on_a_bus_that_is_back():

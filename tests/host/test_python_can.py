@@ -8,7 +8,7 @@ import pytest
 from conftest import GROUP, GUARD_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy_node import SYNC
+from toy_node import SYNC, ToyNode
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import python_can
@@ -332,7 +332,7 @@ def test_an_interface_that_is_gone_and_cannot_be_closed_is_only_lost(
 
     connection = PythonCanBus("virtual", "toy")
     lost: list[BusError] = []
-    lasting = LastingBus(lambda: connection, lost=lost.append, back=list)
+    lasting = LastingBus(lambda: connection, ToyNode(), lost=lost.append, back=lambda: None)
     with monkeypatch.context() as patch:
         for method in ("recv", "shutdown"):
             patch.setattr(connection._bus, method, gone)

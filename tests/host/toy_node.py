@@ -56,6 +56,12 @@ class ToyNode:
             return [Frame(REPLY + self.node_id, frame.data)]
         return []
 
+    def bus_off(self) -> list[Frame]:
+        return []
+
+    def bus_recovered(self) -> list[Frame]:
+        return []
+
     def advance(self, microseconds: int) -> list[Frame]:
         self.advances.append(microseconds)
         self.clock.advance(microseconds)

@@ -113,17 +113,21 @@ def test_a_full_transmit_queue_is_0_v_until_told_0_v() -> None:
     line, plate = ready_plate()
     assert plate.transmit_failed() == [], "at rest it is nothing to report"
     line.send(drive(2000, 0))
+    assert stage(plate) == 0
+    line.send(drive(0, 0))
+    line.sync()
+    line.send(drive(2000, 1))
     assert stage(plate) == 2000
     report = Frame(EMCY_PLATE, struct.pack("<HB5x", 0x8253, 0x11))
     assert plate.transmit_failed() == [report]
     assert plate.transmit_failed() == []
     assert stage(plate) == 0
     line.sync()
-    line.send(drive(2000, 1))
-    assert stage(plate) == 0
-    line.send(drive(0, 1))
-    line.sync()
     line.send(drive(2000, 2))
+    assert stage(plate) == 0
+    line.send(drive(0, 2))
+    line.sync()
+    line.send(drive(2000, 3))
     assert stage(plate) == 2000
 
 
@@ -157,6 +161,47 @@ def test_late_drives_are_in_force_until_the_deadline() -> None:
     line.sync()
     assert stage(plate) == 0, "none was in time"
     assert plate.od["Cycle.Lost drives"].value == 1
+
+
+def test_no_voltage_begins_late() -> None:
+    line, plate = ready_plate()
+    for tick in range(1, 300):
+        line.sync()
+        line.send(drive(2000, tick - 1 & 0xFF))
+        assert stage(plate) == 0
+    assert plate.od["Cycle.Foreign ticks"].value == 299
+
+
+@pytest.mark.parametrize("silent", [2, 3, 100])
+def test_a_late_drive_after_silence_is_not_taken(silent: int) -> None:
+    line, plate = ready_plate()
+    line.send(drive(0, 0))
+    line.sync(silent)
+    line.send(drive(15_000, silent - 1 & 0xFF))
+    plate.advance(3_000_000)
+    assert stage(plate) == 0
+
+
+@pytest.mark.parametrize("silent", [2, 100])
+def test_a_plate_that_was_told_0_v_is_told_it_again_after_silence(silent: int) -> None:
+    line, plate = ready_plate()
+    line.send(drive(0, 0))
+    line.sync(silent)
+    line.send(drive(2000, silent & 0xFF))
+    assert stage(plate) == (2000 if silent < 3 else 0)
+
+
+def test_a_plate_that_has_left_operational_is_told_0_v_again() -> None:
+    line, plate = ready_plate()
+    line.nmt(PREOP)
+    line.nmt(START)
+    line.sync()
+    line.send(drive(2000, plate.block.tick.value))
+    assert stage(plate) == 0
+    line.send(drive(0, plate.block.tick.value))
+    line.sync()
+    line.send(drive(2000, plate.block.tick.value))
+    assert stage(plate) == 2000
 
 
 def test_0_v_is_taken_at_any_tick() -> None:

@@ -2,8 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
-from line import DRIVE, EMCY_STIMULATOR, MEASUREMENT, START, Line, both_nodes, drive, measurement
+from hypothesis import given
+from hypothesis import strategies as st
+from line import (
+    DRIVE,
+    EMCY_STIMULATOR,
+    MEASUREMENT,
+    PREOP,
+    START,
+    Line,
+    both_nodes,
+    drive,
+    measurement,
+)
 from loop import AMPLITUDE, Loop
 
 from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
@@ -195,3 +209,29 @@ def test_a_pickup_that_is_silent_is_a_fault_soon_after_the_deadline() -> None:
     assert loop.state is State.RUNNING
     loop.cycle(15)
     assert loop.node.block.supervisor.latched == 1 << Watchdog.PICKUP
+
+
+WAIT = st.tuples(st.just("wait"), st.sampled_from([1, 999, 1000, 3000]))
+ANSWER = st.tuples(st.just("drive"), st.tuples(st.sampled_from([0, 2000]), st.integers(0, 3)))
+NMT = st.tuples(st.just("nmt"), st.sampled_from([START, PREOP]))
+
+
+@given(st.lists(WAIT | ANSWER | NMT | st.tuples(st.just("sync"), st.none()), max_size=60))
+def test_no_voltage_lasts_longer_than_the_deadline_after_a_drive_in_time(acts: list[Any]) -> None:
+    plate = driven_plate(deadline_ms=3)
+    in_time = plate.clock.now
+    for kind, what in acts:
+        if kind == "wait":
+            plate.advance(what)
+        elif kind == "nmt":
+            plate.receive(Frame(0, bytes((what, 0))))
+        elif kind == "sync":
+            plate.receive(Frame(0x80))
+        else:
+            voltage, age = what
+            if age == 0:
+                in_time = plate.clock.now
+            plate.receive(drive(voltage, plate.block.tick.value - age & 0xFF))
+        assert stage(plate) == 0 or plate.clock.now < in_time + 3000
+    plate.advance(3000)
+    assert stage(plate) == 0
