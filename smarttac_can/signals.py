@@ -6,7 +6,10 @@ dictionary, and the tick counts that pair a drive with its measurement belong to
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+TICK: Final = 1e-3
+"""Period Ts of the loop in s."""
 
 
 class Drive(NamedTuple):

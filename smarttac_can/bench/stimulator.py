@@ -22,6 +22,7 @@ from smarttac_can.bench.traces import Trace
 from smarttac_can.control import identification
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.model import PlateModel
+from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.host.bus import LogHook
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
@@ -31,7 +32,6 @@ from smarttac_can.nodes.watchdogs import WATCHDOGS, watchdogs_in
 from smarttac_can.od.dictionary import ObjectDictionary
 
 CYCLES_PER_SECOND: Final = 1000
-_TARE_CYCLES: Final = 64
 _READY_CYCLES: Final = 100
 """What the tare at power-on takes, and some lost cycles."""
 _CONTROLWORD: Final = "Controlword"
@@ -327,7 +327,7 @@ class Stimulator(SetPoints):
     def tare(self) -> None:
         """Take the present gauge readings, without a finger, as zero."""
         self._link.drive()
-        self._link.run(_TARE_CYCLES)
+        self._link.run(TARE_SAMPLES)
         self._link.write(AUTO_ZERO[0], ZERO)
 
     def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:

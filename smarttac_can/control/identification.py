@@ -19,8 +19,8 @@ import math
 from collections.abc import Generator
 from enum import IntEnum
 
-from smarttac_can.control.model import TICK, PlateModel
-from smarttac_can.signals import Drive
+from smarttac_can.control.model import PlateModel
+from smarttac_can.signals import TICK, Drive
 
 W_CEILING = 1.5e-6
 """Amplitude in m at which identification gives up; it aims well below."""

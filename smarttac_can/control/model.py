@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-TICK = 1e-3
-"""Period Ts of the loop in s."""
 _ROUNDING = 1e-15
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from smarttac_can.control.model import TICK, require
-from smarttac_can.signals import Contact
+from smarttac_can.control.model import require
+from smarttac_can.signals import TICK, Contact
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 Forces = tuple[float, float, float, float, float, float]

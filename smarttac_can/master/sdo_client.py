@@ -8,15 +8,13 @@ from typing import Final
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
 
+from smarttac_can.device.frame import Frame
+from smarttac_can.master.requests import ABORT, INITIATES, answers
 from smarttac_can.od.cia import SDO_RX_ID, SDO_TX_ID
 
-_ABORT: Final = 4
-_ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
-"""Command specifier of the server by that of the client, segmented and expedited."""
-_INITIATES: Final = (1, 2)
 _INITIATED: Final = (3, 2)
 _PAUSES_S: Final = tuple(2e-3 * attempt for attempt in range(20))
-_NO_TRANSFER: Final = bytes((_ABORT << 5, *bytes(7)))
+_NO_TRANSFER: Final = bytes((ABORT, *bytes(7)))
 
 
 class NoAnswerError(SdoCommunicationError):  # type: ignore[misc]  # python-canopen is untyped
@@ -100,22 +98,14 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         response = bytes(data)
         # A server has one transfer: it drops this one when it begins another client's.
         self._dropped |= self._answered and response[0] >> 5 in _INITIATED
-        if _answers(response, self._request):
+        if answers(Frame(can_id, response), Frame(self.rx_cobid, self._request)):
             self._answered = True
             super().on_response(can_id, data, timestamp)
 
     @property
     def _initiating(self) -> bool:
-        return self._request[0] >> 5 in _INITIATES
+        return self._request[0] >> 5 in INITIATES
 
     def _require_transfer(self) -> None:
         if self._dropped and not self._initiating:
             raise SdoCommunicationError("another client has begun a transfer")
-
-
-def _answers(response: bytes, request: bytes) -> bool:
-    """Whether a response is one to a request; those to segments do not name the object."""
-    asked, answered = request[0] >> 5, response[0] >> 5
-    if answered not in (_ANSWERS.get(asked), _ABORT) or asked not in _ANSWERS:
-        return False
-    return asked not in _INITIATES or response[1:4] == request[1:4]

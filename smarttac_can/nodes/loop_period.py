@@ -13,8 +13,9 @@ from smarttac_can.od.cia import (
     ErrorRegister,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.signals import TICK
 
-TICK_US: Final = 1000
+TICK_US: Final = round(TICK * 1e6)
 """Period of the loop in us."""
 SHORT_DEADLINE_MS: Final = 3
 """Deadline of measurements and drives where every cycle is in time: in lockstep, and with the

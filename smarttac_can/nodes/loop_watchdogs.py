@@ -8,7 +8,6 @@ from operator import eq
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
-from smarttac_can.control.model import TICK
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import DETERMINANT_MIN
 from smarttac_can.control.vibration import AMPLITUDE_MIN
@@ -27,7 +26,7 @@ from smarttac_can.nodes.watchdogs import (
     Watchdog,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
-from smarttac_can.signals import Drive
+from smarttac_can.signals import TICK, Drive
 
 _PLATE_END: Final = 0.038
 """End of the plate in m from its middle: a finger presses no farther out."""

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import cycle_seconds, cyclic_frames
 from smarttac_can.paper.report import compare
-
-_TICK_S: Final = 1e-3
+from smarttac_can.signals import TICK
 
 
 def loop_dead_time(bit_rate: int) -> float:
@@ -27,8 +26,8 @@ def loop_dead_time(bit_rate: int) -> float:
     """
     stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
     stimulator.start()
-    frames = cyclic_frames([plate_od(), stimulator.od], _TICK_S)
-    loop = [frame for frame in frames if frame.period <= _TICK_S and frame.can_id != SYNC_ID]
+    frames = cyclic_frames([plate_od(), stimulator.od], TICK)
+    loop = [frame for frame in frames if frame.period <= TICK and frame.can_id != SYNC_ID]
     return 1e6 * cycle_seconds(loop, bit_rate)
 
 

@@ -12,6 +12,8 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
+from smarttac_can.control.tribometer import TARE_SAMPLES
+from smarttac_can.signals import TICK
 
 WARM: Final = 30.0
 """Temperature in degC at which the plate is identified, and tuned for, before Fig. 5."""
@@ -30,7 +32,7 @@ PASSES: Final = 50
 """Passes of the finger a subject in Table I, every other one an up-step."""
 
 _RESPONSE_S: Final = 0.06
-_TARE_S: Final = 0.064
+_TARE_S: Final = TARE_SAMPLES * TICK
 _FIG2_S: Final = 0.8
 _TOUCH_DOWN_S: Final = 0.3
 _TRAVEL_MM, _SPEED_MM_S = 16.0, 60.0

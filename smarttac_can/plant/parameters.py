@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 TWO_PI = 2.0 * math.pi
-TICK = 1e-3
-"""Period of the loop in s [P]."""
 
 
 def require(name: str, value: object, low: float, high: float) -> None:

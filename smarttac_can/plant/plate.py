@@ -9,12 +9,12 @@ from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.force_path import ForcePath, Transition, transition
 from smarttac_can.plant.friction import bare_friction
 from smarttac_can.plant.mathematics import SCALAR
-from smarttac_can.plant.parameters import TICK, TWO_PI, PlateParameters, require
+from smarttac_can.plant.parameters import TWO_PI, PlateParameters, require
 from smarttac_can.plant.resonator import Resonator
 from smarttac_can.plant.sensors import Sensors
 from smarttac_can.plant.skin import Skin
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
-from smarttac_can.signals import Drive, Measurement
+from smarttac_can.signals import TICK, Drive, Measurement
 
 SUBSTEPS = 4
 """Sub-steps of a tick, by the convergence test."""

@@ -18,6 +18,7 @@ from smarttac_can.od.cia import (
     TPDO_MAPPING,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.signals import TICK
 from smarttac_can.timing.frozen_stage import frozen_stage
 
 DEADLINE_MIN_MS: Final = 3
@@ -27,7 +28,6 @@ DEADLINE_RULE: Final = (
     "twice the longest time between two drives, rounded up to whole ms, "
     f"{DEADLINE_MIN_MS} ms at least and none above {DEADLINE_MAX_MS} ms"
 )
-_TICK_S: Final = 1e-3
 _LAST_MEASUREMENT: Final = 3
 """TPDO of the plate that ends a measurement."""
 _DRIVE: Final = 1
@@ -185,7 +185,7 @@ class LoopTiming:
 
     @property
     def _span(self) -> int:
-        return 0 if self._cycle is None else round((self._cycle.sync - self._begun) / _TICK_S)
+        return 0 if self._cycle is None else round((self._cycle.sync - self._begun) / TICK)
 
     def _on_sync(self, time: float, _data: bytes) -> None:
         if self._cycle is None:
@@ -193,7 +193,7 @@ class LoopTiming:
         else:
             self._intervals += 1
             self._undriven += not self._cycle.driven
-            self._note_delay(max(0.0, time - self._cycle.sync - _TICK_S))
+            self._note_delay(max(0.0, time - self._cycle.sync - TICK))
         # Who lags behind catches up soon: with one measurement to each SYNC, and a SYNC left over,
         # that one gets none any more.
         self._in_turn = self._in_turn + 1 if self._measured == 1 and self._unmeasured else 0
@@ -206,7 +206,7 @@ class LoopTiming:
 
     def _note_delay(self, late: float) -> None:
         """Count the delay of a SYNC, later on if there may be one between that was not heard."""
-        if late < 0.5 * _TICK_S:
+        if late < 0.5 * TICK:
             self.sync.add(late)
         elif not self._unheard_sync:
             self._doubtful.append(late)
@@ -231,7 +231,7 @@ class LoopTiming:
         """See by the tick count whether cycles seem to be missed that were only not heard."""
         assert self._cycle is not None
         unheard = 0 if self._tick is None else (tick - self._tick - 1) % _TICKS
-        most = round((self._cycle.sync - self._tick_time) / _TICK_S) - 1
+        most = round((self._cycle.sync - self._tick_time) / TICK) - 1
         # A run that starts anew jumps as well, but seldom by no more than the time allows.
         if 0 < unheard <= most:
             unheard += (most - unheard) // _TICKS * _TICKS

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from contextlib import suppress
 from time import monotonic
 from types import TracebackType
@@ -10,20 +9,19 @@ from typing import Any, Final, NamedTuple, Self
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.master import requests
 from smarttac_can.master.errors import BenchError
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.od.cia import (
     EMCY_ID,
     ERROR_FIELD,
-    HEARTBEAT_ID,
     PDO_EVENT,
     RPDO_COMMUNICATION,
-    SDO_RX_ID,
     SDO_TX_ID,
     TPDO_IDS,
+    Abort,
 )
 from smarttac_can.od.dictionary import Entry
 
@@ -32,9 +30,6 @@ MASTER_ID: Final = 100
 _BEAT_S: Final = 0.1
 _ANSWER_S: Final = 0.02
 _PATIENCE_S: Final = 30.0
-_UPLOAD: Final = 0x40
-_DOWNLOAD: Final = 0x23
-_ABORT: Final = 0x80
 _NODES: Final = (PLATE_ID, STIMULATOR_ID)
 
 
@@ -99,12 +94,11 @@ class StageWatch:
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send a frame, unless the queue is full."""
-        with suppress(QueueFullError):
-            self._bus.send(Frame(can_id, data))
+        self._send(Frame(can_id, data))
 
     def ask(self) -> None:
         """Ask for the voltage, and do not wait for the answer."""
-        self.send(SDO_RX_ID + PLATE_ID, _request(_UPLOAD, self._stage))
+        self._send(requests.upload(PLATE_ID, self._stage))
 
     def listen(self, seconds: float) -> None:
         """Hear what comes, for so long: what nobody hears is lost once the socket is full."""
@@ -114,21 +108,21 @@ class StageWatch:
 
     def read_stage(self) -> Reading:
         """Return the voltage in 10 mV; raises as `read`."""
-        return self._transfer(PLATE_ID, _request(_UPLOAD, self._stage))
+        return self._transfer(requests.upload(PLATE_ID, self._stage), PLATE_ID, self._stage)
 
     def read(self, node_id: int, entry: Entry) -> int:
-        """Return an object of up to 4 bytes as an unsigned number.
+        """Return the raw value of an object of up to 4 bytes.
 
         Raises
         ------
         BenchError
             If the node refuses it, or does not answer for 30 s.
         """
-        return self._transfer(node_id, _request(_UPLOAD, entry)).raw
+        return self._transfer(requests.upload(node_id, entry), node_id, entry).raw
 
     def write(self, node_id: int, entry: Entry, raw: int) -> None:
-        """Write an object of 1 to 4 bytes, as an unsigned number; raises as `read`."""
-        self._transfer(node_id, _request(_DOWNLOAD | (4 - entry.size) << 2, entry, raw))
+        """Write a raw value to an object of 1 to 4 bytes; raises as `read`."""
+        self._transfer(requests.download(node_id, entry, raw), node_id, entry)
 
     def errors(self, node_id: int) -> list[int]:
         """Return the error history of a node, the newest first; raises as `read`.
@@ -157,28 +151,31 @@ class StageWatch:
     def _deadline(self, node_id: int, rpdo: int) -> Entry:
         return self._ods[node_id].entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT)
 
-    def _transfer(self, node_id: int, request: bytes) -> Reading:
+    def _transfer(self, request: Frame, node_id: int, entry: Entry) -> Reading:
         """Ask until an answer comes; one to an earlier asking may be as old as the first."""
         asked = monotonic()
         while monotonic() < asked + _PATIENCE_S:
-            self.send(SDO_RX_ID + node_id, request)
+            self._send(request)
             again = monotonic() + _ANSWER_S
             while (left := again - monotonic()) > 0:
                 frame = self._hear(left)
-                if frame is None or frame.can_id != SDO_TX_ID + node_id:
+                if frame is None or not requests.answers(frame, request):
                     continue
-                command, *mux = frame.data[:4]
-                if bytes(mux) == request[1:4]:
-                    if command == _ABORT:
-                        code = int.from_bytes(frame.data[4:], "little")
-                        raise BenchError(f"node {node_id} refuses it: {code:08X}h")
-                    return Reading(asked, monotonic(), int.from_bytes(frame.data[4:], "little"))
+                try:
+                    raw = requests.value(frame, entry)
+                except Abort as abort:
+                    raise BenchError(f"node {node_id} refuses it: {abort.code:08X}h") from abort
+                return Reading(asked, monotonic(), raw)
         raise BenchError(f"node {node_id} does not answer")
+
+    def _send(self, frame: Frame) -> None:
+        with suppress(QueueFullError):
+            self._bus.send(frame)
 
     def _hear(self, timeout: float) -> Frame | None:
         if self.beats and monotonic() > self.beaten.begun + _BEAT_S:
             begun = monotonic()
-            self.send(HEARTBEAT_ID + MASTER_ID, bytes((NMTState.OPERATIONAL,)))
+            self._send(requests.heartbeat(MASTER_ID))
             self.beaten = Moment(begun, monotonic())
         frame = self._bus.receive(timeout)
         if frame is None:
@@ -189,7 +186,3 @@ class StageWatch:
             code = int.from_bytes(frame.data[:2], "little")
             self.emergencies.append((frame.can_id - EMCY_ID, code))
         return frame
-
-
-def _request(command: int, entry: Entry, raw: int = 0) -> bytes:
-    return struct.pack("<BHBI", command, entry.index, entry.subindex, raw)

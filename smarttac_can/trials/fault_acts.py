@@ -175,13 +175,13 @@ def limit_amplitude(nm: int) -> Act:
 def send_setpoints(rig: Rig) -> None:
     """Have the master send set-points in each cycle, and the stimulator expect them."""
     timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
-    rig.write_entry(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
+    rig.master.write(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
     rig.each_cycle.append(_SETPOINT_PDO)
 
 
 def skip_syncs(rig: Rig) -> None:
     """Leave numbers out of the SYNC counter."""
-    rig.sync_counter += 5
+    rig.master.sync_counter += 5
 
 
 def bus_off(rig: Rig) -> None:

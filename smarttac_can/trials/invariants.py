@@ -95,7 +95,7 @@ class Invariants:
         """Begin to compare the error histories with the emergency messages anew."""
         rig = self._rig
         for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate_block.od)):
-            rig.write_entry(node_id, od.entry(ERROR_FIELD), 0)
+            rig.master.write(node_id, od.entry(ERROR_FIELD), 0)
         del rig.emergencies[:]
 
     def check_history(self) -> None:

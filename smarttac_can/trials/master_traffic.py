@@ -39,10 +39,11 @@ class MasterTraffic:
         rig = self._rig
         try:
             if choice < 0.10:
-                rig.ask(STIMULATOR_ID, b"\x40", draw.choice(self._readable))
+                rig.master.read(STIMULATOR_ID, draw.choice(self._readable))
             elif choice < 0.18:
                 entry = draw.choice(self._setpoints)
-                rig.write_entry(STIMULATOR_ID, entry, draw.randint(int(entry.low), int(entry.high)))
+                raw = draw.randint(int(entry.low), int(entry.high))
+                rig.master.write(STIMULATOR_ID, entry, raw)
             elif choice < 0.22:
                 rig.write("Mode", draw.choice(tuple(Mode)))
             elif choice < 0.28 and self._commands:

@@ -7,12 +7,13 @@ from typing import Final, NamedTuple
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.control.cascade import Mode
+from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
-from smarttac_can.host.local_bus import Port, Wire
-from smarttac_can.master.errors import HeartbeatLostError
+from smarttac_can.host.local_bus import Wire
+from smarttac_can.master import requests
+from smarttac_can.master.local_master import SYNC_OVERFLOW, LocalMaster
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS, TICK_US
 from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
@@ -23,18 +24,11 @@ from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import (
     EMCY_ID,
     HEARTBEAT_CONSUMER,
-    HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
-    NMT_ID,
-    SDO_RX_ID,
-    SDO_TX_ID,
     SYNC_COUNTER,
-    SYNC_ID,
     SYNC_PERIOD,
-    Abort,
     NMTCommand,
 )
-from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 MASTER_ID: Final = 1
@@ -45,14 +39,8 @@ NODE_LOST_MS: Final = 50
 """After how long without a heartbeat the stimulator counts master or plate as lost."""
 _PLATE_WATCH: Final = 4
 """Entry of the heartbeat consumer that watches the plate."""
-SYNC_OVERFLOW: Final = 240
-"""Highest counter of a SYNC with one."""
-_SYNC: Final = Frame(SYNC_ID)
-_OPERATIONAL: Final = bytes((NMTState.OPERATIONAL,))
-_ABORT: Final = 0x80
-_EXPEDITED: Final = 4
-TARE_CYCLES: Final = 70
-"""Cycles without a finger that are enough for the tare."""
+TARE_CYCLES: Final = TARE_SAMPLES + 6
+"""Cycles without a finger that are enough for the tare, even if some are lost."""
 _READY_CYCLES: Final = 5
 """Cycles in which the stimulator sees that all is well."""
 
@@ -86,6 +74,8 @@ class Rig:
 
     Attributes
     ----------
+    master
+        Its requests go to either node.
     cycles
         How many there were.
     emergencies
@@ -96,8 +86,6 @@ class Rig:
         Whether the master sends its heartbeat.
     syncs
         How many SYNCs the master sends in a cycle, 1 unless the clock of the master is wrong.
-    sync_counter
-        Counter of the last SYNC, 0 for SYNC without a counter.
     observe
         Called after every cycle.
     each_cycle
@@ -117,13 +105,10 @@ class Rig:
         self.emergencies: list[Emcy] = []
         self.heartbeat = True
         self.syncs = 1
-        self.sync_counter = 0
         self.observe: Callable[[], None] | None = None
         self.each_cycle: list[Frame] = []
-        self._answers: dict[int, bytes] = {}
         self._emcy_ids = (EMCY_ID + STIMULATOR_ID, EMCY_ID + PLATE_ID)
-        self._sdo_ids = (SDO_TX_ID + STIMULATOR_ID, SDO_TX_ID + PLATE_ID)
-        self.master: Port = self.bus.connect(self._hear)
+        self.master = LocalMaster(self.bus, self._hear)
         if plate_inside:
             self.plate_block = PlateBlock(plate_od())
             self.stimulator = StimulatorNode(stimulator_od(), self.plate_block)
@@ -146,54 +131,24 @@ class Rig:
             self.cycles += 1
             self.bus.advance(TICK_US)
             if self.heartbeat and self.cycles % HEARTBEAT_CYCLES == 0:
-                self.master.send(Frame(HEARTBEAT_ID + MASTER_ID, _OPERATIONAL))
-            for frame in self.each_cycle:
-                self.master.send(frame)
+                self.master.send(requests.heartbeat(MASTER_ID))
+            self.master.send(*self.each_cycle)
             for _ in range(self.syncs):
-                self.master.send(self._next_sync())
+                self.master.sync()
             if self.observe is not None:
                 self.observe()
 
     def nmt(self, command: int, node_id: int = 0) -> None:
         """Send an NMT command; node 0 stands for all."""
-        self.master.send(Frame(NMT_ID, bytes((command, node_id))))
+        self.master.send(requests.nmt(command, node_id))
 
     def read(self, name: str) -> int:
         """Read a raw value of the stimulator, or of the simulation, by expedited SDO."""
-        node_id, entry = self._find(name)
-        answer = self.ask(node_id, b"\x40", entry)
-        return int(unpack(entry.data_type, answer[4 : 4 + entry.size]))
+        return int(self.master.read(*self._find(name)))
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to the stimulator, or the simulation, by expedited SDO."""
-        node_id, entry = self._find(name)
-        self.write_entry(node_id, entry, raw)
-
-    def write_entry(self, node_id: int, entry: Entry, raw: int) -> None:
-        """Write a raw value to an entry of a node by expedited SDO."""
-        data = pack(entry.data_type, raw)
-        self.ask(node_id, bytes((0x23 | (_EXPEDITED - len(data)) << 2,)), entry, data)
-
-    def ask(self, node_id: int, command: bytes, entry: Entry, data: bytes = b"") -> bytes:
-        """Make an SDO request and return the answer.
-
-        Raises
-        ------
-        Abort
-            If the node refuses.
-        HeartbeatLostError
-            If it does not answer at once.
-        """
-        address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
-        self._answers.pop(node_id, None)
-        request = Frame(SDO_RX_ID + node_id, command + address + data.ljust(4, b"\0"))
-        self.master.send(request)
-        answer = self._answers.pop(node_id, None)
-        if answer is None:
-            raise HeartbeatLostError(f"node {node_id} does not answer to {entry.name}")
-        if answer[0] == _ABORT:
-            raise Abort(int.from_bytes(answer[4:], "little"))
-        return answer
+        self.master.write(*self._find(name), raw)
 
     @property
     def state(self) -> State:
@@ -206,10 +161,10 @@ class Rig:
         if self.plate_port is not None:
             watched.append((_PLATE_WATCH, PLATE_ID))
             producer = self.plate.od.entry(HEARTBEAT_PRODUCER)
-            self.write_entry(PLATE_ID, producer, HEARTBEAT_CYCLES)
+            self.master.write(PLATE_ID, producer, HEARTBEAT_CYCLES)
         for subindex, node_id in watched:
             watch = self.od.entry(HEARTBEAT_CONSUMER, subindex)
-            self.write_entry(STIMULATOR_ID, watch, node_id << 16 | NODE_LOST_MS)
+            self.master.write(STIMULATOR_ID, watch, node_id << 16 | NODE_LOST_MS)
 
     def start(self) -> None:
         """Configure and start both nodes."""
@@ -250,21 +205,15 @@ class Rig:
         """Mend the simulated plate."""
         self.write("Fault.Kind", 0)
 
-    def _next_sync(self) -> Frame:
-        if not self.sync_counter:
-            return _SYNC
-        self.sync_counter = self.sync_counter % SYNC_OVERFLOW + 1
-        return Frame(SYNC_ID, bytes((self.sync_counter,)))
-
     def count_syncs(self) -> None:
         """Have SYNC carry a counter from now on, which both nodes expect."""
         for node_id, od in self._dictionaries():
             period = od.entry(SYNC_PERIOD)
             before = int(period.value)
-            self.write_entry(node_id, period, 0)
-            self.write_entry(node_id, od.entry(SYNC_COUNTER), SYNC_OVERFLOW)
-            self.write_entry(node_id, period, before)
-        self.sync_counter = SYNC_OVERFLOW
+            self.master.write(node_id, period, 0)
+            self.master.write(node_id, od.entry(SYNC_COUNTER), SYNC_OVERFLOW)
+            self.master.write(node_id, period, before)
+        self.master.sync_counter = SYNC_OVERFLOW
 
     def _dictionaries(self) -> list[tuple[int, ObjectDictionary]]:
         nodes = [(STIMULATOR_ID, self.od)]
@@ -274,7 +223,7 @@ class Rig:
         """Write to the plate node, if there is one, and to the stimulator."""
         self.write(name, raw)
         if self.plate_port is not None:
-            self.write_entry(STIMULATOR_ID, self.od[name], raw)
+            self.master.write(STIMULATOR_ID, self.od[name], raw)
 
     def _find(self, name: str) -> tuple[int, Entry]:
         if self.plate_port is not None and name.partition(".")[0] in SIMULATION:
@@ -283,8 +232,6 @@ class Rig:
 
     def _hear(self, frame: Frame) -> None:
         can_id = frame.can_id
-        if can_id in self._sdo_ids:
-            self._answers[can_id - SDO_TX_ID] = frame.data
-        elif can_id in self._emcy_ids and len(frame.data) == 8:
+        if can_id in self._emcy_ids and len(frame.data) == 8:
             code = int.from_bytes(frame.data[:2], "little")
             self.emergencies.append(Emcy(self.cycles, can_id - EMCY_ID, code, frame.data[2]))

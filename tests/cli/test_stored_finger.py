@@ -6,13 +6,13 @@ import pytest
 from click.testing import CliRunner
 
 from smarttac_can.cli import main, nodes
-from smarttac_can.device.frame import Frame
+from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.plant.finger import Stroke
 
 NAMES = ("Finger.Motion", "Finger.Speed", "Simulation.Subject", "Simulation.Seed")
-SAVE_ALL = bytes.fromhex("2310100173617665")
+SAVE = int.from_bytes(b"save", "little")
 Node = PlateNode | StimulatorNode
 
 
@@ -48,7 +48,8 @@ def test_stored_wins_over_the_default_of_an_option_but_not_over_one_given(
     assert moves(node)
     for name, value in zip(NAMES, (0, 700, 3, 9), strict=True):
         node.od[name].value = value
-    (answer,) = node.receive(Frame(0x600 + node.device.node_id, SAVE_ALL))
+    save = requests.download(node.device.node_id, node.od.entry(0x1010, 1), SAVE)
+    (answer,) = node.receive(save)
     assert answer.data[0] == 0x60
     node, values = started()
     assert values == [0, 700, 3, 9]

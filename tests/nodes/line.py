@@ -9,10 +9,13 @@ from dataclasses import dataclass, field
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.master import requests
+from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.nodes.frame_check import crc8
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import Entry
 
 START, STOP, PREOP, RESET, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82
@@ -22,8 +25,6 @@ MEASUREMENT = (0x180 + PLATE_ID, 0x280 + PLATE_ID, 0x380 + PLATE_ID)
 DRIVE = 0x200 + PLATE_ID
 PUBLIC = tuple(base + STIMULATOR_ID for base in (0x180, 0x280, 0x380, 0x480))
 
-SIZES = {1: "<B", 2: "<b", 3: "<h", 4: "<i", 5: "<B", 6: "<H", 7: "<I"}
-
 
 class Line:
     """A bus in lockstep, or by the clock, with every frame that passes on it."""
@@ -31,28 +32,19 @@ class Line:
     def __init__(self, *nodes: PlateNode | StimulatorNode, lockstep: bool = True) -> None:
         self.frames: list[Frame] = []
         self.bus = LocalBus(log=lambda _time, frame: self.frames.append(frame))
-        self.port = self.bus.connect(lambda frame: None)
+        self.master = LocalMaster(self.bus, lambda frame: None)
         self.nodes = nodes
         self.ports = [self.bus.attach(node, lockstep=lockstep) for node in nodes]
 
     def send(self, *frames: Frame) -> list[Frame]:
-        """What the nodes do because of frames of the master."""
-        before = len(self.frames)
-        for frame in frames:
-            self.port.send(frame)
-        return self.frames[before:]
-
-    def answers(self, *frames: Frame) -> list[Frame]:
-        sent = self.send(*frames)
-        for frame in frames:
-            sent.remove(frame)
-        return sent
+        """What the nodes answer to frames of the master."""
+        return self.master.send(*frames)
 
     def nmt(self, command: int, node_id: int = 0) -> list[Frame]:
-        return self.answers(Frame(0, bytes((command, node_id))))
+        return self.send(requests.nmt(command, node_id))
 
     def sync(self, count: int = 1) -> list[Frame]:
-        return [frame for _ in range(count) for frame in self.answers(SYNC)]
+        return [frame for _ in range(count) for frame in self.master.sync()]
 
     def advance(self, milliseconds: int) -> list[Frame]:
         before = len(self.frames)
@@ -61,13 +53,14 @@ class Line:
 
     def write(self, node: PlateNode | StimulatorNode, name: str, raw: int) -> int:
         """Write by expedited SDO; return the abort code, 0 for success."""
-        entry = node.od[name]
-        data = struct.pack(SIZES[entry.data_type], raw)
-        return self.write_data(node, entry, data)
+        return self.write_entry(node, node.od[name], raw)
 
-    def write_data(self, node: PlateNode | StimulatorNode, entry: Entry, data: bytes) -> int:
-        answer = self._sdo(node, bytes((0x23 | (4 - len(data)) << 2,)), entry, data.ljust(4, b"\0"))
-        return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
+    def write_entry(self, node: PlateNode | StimulatorNode, entry: Entry, raw: int) -> int:
+        try:
+            self.master.write(node.device.node_id, entry, raw)
+        except Abort as abort:
+            return abort.code
+        return 0
 
     def run(self, node: PlateNode | StimulatorNode, mode: int) -> None:
         """Arm a stimulator that is ready, and run it in a mode."""
@@ -76,22 +69,7 @@ class Line:
         assert self.write(node, "Controlword", 3) == 0
 
     def read(self, node: PlateNode | StimulatorNode, name: str) -> int:
-        entry = node.od[name]
-        answer = self._sdo(node, b"\x40", entry, bytes(4))
-        assert answer[0] != 0x80, f"{name}: abort {answer[4:].hex()}"
-        (value,) = struct.unpack_from(SIZES[entry.data_type], answer, 4)
-        return int(value)
-
-    def _sdo(
-        self, node: PlateNode | StimulatorNode, command: bytes, entry: Entry, data: bytes
-    ) -> bytes:
-        address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
-        server = node.device.node_id
-        answers = self.answers(Frame(0x600 + server, command + address + data))
-        # A status that changes with the write is published beside the answer.
-        (answer,) = [frame for frame in answers if frame.can_id == 0x580 + server]
-        assert answer.data[1:4] == address
-        return answer.data
+        return int(self.master.read(node.device.node_id, node.od[name]))
 
 
 def plate_alone(**options: object) -> tuple[Line, PlateNode]:
@@ -184,7 +162,7 @@ class Transcript:
         if kind == "+":
             return self.line.advance(int(what.removesuffix("ms")))
         can_id, *data = what.split()
-        return self.line.answers(Frame(int(can_id, 16), bytes.fromhex("".join(data))))
+        return self.line.send(Frame(int(can_id, 16), bytes.fromhex("".join(data))))
 
     def _write(self, frames: list[Frame]) -> None:
         for frame in frames:

@@ -9,9 +9,13 @@ from line import START, Line
 
 from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
+from smarttac_can.master import requests
+from smarttac_can.master.local_master import SYNC_OVERFLOW
+from smarttac_can.nodes.analogue_input import ZERO
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.trials.rig import TARE_CYCLES
 
 OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY = DRIVING = range(1, 6)
 MASTER, MASTER_LOST_MS = 1, 30
@@ -26,21 +30,19 @@ class Loop:
         self.syncs = 1
         self.heartbeat = True
         self.setpoints = True
-        self.counter = 0
         self.plate = PlateNode(plate_od(), deadline_ms=3)
         self.node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
         for node in (self.plate, self.node):
-            node.receive = self._lossy(node.device.receive)  # type: ignore[method-assign]
+            node.receive = self._lossy(node.receive)  # type: ignore[method-assign]
         self.line = Line(self.plate, self.node, lockstep=False)
+        self.line.master.sync_counter = SYNC_OVERFLOW
         self.mode = mode
-        watched = self.node.od.entry(0x1016, 1)
-        assert self.line.write_data(self.node, watched, struct.pack("<HBB", 30, MASTER, 0)) == 0
-        deadline = self.node.od.entry(0x1401, 5)
-        data = struct.pack("<H", SETPOINT_DEADLINE_MS)
-        assert self.line.write_data(self.node, deadline, data) == 0
+        watched, deadline = self.node.od.entry(0x1016, 1), self.node.od.entry(0x1401, 5)
+        assert self.line.write_entry(self.node, watched, MASTER << 16 | MASTER_LOST_MS) == 0
+        assert self.line.write_entry(self.node, deadline, SETPOINT_DEADLINE_MS) == 0
         for each in (self.plate, self.node):
-            for index, data in ((0x1006, bytes(4)), (0x1019, b"\xf0"), (0x1006, b"\xe8\3\0\0")):
-                assert self.line.write_data(each, each.od.entry(index), data) == 0
+            for index, raw in ((0x1006, 0), (0x1019, SYNC_OVERFLOW), (0x1006, 1000)):
+                assert self.line.write_entry(each, each.od.entry(index), raw) == 0
         self.line.nmt(START)
         self.begin()
 
@@ -50,9 +52,8 @@ class Loop:
         assert write(self.plate, "Finger.Motion", int(self.mode != IDENTIFY)) == 0
         for node in (self.plate, self.node):
             assert write(node, "Simulation.Start run", 1) == 0
-        self.cycle(66)
-        zero = int.from_bytes(b"zero", "little")
-        assert write(self.node, "AI auto-zero.AI auto-zero normal force", zero) == 0
+        self.cycle(TARE_CYCLES)
+        assert write(self.node, "AI auto-zero.AI auto-zero normal force", ZERO) == 0
         assert write(self.node, "Setpoint.Amplitude", 1000) == 0
         self.cycle(400 if self.mode != IDENTIFY else 2)
         self.line.run(self.node, self.mode)
@@ -72,12 +73,10 @@ class Loop:
         for _ in range(count):
             self.line.advance(1)
             if self.heartbeat:
-                self.line.send(Frame(0x700 + MASTER, b"\5"))
+                self.line.send(requests.heartbeat(MASTER))
             if self.setpoints:
                 self.line.send(Frame(0x320, struct.pack("<HI", 2000, 4_339_000)))
-            for _ in range(self.syncs):
-                self.counter = self.counter % 240 + 1
-                self.line.send(Frame(0x80, bytes((self.counter,))))
+            self.line.sync(self.syncs)
 
     def break_plate(self, kind: int, sensor: int = 1, value: int = 0) -> None:
         for name, raw in (("Sensor", sensor), ("Value", value), ("Kind", kind)):

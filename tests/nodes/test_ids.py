@@ -37,8 +37,8 @@ def test_another_identifier_makes_them_others() -> None:
     line, _, node = both_nodes()
     before = node.ids
     cob_id = node.od.entry(0x1014, 0)
-    assert line.write_data(node, cob_id, (0x800000A0).to_bytes(4, "little")) == 0
-    assert line.write_data(node, cob_id, (0x000000B0).to_bytes(4, "little")) == 0
+    assert line.write_entry(node, cob_id, 0x800000A0) == 0
+    assert line.write_entry(node, cob_id, 0x000000B0) == 0
     assert node.ids is not before
     assert node.ids.emcy == 0x0B0
     assert node.ids.urgent >= {0x0B0}

@@ -82,23 +82,23 @@ def test_a_setpoint_that_is_waited_for_no_more_can_be_reset() -> None:
     loop.cycle(20)
     assert latched(loop, Watchdog.SETPOINT)
     assert reset_fault(loop) == STATE
-    assert loop.line.write_data(loop.node, loop.node.od.entry(0x1401, 5), bytes(2)) == 0
+    assert loop.line.write_entry(loop.node, loop.node.od.entry(0x1401, 5), 0) == 0
     assert reset_fault(loop) == 0
 
 
 @pytest.mark.parametrize(
-    ("index", "subindex", "data", "silent", "watchdog", "cycles"),
+    ("index", "subindex", "raw", "silent", "watchdog", "cycles"),
     [
-        (0x1016, 1, struct.pack("<HBB", 50, MASTER, 0), "heartbeat", Watchdog.HEARTBEAT, 51),
-        (0x1401, 5, struct.pack("<H", 10), "setpoints", Watchdog.SETPOINT, 11),
+        (0x1016, 1, MASTER << 16 | 50, "heartbeat", Watchdog.HEARTBEAT, 51),
+        (0x1401, 5, 10, "setpoints", Watchdog.SETPOINT, 11),
     ],
     ids=["heartbeat", "set-points"],
 )
 def test_rewriting_a_watch_does_not_end_it(
-    index: int, subindex: int, data: bytes, silent: str, watchdog: Watchdog, cycles: int
+    index: int, subindex: int, raw: int, silent: str, watchdog: Watchdog, cycles: int
 ) -> None:
     loop = Loop()
-    assert loop.line.write_data(loop.node, loop.node.od.entry(index, subindex), data) == 0
+    assert loop.line.write_entry(loop.node, loop.node.od.entry(index, subindex), raw) == 0
     setattr(loop, silent, False)
     loop.cycle(cycles)
     assert latched(loop, watchdog)
@@ -118,7 +118,7 @@ def test_setpoints_outside_their_limits_are_none() -> None:
 def test_a_period_that_disagrees_ends_the_drive_at_once() -> None:
     loop = Loop()
     period = loop.node.od.entry(0x1006)
-    assert loop.line.write_data(loop.node, period, struct.pack("<I", 2000)) == 0
+    assert loop.line.write_entry(loop.node, period, 2000) == 0
     loop.cycle(2)
     assert loop.voltage == 0
     assert latched(loop, Watchdog.MEASUREMENT)
@@ -210,12 +210,11 @@ def test_the_tare_at_power_on_does_not_come_while_armed() -> None:
 def test_a_measurement_pdo_that_is_disabled_ends_the_drive(rpdo: int, running: bool) -> None:
     loop = Loop()
     # Without its own deadline the plate would go on.
-    assert loop.line.write_data(loop.plate, loop.plate.od.entry(0x1400, 5), b"\x64\0") == 0
+    assert loop.line.write_entry(loop.plate, loop.plate.od.entry(0x1400, 5), 100) == 0
     if not running:
         assert loop.line.write(loop.node, "Controlword", 0) == 0
     entry = loop.node.od.entry(rpdo, 1)
-    invalid = struct.pack("<I", entry.value | 1 << 31)
-    assert loop.line.write_data(loop.node, entry, invalid) == 0
+    assert loop.line.write_entry(loop.node, entry, entry.value | 1 << 31) == 0
     loop.cycle(4)
     assert loop.voltage == 0
     assert latched(loop, Watchdog.MEASUREMENT) == running
@@ -245,14 +244,14 @@ def test_a_node_that_is_watched_twice_is_found_once() -> None:
 
 def test_sync_of_another_is_right_again_when_the_node_produces_none() -> None:
     loop = Loop()
-    for index, data in ((0x1006, bytes(4)), (0x1019, b"\0"), (0x1006, b"\xe8\3\0\0")):
+    for index, raw in ((0x1006, 0), (0x1019, 0), (0x1006, 1000)):
         for node in (loop.node, loop.plate):
-            assert loop.line.write_data(node, node.od.entry(index), data) == 0
+            assert loop.line.write_entry(node, node.od.entry(index), raw) == 0
     producer = loop.node.od.entry(0x1005)
     loop.syncs = 0
-    assert loop.line.write_data(loop.node, producer, struct.pack("<I", 0x4000_0080)) == 0
+    assert loop.line.write_entry(loop.node, producer, 0x4000_0080) == 0
     loop.line.advance(20)
-    assert loop.line.write_data(loop.node, producer, struct.pack("<I", 0x80)) == 0
+    assert loop.line.write_entry(loop.node, producer, 0x80) == 0
     for _ in range(20):
         loop.line.advance(1)
         loop.line.send(SYNC, Frame(0x701, b"\5"), Frame(0x320, struct.pack("<HI", 2000, 4_339_000)))

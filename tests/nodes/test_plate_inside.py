@@ -55,13 +55,13 @@ def test_public_sync_times_the_public_pdos_and_not_the_loop(
     line, node = plate_inside()
     for number in range(3):
         kind = node.od.entry(0x1801 + number, 2)
-        assert line.write_data(node, kind, bytes((transmission,))) == 0
+        assert line.write_entry(node, kind, transmission) == 0
     line.nmt(START)
     count = 2 * transmission + 1
     sent = []
     for _ in range(count):
         assert set(ids(line.advance(period_ms))) <= {PUBLIC[0], 0x720}
-        sent.append(ids(line.answers(SYNC)))
+        sent.append(ids(line.send(SYNC)))
     turns = [[*PUBLIC[1:]] if k % transmission == 0 else [] for k in range(1, count + 1)]
     assert sent == turns
     assert node.od["Cycle.Cycles"].value == count * period_ms
@@ -69,7 +69,7 @@ def test_public_sync_times_the_public_pdos_and_not_the_loop(
 
 def test_any_cycle_period_is_as_good_as_any() -> None:
     line, node = plate_inside()
-    assert line.write_data(node, node.od.entry(0x1006), struct.pack("<I", 20_000)) == 0
+    assert line.write_entry(node, node.od.entry(0x1006), 20_000) == 0
     line.nmt(START)
     assert 0xA0 not in ids(line.advance(50) + line.sync(5) + line.advance(50))
     assert node.od["Cycle.Cycles"].value == 100
@@ -131,7 +131,7 @@ def test_reset_restores_defaults_presets_and_the_plate() -> None:
 def test_reset_communication_keeps_the_application() -> None:
     line, node = plate_inside()
     assert line.write(node, "Setpoint.Amplitude", 700) == 0
-    assert line.write_data(node, node.od.entry(0x1801, 2), b"\x01") == 0
+    assert line.write_entry(node, node.od.entry(0x1801, 2), 1) == 0
     line.nmt(RESET_COMMUNICATION)
     assert line.read(node, "Setpoint.Amplitude") == 700
     assert node.od.entry(0x1801, 2).value == 255

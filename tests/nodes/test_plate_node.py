@@ -83,7 +83,7 @@ def test_the_first_drive_is_0_v(begin: str) -> None:
 def test_a_period_that_disagrees_is_0_v() -> None:
     line, plate = ready_plate()
     line.send(drive(2000, 0))
-    assert line.write_data(plate, plate.od.entry(0x1006), (2000).to_bytes(4, "little")) == 0
+    assert line.write_entry(plate, plate.od.entry(0x1006), 2000) == 0
     line.sync()
     assert stage(plate) == 0
 
@@ -91,9 +91,8 @@ def test_a_period_that_disagrees_is_0_v() -> None:
 @pytest.mark.parametrize("behaviour", [0, 1, 2])
 def test_a_lost_heartbeat_is_0_v_whatever_the_error_behaviour(behaviour: int) -> None:
     line, plate = ready_plate()
-    assert line.write_data(plate, plate.od.entry(0x1029, 1), bytes((behaviour,))) == 0
-    watch = 5 << 16 | 10
-    assert line.write_data(plate, plate.od.entry(0x1016, 1), watch.to_bytes(4, "little")) == 0
+    assert line.write_entry(plate, plate.od.entry(0x1029, 1), behaviour) == 0
+    assert line.write_entry(plate, plate.od.entry(0x1016, 1), 5 << 16 | 10) == 0
     line.send(Frame(0x705, b"\x05"))
     for tick in range(10):
         line.send(drive(2000, tick))
@@ -226,7 +225,7 @@ def test_a_missing_drive_is_counted_and_keeps_the_old_one_until_the_deadline() -
 def test_drives_outside_the_limits_are_refused() -> None:
     line, plate = ready_plate()
     protocol_error = [Frame(EMCY_PLATE, bytes.fromhex("00 82 11 01 00 00 20 01"))]
-    assert line.answers(drive(20_001, 0)) == protocol_error
+    assert line.send(drive(20_001, 0)) == protocol_error
     assert stage(plate) == 0
     assert plate.od["Drive.Voltage"].value == 0
 
@@ -320,4 +319,4 @@ def test_the_node_id_gives_the_cob_ids() -> None:
     line, plate = ready_plate(5)
     line.send(drive(2000, 0, node_id=5))
     assert stage(plate) == 2000
-    assert ids(line.answers(SYNC)) == [0x185, 0x285, 0x385]
+    assert ids(line.send(SYNC)) == [0x185, 0x285, 0x385]

@@ -21,7 +21,7 @@ from line import (
 from loop import AMPLITUDE, Loop
 
 from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
-from smarttac_can.device.frame import Frame
+from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -30,14 +30,14 @@ from smarttac_can.od.cia import Abort
 from smarttac_can.plant.faults import FaultKind
 
 DEFAULT_US = 20_000
-SAVE_ALL = bytes.fromhex("2310100173617665")
+SAVE = int.from_bytes(b"save", "little")
 STATE = 0x08000022
 
 
 def driven_plate(**options: int) -> PlateNode:
     plate = PlateNode(plate_od(), **options)
     plate.start()
-    for frame in (Frame(0, bytes((START, 0))), Frame(0x80), drive(0, 0), Frame(0x80)):
+    for frame in (requests.nmt(START), requests.sync(), drive(0, 0), requests.sync()):
         plate.receive(frame)
     plate.receive(drive(2000, 1))
     assert stage(plate) == 2000
@@ -64,13 +64,13 @@ def test_a_deadline_is_another_from_the_write_on_but_counts_from_the_last_drive(
     plate = driven_plate()
     line = Line(plate)
     entry = plate.od.entry(0x1400, 5)
-    plate.receive(Frame(0, bytes((START, 0))))
+    plate.receive(requests.nmt(START))
     for tick in range(2):
-        plate.receive(Frame(0x80))
+        plate.receive(requests.sync())
         plate.receive(drive(2000 * tick, tick))
     assert stage(plate) == 2000
     plate.advance(4000)
-    assert line.write_data(plate, entry, b"\x05\0") == 0
+    assert line.write_entry(plate, entry, 5) == 0
     plate.advance(999)
     assert stage(plate) == 2000
     plate.advance(1)
@@ -85,7 +85,7 @@ def test_a_plate_that_comes_late_is_at_0_v_before_it_hears_what_waited() -> None
     plate.clock.now += 1
     plate.overdue()
     assert stage(plate) == 0
-    for frame in (drive(2000, 1), Frame(0x80), drive(2000, 2)):
+    for frame in (drive(2000, 1), requests.sync(), drive(2000, 2)):
         plate.receive(frame)
         assert stage(plate) == 0, "the queue is full of sound drives"
 
@@ -93,7 +93,7 @@ def test_a_plate_that_comes_late_is_at_0_v_before_it_hears_what_waited() -> None
 def running_stimulator() -> StimulatorNode:
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
     node.start()
-    node.receive(Frame(0, bytes((START, 0))))
+    node.receive(requests.nmt(START))
     node.od["Gauge zero.Zero of S1"].value = 1
     node.block.start_run()
     for frame in measurement(0):
@@ -128,7 +128,7 @@ def test_a_stimulator_that_comes_late_is_in_fault_before_it_hears_what_waited() 
 def test_who_produces_sync_counts_the_ticks_that_it_came_too_late_for() -> None:
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True)
     node.start()
-    node.receive(Frame(0, bytes((START, 0))))
+    node.receive(requests.nmt(START))
     missed = node.od["Cycle.Missed deadlines"]
     node.advance(1000)
     assert missed.value == 0
@@ -144,12 +144,7 @@ def test_nothing_is_stored_while_something_drives(server: int) -> None:
     node = loop.node if server == 0x20 else loop.plate
 
     def save() -> int:
-        (answer,) = [
-            frame
-            for frame in loop.line.answers(Frame(0x600 + server, SAVE_ALL))
-            if frame.can_id == 0x580 + server
-        ]
-        return int.from_bytes(answer.data[4:], "little") if answer.data[0] == 0x80 else 0
+        return loop.line.write_entry(node, node.od.entry(0x1010, 1), SAVE)
 
     assert save() == STATE
     with pytest.raises(Abort):
@@ -168,8 +163,8 @@ def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> 
     line.write(node, "Setpoint.Voltage", 2000)
     line.run(node, 1)
     line.sync(5)
-    plate.receive(Frame(0x80))  # two SYNCs that the stimulator does not hear the answer to
-    plate.receive(Frame(0x80))
+    plate.receive(requests.sync())  # two SYNCs that the stimulator does not hear the answer to
+    plate.receive(requests.sync())
     plate.advance(3000)
     assert stage(plate) == 0
     line.sync()
@@ -182,7 +177,7 @@ def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> 
 def loop_that_may_be_late(mode: int) -> Loop:
     loop = Loop(mode)
     for node, index in ((loop.plate, 0x1400), *((loop.node, 0x1404 + n) for n in range(3))):
-        assert loop.line.write_data(node, node.od.entry(index, 5), b"\x14\0") == 0
+        assert loop.line.write_entry(node, node.od.entry(index, 5), 20) == 0
     return loop
 
 
@@ -229,9 +224,9 @@ def test_no_voltage_lasts_longer_than_the_deadline_after_a_drive_in_time(acts: l
         if kind == "wait":
             plate.advance(what)
         elif kind == "nmt":
-            plate.receive(Frame(0, bytes((what, 0))))
+            plate.receive(requests.nmt(what))
         elif kind == "sync":
-            plate.receive(Frame(0x80))
+            plate.receive(requests.sync())
         else:
             voltage, age = what
             if age == 0:

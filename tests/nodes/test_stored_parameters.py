@@ -3,15 +3,15 @@ from pathlib import Path
 from click.testing import CliRunner
 
 from smarttac_can.cli import main
-from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
 from smarttac_can.host.eds_files import read_eds
+from smarttac_can.master import requests
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.eds import load_eds
 
-SAVE_ALL = bytes.fromhex("2310100173617665")
+SAVE = int.from_bytes(b"save", "little")
 
 
 def stimulator(memory: Memory, *, plate_node_id: int = 0) -> StimulatorNode:
@@ -21,7 +21,7 @@ def stimulator(memory: Memory, *, plate_node_id: int = 0) -> StimulatorNode:
 
 
 def save(node: StimulatorNode | PlateNode, node_id: int) -> None:
-    (answer,) = node.receive(Frame(0x600 + node_id, SAVE_ALL))
+    (answer,) = node.receive(requests.download(node_id, node.od.entry(0x1010, 1), SAVE))
     assert answer.data[0] == 0x60
 
 
@@ -70,8 +70,6 @@ def test_a_master_may_write_back_the_simulation_of_a_plate_that_is_elsewhere() -
     node = stimulator(Memory(), plate_node_id=0x21)
     node.start()
     speed = node.od["Finger.Speed"]
-    address = b"\x2b" + speed.index.to_bytes(2, "little") + bytes((speed.subindex,))
-    for value, command in ((speed.value, 0x60), (speed.value + 1, 0x80)):
-        data = address + value.to_bytes(4, "little")
-        (answer,) = node.receive(Frame(0x620, data))
+    for raw, command in ((speed.value, 0x60), (speed.value + 1, 0x80)):
+        (answer,) = node.receive(requests.download(0x20, speed, raw))
         assert answer.data[0] == command

@@ -78,7 +78,7 @@ def serial(number: int) -> Act:
 
 
 def skip(loop: Loop) -> None:
-    loop.counter = (loop.counter + 7) % 240
+    loop.line.master.sync_counter += 7
 
 
 def nothing(_loop: Loop) -> None: ...
@@ -395,9 +395,9 @@ def test_no_write_passes_a_hard_cap_of_the_plate(name: str, cap: int) -> None:
 def test_plate_keeps_its_deadline() -> None:
     line, plate = driven_plate()
     deadline = plate.od.entry(0x1400, 5)
-    assert line.write_data(plate, deadline, (101).to_bytes(2, "little")) == 0x06090031
+    assert line.write_entry(plate, deadline, 101) == 0x06090031
     assert deadline.value == 3
-    assert line.write_data(plate, deadline, bytes(2)) == 0
+    assert line.write_entry(plate, deadline, 0) == 0
     plate.advance(1000)
     assert plate.od["Stage.Voltage"].value == 0, "no deadline is no drive"
 
@@ -406,7 +406,7 @@ def test_plate_keeps_its_deadline() -> None:
 def test_stimulator_keeps_its_deadlines(index: int) -> None:
     loop = Loop()
     deadline = loop.node.od.entry(index, 5)
-    assert loop.line.write_data(loop.node, deadline, bytes(2)) == 0x06090032
+    assert loop.line.write_entry(loop.node, deadline, 0) == 0x06090032
     assert deadline.value == 3
 
 

@@ -1,0 +1,77 @@
+"""A master on a local bus: what it causes has happened when its call returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.master import requests
+from smarttac_can.master.errors import HeartbeatLostError
+from smarttac_can.od.dictionary import Entry
+
+SYNC_OVERFLOW: Final = 240
+"""Highest counter of a SYNC with one."""
+
+
+class LocalMaster:
+    """Sends frames to the nodes on a `LocalBus`, and reads and writes them by expedited SDO.
+
+    Parameters
+    ----------
+    bus
+        The bus to take part in.
+    hear
+        Called with every frame of the others.
+
+    Attributes
+    ----------
+    sync_counter
+        Counter of the last SYNC, 0 for SYNC without a counter.
+    """
+
+    def __init__(self, bus: LocalBus, hear: Callable[[Frame], None]) -> None:
+        self.sync_counter = 0
+        self._hear = hear
+        self._heard: list[Frame] = []
+        self._port = bus.connect(self._on_frame)
+
+    def send(self, *frames: Frame) -> list[Frame]:
+        """Send frames; return what the others say because of them, in order."""
+        self._heard = []
+        for frame in frames:
+            self._port.send(frame)
+        return self._heard
+
+    def sync(self) -> list[Frame]:
+        """Send SYNC, with the next count if it has a counter; return what the others say."""
+        if self.sync_counter:
+            self.sync_counter = self.sync_counter % SYNC_OVERFLOW + 1
+        return self.send(requests.sync(self.sync_counter))
+
+    def read(self, node_id: int, entry: Entry) -> Any:
+        """Return the raw value of an entry of 1 to 4 bytes.
+
+        Raises
+        ------
+        Abort
+            If the node refuses.
+        HeartbeatLostError
+            If it does not answer at once.
+        """
+        return self._transfer(requests.upload(node_id, entry), node_id, entry)
+
+    def write(self, node_id: int, entry: Entry, raw: Any) -> None:
+        """Write a raw value to an entry of 1 to 4 bytes; raises as `read`."""
+        self._transfer(requests.download(node_id, entry, raw), node_id, entry)
+
+    def _transfer(self, request: Frame, node_id: int, entry: Entry) -> Any:
+        for frame in self.send(request):
+            if requests.answers(frame, request):
+                return requests.value(frame, entry)
+        raise HeartbeatLostError(f"node {node_id} does not answer to {entry.name}")
+
+    def _on_frame(self, frame: Frame) -> None:
+        self._heard.append(frame)
+        self._hear(frame)
