@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from time import monotonic
+from time import monotonic, sleep
 from typing import Final, NamedTuple, Protocol
 
 from smarttac_can.conformance.case import Failure
 from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import QueueFullError
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     HEARTBEAT_ID,
@@ -26,6 +27,8 @@ from smarttac_can.od.cia import (
 
 _TRACE_LENGTH: Final = 24
 _BOOT_TIME_OUTS: Final = 10
+_FULL_S: Final = 1e-3
+"""Time for a full queue to drain."""
 
 
 class ProbeBus(Protocol):
@@ -79,10 +82,25 @@ class Probe:
         self._clock = clock
 
     def send(self, can_id: int, data: bytes = b"", *, rtr: bool = False) -> None:
-        """Send a frame."""
+        """Send a frame; on a bus with a full queue, as soon as it takes it.
+
+        Raises
+        ------
+        QueueFullError
+            If it has taken none for the time-out.
+        """
         frame = Frame(can_id, data, rtr)
-        self.trace.append(f"> {_text(frame)}")
-        self._bus.send(frame)
+        end = self._clock() + self.timeout
+        while True:
+            try:
+                self._bus.send(frame)
+            except QueueFullError:
+                if self._clock() >= end:
+                    raise
+                sleep(_FULL_S)
+            else:
+                self.trace.append(f"> {_text(frame)}")
+                return
 
     def arrivals(self, duration: float) -> Iterable[Arrival]:
         """Frames as they come, until the duration in s has passed."""
