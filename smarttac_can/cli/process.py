@@ -51,7 +51,10 @@ class Pace(NamedTuple):
         refused = request_real_time(self.priority, self.cpu)
         for line in refused:
             click.echo(line, err=True)
-        return None if refused else SHORT_DEADLINE_MS
+        if refused:
+            request_short_slices()
+            return None
+        return SHORT_DEADLINE_MS
 
 
 lockstep_option = click.option(

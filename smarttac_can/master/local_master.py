@@ -42,7 +42,8 @@ class LocalMaster:
         self._heard = []
         for frame in frames:
             self._port.send(frame)
-        return self._heard
+        heard, self._heard = self._heard, []
+        return heard
 
     def sync(self) -> list[Frame]:
         """Send SYNC, with the next count if it has a counter; return what the others say."""

@@ -16,6 +16,7 @@ _DOWNLOADED: Final = 0x60
 ABORT: Final = 0x80
 """Command of an abort, of either side."""
 _EXPEDITED: Final = 4
+_BYTES: Final = 8
 INITIATES: Final = (1, 2)
 """Command specifiers of requests that begin a transfer, and name the object."""
 _ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
@@ -50,7 +51,7 @@ def download(node_id: int, entry: Entry, raw: Any) -> Frame:
 
 def answers(frame: Frame, request: Frame) -> bool:
     """Whether a frame answers an SDO request; answers to segments do not name the object."""
-    if frame.can_id - SDO_TX_ID != request.can_id - SDO_RX_ID:
+    if frame.can_id - SDO_TX_ID != request.can_id - SDO_RX_ID or len(frame.data) != _BYTES:
         return False
     asked, answered = request.data[0] >> 5, frame.data[0] >> 5
     if asked not in _ANSWERS or answered not in (_ANSWERS[asked], ABORT >> 5):

@@ -96,6 +96,8 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Take an answer, unless it is that to another client."""
         response = bytes(data)
+        if not response:
+            return
         # A server has one transfer: it drops this one when it begins another client's.
         self._dropped |= self._answered and response[0] >> 5 in _INITIATED
         if answers(Frame(can_id, response), Frame(self.rx_cobid, self._request)):

@@ -24,7 +24,7 @@ class Measured(NamedTuple):
     """Serial number of the plate."""
 
 
-class Inbox:
+class MeasurementInput:
     """The measurement that stands in the object dictionary.
 
     Parameters
@@ -41,7 +41,7 @@ class Inbox:
         self._serial = od["Plate input.Plate serial number"]
 
     def read(self) -> Measured:
-        """Return it."""
+        """Return the measurement in SI units, and as integers."""
         counts = tuple([entry.value for entry in self._sensors])
         s1, s2, s3, s4, s5, s6, W_d, W_q, temperature = [
             count * si for count, si in zip(counts, self._si, strict=True)
@@ -68,7 +68,7 @@ class Setpoints:
         self._counts: list[int] = []
 
     def read(self) -> Setpoint:
-        """Return them."""
+        """Return the set-points in SI units."""
         counts = [entry.value for entry in self._entries]
         if counts != self._counts:
             self._counts = counts

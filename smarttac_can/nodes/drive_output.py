@@ -7,7 +7,7 @@ from smarttac_can.od.scaling import Quantiser
 from smarttac_can.signals import Drive
 
 
-class Outbox:
+class DriveOutput:
     """The drive that stands in the object dictionary.
 
     Parameters
@@ -22,10 +22,10 @@ class Outbox:
         self._quantiser = Quantiser([self._voltage, od["Drive.Frequency"]])
 
     def write(self, drive: Drive, tick: int) -> None:
-        """Have it be the answer to a tick."""
+        """Write the drive that answers a tick."""
         self._quantiser.write(drive)
         self._tick.value = tick
 
     def switch_off(self) -> None:
-        """Have it be 0 V, whatever tick it answers."""
+        """Write 0 V, whatever tick it answers."""
         self._voltage.value = 0

@@ -143,7 +143,7 @@ class LoopWatchdogs:
         measured
             What the plate has measured.
         mode
-            Mode that the drive in force came from.
+            Mode in which the controllers were asked in this cycle.
         cascade
             The controllers after the cycle.
 

@@ -127,8 +127,8 @@ class PlateBlock:
         """Take the drive in the object dictionary if it answers this tick, or the one before.
 
         A late answer is better than a voltage in force, which is older. Anything else, a second
-        answer or an overtaken one included, is ignored and counted. 0 V is always taken, and lifts
-        the bar of `bar`.
+        answer or an overtaken one included, is ignored and counted; a voltage while barred is only
+        ignored. 0 V is always taken, and lifts the bar.
         """
         in_time = self._drive_tick.value == self.tick.value
         late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
@@ -153,7 +153,7 @@ class PlateBlock:
             return Taken.DISOBEYED
         self._new = Drive(voltage, self._frequency.si_value)
         self._show_stage()
-        return Taken.IN_TIME if self._answered else Taken.LATE
+        return Taken.IN_TIME if in_time else Taken.LATE
 
     @property
     def barred(self) -> bool:

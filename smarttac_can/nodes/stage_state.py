@@ -21,7 +21,7 @@ class StageEvent(Enum):
     ZERO = "a drive of 0 V"
     VOLTAGE = "a drive with a voltage that counts"
     SWITCH_OFF = "told to switch off"
-    BAR = "no drive in time, OPERATIONAL, a heartbeat or the loop lost, a limit, a stage that fails"
+    BAR = "told to, or by itself: see the watchdogs of the plate"
     START_RUN = "start run"
 
 

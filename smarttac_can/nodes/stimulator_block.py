@@ -8,8 +8,8 @@ from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
-from smarttac_can.nodes.cycle_input import Inbox, Setpoints
-from smarttac_can.nodes.drive_output import Outbox
+from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
+from smarttac_can.nodes.drive_output import DriveOutput
 from smarttac_can.nodes.loop_frames import (
     MEASUREMENT_RPDOS,
     received_drive,
@@ -62,9 +62,9 @@ class StimulatorBlock:
     def __init__(self, od: ObjectDictionary, plate: PlateBlock | None = None) -> None:
         self.od = od
         self._plate = plate
-        self._inbox = Inbox(od)
+        self._inbox = MeasurementInput(od)
         self._setpoints = Setpoints(od)
-        self._outbox = Outbox(od)
+        self._outbox = DriveOutput(od)
         if plate is not None:
             self._measured = _pairs(sent_measurement(plate.od), received_measurement(od))
             self._driven = _pairs(sent_drive(od), received_drive(plate.od))
@@ -330,9 +330,11 @@ def _pairs(sources: list[Entry], targets: list[Entry]) -> list[tuple[Entry, Entr
     ValueError
         If the PDOs of the two EDS files do not carry the same.
     """
-    pairs = list(zip(sources[:-1], targets[:-1], strict=False))
+    if len(sources) != len(targets):
+        raise ValueError("the PDOs of the loop carry different numbers of objects")
+    pairs = list(zip(sources[:-1], targets[:-1], strict=True))
     for source, target in pairs:
         what = source.name.rpartition(".")[2].lower()
-        if len(sources) != len(targets) or not target.name.lower().endswith(what):
+        if not target.name.lower().endswith(what):
             raise ValueError(f"{source.name} and {target.name} are mapped at the same place")
     return pairs

@@ -17,7 +17,7 @@ from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS, sent_drive
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.pairing import Pairing
-from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
 from smarttac_can.nodes.plate_link import link_to_plate
 from smarttac_can.nodes.settings import mend_settings
 from smarttac_can.nodes.state_machine import State
@@ -267,7 +267,7 @@ class StimulatorNode(Application):
         self.block.on_write(entry, value)
         self._tell()
         self._show_change(before)
-        if entry.name == "Simulation.Start run":
+        if entry.name == START_RUN:
             self._pairing.start_run()
 
     def _deadline_ms(self) -> int:

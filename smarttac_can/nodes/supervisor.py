@@ -165,12 +165,11 @@ class Supervisor:
             self.present &= ~(1 << watchdog)
             self._present_entry.value = self.present
 
-    def handle(self, event: Event) -> bool:
-        """Follow an event; False if there is no such transition."""
+    def handle(self, event: Event) -> None:
+        """Follow an event, if there is such a transition."""
         before = self.machine.state
-        done = self.machine.handle(event, self._holds())
+        self.machine.handle(event, self._holds())
         self._clear_after(before)
-        return done
 
     def leave(self) -> None:
         """Follow NMT out of OPERATIONAL; out of RUNNING that is a fault."""

@@ -12,8 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from time import sleep, time_ns
 from typing import Any, Final, NamedTuple
 
-PRIORITY: Final = 60
-"""Of the sleepers in SCHED_FIFO: above the nodes that are measured."""
+_PRIORITY: Final = 60
 _TICK_NS: Final = 1_000_000
 _STALLED_NS: Final = 1_000_000
 _MOST: Final = 1 << 16
@@ -118,15 +117,16 @@ def _as_a_child(work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
 
 
 @contextmanager
-def watching_machine(priority: int = PRIORITY) -> Iterator[Machine]:
+def watching_machine(realtime: int | None = None) -> Iterator[Machine]:
     """Have a sleeper on each processor until the block ends.
 
     Parameters
     ----------
-    priority
-        Of SCHED_FIFO, above that of what is measured.
+    realtime
+        Priority of what is measured in SCHED_FIFO; the sleepers are above it.
     """
     machine = Machine(sorted(os.sched_getaffinity(0)))
+    priority = min(max(_PRIORITY, (realtime or 0) + 1), 99)
     with ExitStack() as stack:
         sleepers = [
             stack.enter_context(forked(machine.sleep_by_the_ms, at, priority))

@@ -92,3 +92,11 @@ SEGMENT = "620 60 00 00 00 00 00 00 00"
 )
 def test_an_answer_is_that_to_the_request(request_text: str, text: str, right: bool) -> None:
     assert requests.answers(frame(text), frame(request_text)) == right
+
+
+@pytest.mark.parametrize("size", range(8))
+def test_a_frame_of_less_than_8_bytes_answers_nothing(size: int) -> None:
+    request = Frame(0x620, bytes.fromhex("40 00 10 00 00 00 00 00"))
+    answer = Frame(0x5A0, bytes.fromhex("43 00 10 00 01 02 03 04"))
+    assert requests.answers(answer, request)
+    assert not requests.answers(Frame(0x5A0, answer.data[:size]), request)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from line import (
     DRIVE,
@@ -216,7 +216,11 @@ ANSWER = st.tuples(st.just("drive"), st.tuples(st.sampled_from([0, 2000]), st.in
 NMT = st.tuples(st.just("nmt"), st.sampled_from([START, PREOP]))
 
 
-@given(st.lists(WAIT | ANSWER | NMT | st.tuples(st.just("sync"), st.none()), max_size=60))
+SYNC: tuple[str, Any] = ("sync", None)
+
+
+@given(st.lists(WAIT | ANSWER | NMT | st.just(SYNC), max_size=60))
+@example([("wait", 999), ("drive", (0, 3)), SYNC, SYNC, ("drive", (2000, 1)), ("wait", 2001)])
 def test_no_voltage_lasts_longer_than_the_deadline_after_a_drive_in_time(acts: list[Any]) -> None:
     plate = driven_plate(deadline_ms=3)
     in_time = plate.clock.now

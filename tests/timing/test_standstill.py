@@ -38,13 +38,9 @@ def test_a_sleeper_that_is_stopped_stands_for_a_machine_that_was() -> None:
         longest = max(machine.standstills, key=lambda stood: stood.end - stood.begin)
         assert begin - 0.01 < longest.begin < longest.end <= time.time()
         assert machine.stood_s(begin + 0.04, begin + 0.05) == longest.end - longest.begin
+        assert machine.stood_s(begin - 2.0, begin - 1.0) == 0.0
         machine.forget()
         assert machine.stood_s(begin, begin + 0.1) == 0.0
-
-
-def test_only_what_touches_a_span_counts_for_it() -> None:
-    with watching_machine() as machine:
-        assert machine.stood_s(0.0, 1.0) == 0.0
 
 
 def test_what_is_forked_ends_with_the_block_even_if_it_is_stopped() -> None:
