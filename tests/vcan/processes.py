@@ -19,6 +19,8 @@ GUARD_S = 60.0
 """Only ever waited for by a test that is about to fail."""
 LAST_ID = 0x7FF
 """Of the frame that ends a log; no CANopen device sends it."""
+_BUFFER = str(1 << 24)
+"""Bytes that wait for candump: on a busy machine it may come late, and has to miss nothing."""
 
 
 def is_up(interface: str) -> bool:
@@ -67,7 +69,7 @@ def candump(log: Path) -> Iterator[None]:
     """Have can-utils' candump log all of the bus while the block runs, to the last frame."""
     with (
         log.open("wb") as file,
-        subprocess.Popen(["candump", "-L", CHANNEL], stdout=file) as process,
+        subprocess.Popen(["candump", "-L", "-r", _BUFFER, CHANNEL], stdout=file) as process,
         can.Bus(channel=CHANNEL, interface="socketcan") as bus,
     ):
         try:
