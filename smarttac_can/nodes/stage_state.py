@@ -21,7 +21,7 @@ class StageEvent(Enum):
     ZERO = "a drive of 0 V"
     VOLTAGE = "a drive with a voltage that counts"
     SWITCH_OFF = "told to switch off"
-    BAR = "told to, or by itself: see the watchdogs of the plate"
+    BAR = "goes to 0 V by itself: see the watchdogs of the plate"
     START_RUN = "start run"
 
 

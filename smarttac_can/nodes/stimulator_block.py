@@ -85,11 +85,6 @@ class StimulatorBlock:
         """State of the device."""
         return self.supervisor.state
 
-    def reset(self) -> None:
-        """Begin as after power-on: every object at its default, the plate's inside as well."""
-        self.od.reset()
-        self.power_on()
-
     def power_on(self) -> None:
         """Begin with the values that the objects have now, those of the simulation included."""
         if self._plate is not None:
