@@ -1,4 +1,4 @@
-"""``python -m smarttac_can``."""
+"""Run the command ``smarttac`` as ``python -m smarttac_can``."""
 
 from smarttac_can.cli import main
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 TICK: Final = 1e-3
-"""Period Ts of the loop in s."""
+"""Period Ts of the loop in s: 1 ms."""
 
 
 class Drive(NamedTuple):

@@ -104,7 +104,7 @@ class CanLink:
         return int(device.read(device.od[name]))
 
     def text(self, name: str) -> str:
-        """Read a string over SDO."""
+        """Read an object over SDO that is a string."""
         return str(self._stimulator.read(self._stimulator.od[name]))
 
     def write(self, name: str, raw: int) -> None:
@@ -195,7 +195,7 @@ class CanLink:
                     device.check_heartbeat()
 
     def _find_columns(self) -> list[tuple[PublishedPdo, int]] | None:
-        """Where each recorded object is mapped; None if one is nowhere."""
+        """Find the TPDO and place of each recorded object; None if one is in no TPDO."""
         columns = []
         for name in RECORDED:
             places = [(pdo, pdo.names.index(name)) for pdo in self._pdos if name in pdo.names]
@@ -284,7 +284,7 @@ class CanLink:
 
 
 def _drives(name: str, raw: int) -> bool:
-    """Whether a write leads to a voltage; a quick stop is anybody's, and at once."""
+    """Tell whether a write leads to a voltage; a quick stop does not: any bench may ask for it."""
     if name == "Controlword":
         return bool(raw & (Control.ARM | Control.FAULT_RESET))
     return name == "Mode" and raw != Mode.OFF

@@ -22,7 +22,7 @@ class SimulatedFinger:
         self._write = write
 
     def lift(self) -> None:
-        """No finger on the plate."""
+        """Lift the finger off the plate."""
         self._write("Finger.Motion", LIFTED)
 
     def play_recording(self) -> None:

@@ -54,7 +54,13 @@ class Link(Protocol):
         ...
 
     def drive(self) -> None:
-        """Become the bench that drives; refused while another one does."""
+        """Become the one bench that drives the stimulator.
+
+        Raises
+        ------
+        BenchError
+            While another bench drives it.
+        """
         ...
 
     def read(self, name: str) -> int:

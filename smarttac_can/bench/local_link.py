@@ -27,14 +27,20 @@ class LocalLink:
 
     @property
     def only_read(self) -> bool:
-        """Never: nobody else can reach it."""
+        """Always False: nobody else can reach a stimulator in this process."""
         return False
 
     def drive(self) -> None:
-        """Nobody else can."""
+        """Do nothing: nobody else can drive a stimulator in this process."""
 
     def read(self, name: str) -> int:
-        """Read the raw value of an object."""
+        """Read the raw value of an object by name.
+
+        Raises
+        ------
+        RefusedError
+            If the object is write-only.
+        """
         entry = self._block.od[name]
         if not entry.readable:
             raise RefusedError(f"cannot read {name}: {Abort(AbortCode.WRITE_ONLY)}")
@@ -45,7 +51,13 @@ class LocalLink:
         return str(self._block.od[name].value)
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object."""
+        """Write a raw value to an object by name.
+
+        Raises
+        ------
+        RefusedError
+            If the object is read-only, or refuses the value in its present state.
+        """
         entry = self._block.od[name]
         try:
             if not entry.writable:
@@ -55,7 +67,7 @@ class LocalLink:
             raise refused_write(entry, raw, error) from error
 
     def snapshot(self) -> Snapshot:
-        """Return the present values."""
+        """Return the present values of the published objects; their age is 0 s."""
         return Snapshot({name: int(self._block.od[name].value) for name in PUBLISHED}, 0.0)
 
     def start_run(self) -> None:
@@ -63,7 +75,7 @@ class LocalLink:
         self.write("Simulation.Start run", 1)
 
     def run(self, cycles: int) -> list[Row]:
-        """Let the loop run and record it."""
+        """Let so many cycles pass, and return a row of recorded values for each."""
         tick = self._block.tick
         recorded = self._recorded
         rows = []
@@ -73,4 +85,4 @@ class LocalLink:
         return rows
 
     def close(self) -> None:
-        """Nothing to leave."""
+        """Do nothing: there is no bus to leave."""

@@ -28,7 +28,7 @@ class LocalNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is 
         return self._local_bus.time * 1e-6
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Send a frame."""
+        """Send a frame; all that it causes has happened on return."""
         self._port.send(Frame(can_id, bytes(data), remote))
 
     def disconnect(self) -> None:

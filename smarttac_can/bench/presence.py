@@ -24,7 +24,7 @@ _OPERATIONAL: Final = bytes((NMTState.OPERATIONAL,))
 
 
 def bench_id(stimulator_id: int) -> int:
-    """Node-ID of the heartbeat of the bench that drives a stimulator, 112..127.
+    """Return the node-ID, 112..127, of the heartbeat of the bench that drives a stimulator.
 
     Stimulators on one bus have benches of their own, so each watches another node-ID.
     """

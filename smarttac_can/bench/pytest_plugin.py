@@ -21,7 +21,7 @@ from smarttac_can.nodes.stimulator_node import StimulatorNode
 
 @pytest.fixture
 def smarttac_bus() -> Iterator[dict[str, Any]]:
-    """A virtual bus of python-can with a stimulator in lockstep, node-ID 32, plate inside.
+    """Run a stimulator in lockstep, plate inside, as node 32 on a virtual bus of python-can.
 
     Yields
     ------
@@ -37,6 +37,6 @@ def smarttac_bus() -> Iterator[dict[str, Any]]:
 
 @pytest.fixture
 def stimulator(smarttac_bus: dict[str, Any]) -> Iterator[Stimulator]:
-    """A connected `Stimulator` on ``smarttac_bus``: the same numbers at every run of a test."""
+    """Connect a `Stimulator` to ``smarttac_bus``: every run of a test gives the same numbers."""
     with Stimulator.connect(**smarttac_bus, lockstep=True) as bench:
         yield bench

@@ -106,13 +106,13 @@ class RemoteDevice:
                 raise refused_write(entry, raw, Abort(error.code)) from error
 
     def start(self) -> None:
-        """Command it into the NMT state operational."""
+        """Command the device into the NMT state OPERATIONAL."""
         self._network.send_message(NMT_ID, [NMTCommand.START, self.od.node_id])
         self.state = int(NMTState.OPERATIONAL)
 
     @property
     def operational(self) -> bool:
-        """Whether its last heartbeat, or a PDO since then, says so."""
+        """Whether its last heartbeat, or a PDO since then, shows it OPERATIONAL."""
         return self.state == NMTState.OPERATIONAL
 
     def check_operational(self) -> None:

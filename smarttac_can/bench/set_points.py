@@ -16,7 +16,7 @@ class SetPoints(NamedObjects):
 
     @property
     def law(self) -> Law:
-        """Friction law."""
+        """Friction law: what the step of the amplitude is added to; set it by member or name."""
         return Law(self._link.read("Friction law"))
 
     @law.setter
@@ -75,7 +75,7 @@ class SetPoints(NamedObjects):
 
 
 def by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:
-    """Number of a choice that a person may have given by its name.
+    """Return the number of a choice that a person may have given by its name.
 
     Raises
     ------

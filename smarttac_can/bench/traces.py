@@ -191,7 +191,7 @@ def read_csv(path: Path | str) -> list[Trace]:
 
 
 def sha256(path: Path | str) -> str:
-    """SHA-256 of a file as 64 hexadecimal digits."""
+    """Return the SHA-256 of a file as 64 hexadecimal digits."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -1,4 +1,4 @@
-"""The command ``smarttac``."""
+"""The command ``smarttac`` and its subcommands."""
 
 from __future__ import annotations
 

@@ -165,7 +165,13 @@ def dcf(
 
 
 def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
-    """Make something of a file; what it refuses is told with the name of the file."""
+    """Read an EDS file and make a document of it.
+
+    Raises
+    ------
+    click.ClickException
+        If the document cannot be made; the message begins with the name of the file.
+    """
     try:
         return make(read_eds_file(file))
     except ValueError as error:
@@ -173,7 +179,7 @@ def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
 
 
 def _write(text: str, output: Path | None) -> None:
-    """Write to a file, or to stdout."""
+    """Write a text to a file, or to stdout if none is given, ending in a new line."""
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:

@@ -64,7 +64,7 @@ def _storage(
 
 
 def node_options(node_id: int) -> Callable[[Command], Command]:
-    """Options of both commands, with a default for the node-ID."""
+    """Give a command the options that ``node`` and ``plate`` share; the default node-ID differs."""
     return with_options(
         bus_options,
         click.option(
@@ -207,7 +207,7 @@ def _given(option: str) -> bool:
 
 
 def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) -> dict[str, int]:
-    """Return what was given; the rest are defaults, over which a stored value wins."""
+    """Return the given options as presets; the rest are defaults, which stored values replace."""
     presets: dict[str, int] = {}
     defaults: dict[str, int] = {}
     for option, name, raw in (
@@ -236,7 +236,7 @@ def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
 
 @contextmanager
 def _blaming(eds: Path | None) -> Iterator[None]:
-    """Say that an EDS a person gave is not one of this device, if a node cannot work with it."""
+    """Turn an EDS that lacks what a node needs into an error that names the file."""
     try:
         yield
     except (KeyError, ValueError, Abort) as error:

@@ -56,7 +56,13 @@ unconfigured_option = click.option(
 
 
 def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
-    """Node-ID that wins over a stored one, `UNCONFIGURED` for none at all, or None for a default.
+    """Return the node-ID a person gave; it wins over a stored one.
+
+    Returns
+    -------
+    int or None
+        `UNCONFIGURED` for a device that waits for LSS; None if the stored one, or else the default,
+        is to hold.
 
     Raises
     ------
@@ -79,7 +85,7 @@ class BusChoice(NamedTuple):
 
     @property
     def where(self) -> str:
-        """Name of the bus for lines of text."""
+        """Name of the bus for messages."""
         return f"{self.interface or 'configured'}:{self.channel or ''}"
 
     @property
@@ -89,11 +95,23 @@ class BusChoice(NamedTuple):
         return {key: value for key, value in own.items() if value is not None} | self.others
 
     def open(self) -> PythonCanBus:
-        """Open it; raises BusError."""
+        """Open the bus.
+
+        Raises
+        ------
+        BusError
+            If it cannot be opened.
+        """
         return PythonCanBus(self.interface, self.channel, self.bitrate, **self.others)
 
     def open_network(self) -> canopen.Network:
-        """Open it as a network of python-canopen; raises BusError."""
+        """Open the bus as a network of python-canopen.
+
+        Raises
+        ------
+        BusError
+            If it cannot be opened.
+        """
         network = canopen.Network()
         try:
             network.connect(**self.options)
@@ -132,7 +150,7 @@ def _bus_option(
 
 
 def bus_options(command: Command) -> Command:
-    """Let a command choose a bus: it is called with ``bus``, a `BusChoice`."""
+    """Give a command the options of the bus; it is called with ``bus``, a `BusChoice`."""
 
     @wraps(command)
     def called(

@@ -65,7 +65,7 @@ lockstep_option = click.option(
 
 
 def pace_options(command: Command) -> Command:
-    """Let a command choose its pace: it is called with ``pace``, a `Pace`."""
+    """Give a command the options of the pace; it is called with ``pace``, a `Pace`."""
 
     @wraps(command)
     def called(

@@ -28,7 +28,7 @@ def plain_errors() -> Iterator[None]:
 
 @contextmanager
 def naming(file: str | Path) -> Iterator[None]:
-    """Tell what is wrong with an EDS with the name of its file."""
+    """Put the name of the file in front of what is wrong with an EDS."""
     try:
         yield
     except EDSError as error:
@@ -36,7 +36,7 @@ def naming(file: str | Path) -> Iterator[None]:
 
 
 def need_matplotlib() -> None:
-    """Refuse, before the work, what cannot be drawn."""
+    """Refuse a command that draws, before its work begins, if matplotlib is missing."""
     if find_spec("matplotlib") is None:
         raise click.ClickException(
             "the pictures need matplotlib: pip install 'smarttac-can[report]'"

@@ -51,30 +51,30 @@ class StateLines:
 
     @property
     def ids(self) -> Identifiers:
-        """CAN-IDs that matter now."""
+        """CAN-IDs that the node listens to, and those of its urgent frames, now."""
         return self._device.ids
 
     def start(self) -> list[Frame]:
-        """Power on, and say that it is ready."""
+        """Switch the node on, and say that it is ready."""
         frames = self._node.start()
         self._said = self._now()
         self._say(f"{self._title} ready on {self._where}")
         return frames
 
     def receive(self, frame: Frame) -> list[Frame]:
-        """Take a frame."""
+        """Hand a frame to the node, say what changed, and return its answers."""
         frames = self._node.receive(frame)
         self._follow()
         return frames
 
     def advance(self, microseconds: int) -> list[Frame]:
-        """Let time pass."""
+        """Let so many us pass for the node, say what changed, and return the frames due."""
         frames = self._node.advance(microseconds)
         self._follow()
         return frames
 
     def overdue(self) -> list[Frame]:
-        """Act on what must not wait."""
+        """Let the node act on deadlines that have passed, before it hears the frames that wait."""
         frames = self._node.overdue()
         self._follow()
         return frames
@@ -86,13 +86,13 @@ class StateLines:
         return frames
 
     def shutdown(self) -> list[Frame]:
-        """Stop, a plate at 0 V, and say so."""
+        """Shut the node down, a plate at 0 V, and say so."""
         frames = self._node.shutdown()
         self._say(f"{self._title} {self._farewell}")
         return frames
 
     def lost(self, reason: BusError) -> None:
-        """Say that there is no bus."""
+        """Say that the bus has failed, and why."""
         self._say(f"{self._title} lost {self._where}, at 0 V: {reason}")
 
     def back(self) -> None:
@@ -100,7 +100,7 @@ class StateLines:
         self._say(f"{self._title} back on {self._where}")
 
     def full(self, reason: BusError) -> None:
-        """Say that the bus has begun not to take what the loop needs."""
+        """Say that the transmit queue of the bus has no room for a frame of the loop."""
         self._say(f"{self._title} {reason}")
 
     @property

@@ -53,7 +53,7 @@ class Case:
 
 
 def case(number: str, rule: str, *needs: Need) -> Callable[[Callable[[Probe], None]], Case]:
-    """Make a function that asks a device into a case; its docstring is the title."""
+    """Make a case of a function that asks the device; its docstring, a noun, is the title."""
 
     def made(check: Callable[[Probe], None]) -> Case:
         return Case(number, (check.__doc__ or "").rstrip("."), rule, needs, check)

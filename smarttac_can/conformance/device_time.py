@@ -30,11 +30,11 @@ class DeviceTimeBus:
         self._bus.attach(node, lockstep=False)
 
     def time(self) -> float:
-        """Time of the device in s; the clock for `Probe`."""
+        """Return the time of the device in s; the clock for `Probe`."""
         return self._bus.time * 1e-6
 
     def send(self, frame: Frame) -> None:
-        """Send a frame."""
+        """Send a frame to the device; its answers wait for `receive`."""
         self._port.send(frame)
 
     def receive(self, timeout: float) -> Frame | None:

@@ -32,7 +32,7 @@ def report(faults: list[str], count: int) -> None:
 
 
 def where(entry: Entry) -> str:
-    """Index and sub-index as text."""
+    """Return index and sub-index of an entry as text."""
     return f"{entry.index:04X}h:{entry.subindex:02X}"
 
 
@@ -41,7 +41,7 @@ def _readable(probe: Probe) -> list[Entry]:
 
 
 def _read(probe: Probe, entry: Entry) -> bytes | None:
-    """Bytes of an entry; None where an entry of the EDS has nothing to read now."""
+    """Read the bytes of an entry; None where the device has no data for it now."""
     try:
         return upload(probe, entry.index, entry.subindex)
     except Abort as abort:
@@ -140,7 +140,7 @@ def write_only(probe: Probe) -> None:
 
 
 def _beyond(entry: Entry) -> Iterator[bytes]:
-    """Values just outside of the limits that the data type can express."""
+    """Yield the values next outside of the limits, where the data type can express them."""
     low, high = bounds(entry.data_type)
     for value, possible in ((entry.low - 1, entry.low > low), (entry.high + 1, entry.high < high)):
         if possible:

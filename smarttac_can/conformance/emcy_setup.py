@@ -22,12 +22,12 @@ needs_consumer = needs_object(HEARTBEAT_CONSUMER, 1, writable=True)
 
 
 def other_node(probe: Probe) -> int:
-    """A node-ID that is not the device's."""
+    """Return a node-ID that is not the device's."""
     return 126 if probe.node_id == 127 else 127
 
 
 def emcy_id(probe: Probe) -> int:
-    """Identifier of the device's EMCY by the data sheet."""
+    """Return the CAN-ID of the device's EMCY by the data sheet."""
     return probe.sheet.od.number(EMCY_COB_ID) & CAN_ID_MASK
 
 
@@ -44,7 +44,13 @@ def heartbeat(probe: Probe) -> None:
 
 
 def expect_emcy(probe: Probe, code: EmergencyCode, timeout: float | None = None) -> bytes:
-    """Next EMCY, which must have the code."""
+    """Wait for the next EMCY and return its 8 bytes.
+
+    Raises
+    ------
+    Failure
+        If none comes within the time-out in s, or it has another code.
+    """
     data = probe.expect(emcy_id(probe), f"EMCY {code:04X}h", timeout).data
     if len(data) != 8:
         raise Failure(f"EMCY of {len(data)} bytes")
@@ -54,6 +60,6 @@ def expect_emcy(probe: Probe, code: EmergencyCode, timeout: float | None = None)
 
 
 def lose_node(probe: Probe) -> bytes:
-    """Cause EMCY 8130h; return it."""
+    """Have the device miss a node that it watches; return the 8 bytes of the EMCY 8130h."""
     watch(probe)
     return expect_emcy(probe, EmergencyCode.ERROR_CONTROL, WATCH_MS * 1e-3 + probe.timeout)

@@ -26,7 +26,7 @@ needs_life_time = needs_object(LIFE_TIME_FACTOR, writable=True)
 
 
 def heartbeat_can_end(sheet: Sheet) -> str | None:
-    """The EDS must let guarding take the heartbeat's place."""
+    """Require that the EDS lets node guarding take the heartbeat's place."""
     if sheet.od.number(HEARTBEAT_PRODUCER) and not sheet.writable(HEARTBEAT_PRODUCER):
         return "the EDS has a heartbeat that cannot be switched off"
     return None
@@ -40,7 +40,7 @@ def end_heartbeat(probe: Probe) -> None:
 
 
 def ask_state(probe: Probe) -> int:
-    """Ask for the state by a remote frame; return state and toggle bit."""
+    """Ask for the NMT state by a remote frame; return the answer, state and toggle bit."""
     probe.drain()
     probe.send(probe.heartbeat_id, rtr=True)
     data = probe.expect(probe.heartbeat_id, "answer to guarding").data
@@ -59,12 +59,18 @@ def no_answer(probe: Probe, why: str) -> None:
 
 
 def set_period(probe: Probe, period_ms: int = PERIOD_MS) -> None:
-    """Write the producer time."""
+    """Write the producer time of the device's heartbeat in ms."""
     write_number(probe, HEARTBEAT_PRODUCER, 0, period_ms)
 
 
 def beats(probe: Probe, period_ms: int = PERIOD_MS) -> list[int]:
-    """States of the heartbeats of some periods, which must keep the time."""
+    """Hear the heartbeats of 8 periods, and return the NMT states in them.
+
+    Raises
+    ------
+    Failure
+        If fewer than 3 come, or they do not keep the time.
+    """
     probe.drain()
     arrivals = probe.collect(probe.heartbeat_id, 8e-3 * period_ms)
     if len(arrivals) < 3:
@@ -80,7 +86,7 @@ def beats(probe: Probe, period_ms: int = PERIOD_MS) -> list[int]:
 
 
 def start_life_guarding(probe: Probe) -> None:
-    """Write guard time and life time factor."""
+    """Write guard time and life time factor, which make the device expect to be asked."""
     write_number(probe, GUARD_TIME, 0, PERIOD_MS)
     write_number(probe, LIFE_TIME_FACTOR, 0, _FACTOR)
 

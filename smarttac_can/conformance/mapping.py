@@ -36,7 +36,7 @@ def _parameter(entry: Entry) -> int:
 
 
 def _mappable(probe: Probe) -> list[Entry]:
-    """Entries of whole bytes that a TPDO may carry, the longest first."""
+    """Find the entries of whole bytes that a TPDO may carry, the longest first."""
     found = (e for e in probe.sheet.od if e.tpdo_mappable and e.size and e.readable)
     whole = (e for e in found if e.data_type != DataType.BOOLEAN and e.size <= 8)
     return sorted(whole, key=lambda entry: -entry.size)

@@ -47,7 +47,7 @@ def _expect_state(probe: Probe, state: int, when: str) -> None:
 
 
 def _sync_answered(probe: Probe) -> bool | None:
-    """Whether a TPDO of type 1 comes at SYNC; None if there is none to ask."""
+    """Tell whether a TPDO of type 1 comes at SYNC; None if there is none to ask."""
     sheet = probe.sheet
     if not sheet.has(SYNC_COB_ID) or not sheet.usable(sheet.tpdos):
         return None
@@ -146,7 +146,7 @@ def addressee(probe: Probe) -> None:
 
 
 def _parameter(probe: Probe) -> Entry | None:
-    """An unsigned number of the application that is written without limits."""
+    """Find a number of the application that takes other values; None if there is none."""
     kinds = (DataType.UNSIGNED32, DataType.UNSIGNED16, DataType.INTEGER32, DataType.INTEGER16)
     return next(
         (
@@ -160,7 +160,7 @@ def _parameter(probe: Probe) -> Entry | None:
 
 
 def _change(probe: Probe, entry: Entry) -> tuple[bytes, bytes]:
-    """Write another value; return the old and the new one."""
+    """Write another value to an entry; return the bytes before and after."""
     before = upload(probe, entry.index, entry.subindex)
     data = other_value(probe, entry)
     download(probe, entry.index, entry.subindex, data)

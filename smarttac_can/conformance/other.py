@@ -124,7 +124,13 @@ def store_signature(probe: Probe) -> None:
 
 
 def _command(probe: Probe, index: int, signature: bytes) -> None:
-    """Give a command that may take longer than an answer does; raises `NotApplicable`."""
+    """Write a signature to store or restore, which may take longer than another answer.
+
+    Raises
+    ------
+    NotApplicable
+        If the device has nowhere to store.
+    """
     timeout, probe.timeout = probe.timeout, _STORE_TIME_OUTS * probe.timeout
     try:
         download(probe, index, 1, signature)
@@ -164,7 +170,7 @@ def restore_signature(probe: Probe) -> None:
 
 
 def _values(probe: Probe) -> dict[tuple[int, int], bytes]:
-    """All that is writable, to put it back after the defaults were restored."""
+    """Read all that is writable, to put it back after the defaults were restored."""
     values = {}
     for entry in probe.sheet.od:
         if entry.access == "rw" and entry.index not in COMMANDS:
@@ -228,7 +234,7 @@ def verify_configuration(probe: Probe) -> None:
 
 
 def _cob_ids(probe: Probe) -> Iterator[tuple[int, int]]:
-    """Writable COB-IDs with a valid bit."""
+    """Yield index and sub-index of the writable COB-IDs that have a valid bit."""
     sheet = probe.sheet
     for pdo in sheet.usable(sheet.tpdos + sheet.rpdos):
         yield pdo.communication, PDO_COB_ID

@@ -33,12 +33,18 @@ _NAMES = {
 
 
 def tpdo(probe: Probe) -> Pdo:
-    """First TPDO that can be configured."""
+    """Return the first TPDO that can be configured."""
     return probe.sheet.usable(probe.sheet.tpdos)[0]
 
 
 def rpdo(probe: Probe) -> Pdo:
-    """First RPDO that can be configured and whose values can be read back."""
+    """Return the first RPDO that can be configured and whose values can be read back.
+
+    Raises
+    ------
+    NotApplicable
+        If there is none.
+    """
     for pdo in probe.sheet.usable(probe.sheet.rpdos):
         if any(entry.readable for entry in entries(probe, pdo)):
             return pdo
@@ -46,25 +52,25 @@ def rpdo(probe: Probe) -> Pdo:
 
 
 def can_id(probe: Probe, pdo: Pdo) -> int:
-    """Identifier that the data sheet gives a PDO."""
+    """Return the CAN-ID that the data sheet gives a PDO."""
     return probe.sheet.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
 
 
 def entries(probe: Probe, pdo: Pdo) -> list[Entry]:
-    """Entries of the default mapping; dummies are left out."""
+    """Return the entries of the default mapping; dummies are left out."""
     found = (probe.sheet.od.get(m >> 16, m >> 8 & 0xFF) for m in probe.sheet.mapped(pdo))
     return [entry for entry in found if entry is not None]
 
 
 def disable(probe: Probe, pdo: Pdo) -> int:
-    """Set the invalid bit; return the COB-ID as the device has it without that bit."""
+    """Set the invalid bit of a PDO; return its COB-ID on the device without that bit."""
     cob_id = number(probe, pdo.communication, PDO_COB_ID)
     write_number(probe, pdo.communication, PDO_COB_ID, cob_id | COB_INVALID)
     return cob_id & ~COB_INVALID | can_id(probe, pdo)
 
 
 def enable(probe: Probe, pdo: Pdo, cob_id: int) -> None:
-    """Clear the invalid bit."""
+    """Clear the invalid bit of a PDO, with this COB-ID."""
     write_number(probe, pdo.communication, PDO_COB_ID, cob_id & ~COB_INVALID)
 
 
@@ -134,7 +140,7 @@ def operational(probe: Probe) -> None:
 
 
 def content(probe: Probe, mapped: Iterable[int]) -> bytes:
-    """What a PDO of a mapping would carry, read by SDO."""
+    """Read by SDO what a PDO with these mapping entries would carry now."""
     return b"".join(upload(probe, m >> 16, m >> 8 & 0xFF)[: (m & 0xFF) // 8] for m in mapped)
 
 
@@ -175,7 +181,7 @@ def _pack(entry: Entry, value: float) -> bytes:
 
 
 def reads(probe: Probe, wanted: list[tuple[Entry, bytes]]) -> bool:
-    """Whether all entries read as wanted."""
+    """Tell whether all entries read as wanted."""
     return all(upload(probe, e.index, e.subindex) == part for e, part in wanted)
 
 

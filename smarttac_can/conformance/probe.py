@@ -103,7 +103,7 @@ class Probe:
                 return
 
     def arrivals(self, duration: float) -> Iterable[Arrival]:
-        """Frames as they come, until the duration in s has passed."""
+        """Yield frames as they come, until the duration in s has passed."""
         end = self._clock() + duration
         while (now := self._clock()) <= end + self.timeout:
             frame = self._bus.receive(max(0.0, end - now))
@@ -115,29 +115,35 @@ class Probe:
             yield Arrival(self._clock(), frame)
 
     def collect(self, can_id: int, duration: float | None = None) -> list[Arrival]:
-        """All frames of an identifier in a time."""
+        """Return all frames with a CAN-ID that come in a duration in s, by default the time-out."""
         wait = self.timeout if duration is None else duration
         return [arrival for arrival in self.arrivals(wait) if arrival.frame.can_id == can_id]
 
     def drain(self) -> None:
-        """Forget what has come already."""
+        """Drop the frames that have come already."""
         while (frame := self._bus.receive(0.0)) is not None:
             self.trace.append(f"< {_text(frame)}")
 
     def settle(self) -> None:
-        """Let the device say what it has to say, and forget it."""
+        """Drop the frames that come within a third of the time-out."""
         for _ in self.arrivals(self.timeout / 3):
             pass
 
     def wait(self, can_id: int, timeout: float | None = None) -> Arrival | None:
-        """Next frame of an identifier, None if it does not come; others are passed over."""
+        """Return the next frame with a CAN-ID, others passed over; None after the time-out in s."""
         for arrival in self.arrivals(self.timeout if timeout is None else timeout):
             if arrival.frame.can_id == can_id and not arrival.frame.rtr:
                 return arrival
         return None
 
     def expect(self, can_id: int, what: str, timeout: float | None = None) -> Frame:
-        """Next frame of an identifier; raises `Failure` if it does not come."""
+        """Return the next frame with a CAN-ID.
+
+        Raises
+        ------
+        Failure
+            If none comes within the time-out in s.
+        """
         arrival = self.wait(can_id, timeout)
         if arrival is None:
             limit = self.timeout if timeout is None else timeout
@@ -145,7 +151,7 @@ class Probe:
         return arrival.frame
 
     def silence(self, can_id: int, what: str, duration: float | None = None) -> None:
-        """Raise `Failure` if a frame of an identifier comes in a time."""
+        """Raise `Failure` if a frame with this CAN-ID comes within a duration in s."""
         arrival = self.wait(can_id, duration)
         if arrival is not None:
             raise Failure(f"unexpected {what}: {_text(arrival.frame)}")
@@ -161,7 +167,7 @@ class Probe:
         self.send(NMT_ID, bytes((command, self.node_id if node_id is None else node_id)))
 
     def enter(self, command: int) -> None:
-        """Send an NMT command and forget what comes of it."""
+        """Send the device an NMT command, and drop the frames that it causes."""
         self.nmt(command)
         self.settle()
 
@@ -191,11 +197,19 @@ class Probe:
         return self.sdo_response()
 
     def sdo_send(self, data: bytes) -> None:
-        """Send an SDO request and wait for nothing."""
+        """Send an SDO request of up to 8 bytes, filled with zeros; wait for no answer."""
         self.send(SDO_RX_ID + self.node_id, data.ljust(8, b"\0"))
 
     def sdo_response(self, timeout: float | None = None) -> bytes:
-        """Next SDO response; an abort raises `Abort`."""
+        """Wait for the next SDO response and return its 8 bytes.
+
+        Raises
+        ------
+        Abort
+            If it is an abort.
+        Failure
+            If none comes within the time-out in s.
+        """
         data = self.expect(SDO_TX_ID + self.node_id, "SDO response", timeout).data
         if len(data) != 8:
             raise Failure(f"SDO response of {len(data)} bytes")

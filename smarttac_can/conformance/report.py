@@ -13,19 +13,19 @@ _SHORT = {"pass": "pass", "fail": "FAIL", "not applicable": "n/a"}
 
 
 def line(result: Result) -> str:
-    """One line for a case."""
+    """Return the line of text that shows the result of one case."""
     reason = f": {result.reason}" if result.reason else ""
     return f"{_SHORT[result.verdict]:4}  {result.case.number:8}  {result.case.title}{reason}"
 
 
 def summary(results: Sequence[Result]) -> str:
-    """How many cases came out how."""
+    """Return the numbers of cases by verdict as text."""
     counts = Counter(result.verdict for result in results)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in _SHORT)
 
 
 def as_json(results: Sequence[Result], device: str) -> dict[str, Any]:
-    """Results for a program to read."""
+    """Return the results as plain data for JSON."""
     return {
         "device": device,
         "counts": Counter(result.verdict for result in results),

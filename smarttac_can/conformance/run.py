@@ -64,5 +64,5 @@ def _reset(probe: Probe) -> None:
 
 
 def failed(results: Sequence[Result]) -> list[Result]:
-    """Results of the cases that failed."""
+    """Return the results of the cases that failed."""
     return [result for result in results if result.verdict == "fail"]

@@ -28,7 +28,13 @@ SERVER_TIME_OUT_S = 2.0
 
 
 def number_entry(probe: Probe) -> Entry:
-    """First number of 4 bytes to write that the device has: what is asked is the transfer."""
+    """Find the first rw number of 4 bytes of the EDS that the device really has.
+
+    Raises
+    ------
+    Failure
+        If it has none.
+    """
     for entry in probe.sheet.number_entries():
         try:
             upload(probe, entry.index, entry.subindex)
@@ -46,7 +52,7 @@ def _long(probe: Probe) -> Entry:
 
 
 def other_value(probe: Probe, entry: Entry) -> bytes:
-    """Value other than the present one, within the limits."""
+    """Return the bytes of a value next to the present one, within the limits."""
     present = unpack(entry.data_type, upload(probe, entry.index, entry.subindex))
     return pack(entry.data_type, present + 1 if present < entry.high else present - 1)
 
@@ -172,7 +178,7 @@ def download_toggle(probe: Probe) -> None:
 
 
 def other_value_of(data: bytes) -> bytes:
-    """Bytes other than those given."""
+    """Return bytes of the same length that differ from those given."""
     return bytes((data[0] ^ 1,)) + data[1:]
 
 

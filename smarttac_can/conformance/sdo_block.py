@@ -41,7 +41,7 @@ def _begin_upload(probe: Probe, entry: Entry, *, crc: bool, block_size: int = 12
 
 
 def _segments(probe: Probe) -> list[bytes]:
-    """Segments of the last sub-block of a few bytes."""
+    """Receive the segments of the last sub-block of an upload."""
     segments: list[bytes] = []
     while not segments or not segments[-1][0] & _LAST:
         data = probe.sdo_response()

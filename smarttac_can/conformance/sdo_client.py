@@ -10,12 +10,20 @@ _LONGEST = 1 << 24
 
 
 def address(index: int, subindex: int) -> bytes:
-    """Multiplexer of an SDO request."""
+    """Return the three bytes that name an entry in an SDO request: its multiplexer."""
     return index.to_bytes(2, "little") + bytes((subindex,))
 
 
 def upload(probe: Probe, index: int, subindex: int = 0) -> bytes:
-    """Read an entry, expedited or segmented; raises `Abort` or `Failure`."""
+    """Read the bytes of an entry, expedited or segmented.
+
+    Raises
+    ------
+    Abort
+        If the device refuses.
+    Failure
+        If it does not answer, or breaks the protocol.
+    """
     where = address(index, subindex)
     response = probe.request(b"\x40" + where)
     command = response[0]
@@ -40,7 +48,15 @@ def upload(probe: Probe, index: int, subindex: int = 0) -> bytes:
 
 
 def download(probe: Probe, index: int, subindex: int, data: bytes) -> None:
-    """Write an entry, expedited up to 4 bytes; raises `Abort` or `Failure`."""
+    """Write an entry, expedited up to 4 bytes, else segmented.
+
+    Raises
+    ------
+    Abort
+        If the device refuses.
+    Failure
+        If it does not answer, or breaks the protocol.
+    """
     if not 1 <= len(data) <= 4:
         download_segments(probe, index, subindex, data)
         return
@@ -74,7 +90,7 @@ def confirm(response: bytes, where: bytes) -> None:
 
 
 def number(probe: Probe, index: int, subindex: int = 0) -> int:
-    """Read an unsigned number."""
+    """Read an unsigned number of any length."""
     return int.from_bytes(upload(probe, index, subindex), "little")
 
 

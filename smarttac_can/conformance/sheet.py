@@ -66,16 +66,16 @@ class Sheet:
         ]
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Whether the EDS describes an entry."""
+        """Tell whether the EDS describes an entry."""
         return self.od.get(index, subindex) is not None
 
     def writable(self, index: int, subindex: int = 0) -> bool:
-        """Whether the EDS describes an entry that takes values."""
+        """Tell whether the EDS describes an entry that takes values."""
         entry = self.od.get(index, subindex)
         return entry is not None and entry.writable
 
     def states_default(self, entry: Entry) -> bool:
-        """Whether the EDS names a default value, rather than leaving it open."""
+        """Tell whether the EDS names a default value, rather than leaving it open."""
         for name in (f"{entry.index:04x}sub{entry.subindex:x}", f"{entry.index:04x}"):
             section = self.sections.get(name, {})
             if section.get("defaultvalue") or section.get("parametervalue"):
@@ -84,11 +84,11 @@ class Sheet:
         return bool(values.get(str(entry.subindex)))
 
     def mapped(self, pdo: Pdo) -> list[int]:
-        """Default mapping entries of a PDO."""
+        """Return the mapping entries that the EDS gives a PDO by default."""
         return [self.od.number(pdo.mapping, n) for n in range(1, self.od.number(pdo.mapping) + 1)]
 
     def usable(self, pdos: list[Pdo]) -> list[Pdo]:
-        """PDOs that carry something and let themselves be configured."""
+        """Pick the PDOs that carry something and let themselves be configured."""
         return [
             pdo
             for pdo in pdos
@@ -99,7 +99,7 @@ class Sheet:
         ]
 
     def mappable(self, pdos: list[Pdo]) -> list[Pdo]:
-        """Of the usable PDOs those whose mapping can be written."""
+        """Pick the usable PDOs whose mapping can be written."""
         return [
             pdo
             for pdo in self.usable(pdos)
@@ -107,7 +107,7 @@ class Sheet:
         ]
 
     def number_entries(self) -> list[Entry]:
-        """Entries of 4 bytes that may be written, those first that do no harm."""
+        """List the rw numbers of 4 bytes, those first that do no harm."""
         harmless = [self.od.get(VERIFY_CONFIGURATION, 1), self.od.get(HEARTBEAT_CONSUMER, 1)]
         words = (e for e in self.od if e.index > COMMUNICATION_LAST and e.high > e.low)
         return [
@@ -117,13 +117,13 @@ class Sheet:
         ]
 
     def long_entry(self) -> Entry | None:
-        """A readable entry that takes more than one frame; None if there is none."""
+        """Find a readable entry that takes more than one frame; None if there is none."""
         name = self.od.get(DEVICE_NAME)
         candidates = ([] if name is None else [name]) + list(self.od)
         return next((e for e in candidates if e.readable and _length(e) > 4), None)
 
     def long_writable(self) -> Entry | None:
-        """An rw entry of the application that takes more than one frame; None if there is none."""
+        """Find an rw entry of the application above 4 bytes; None if there is none."""
         return next(
             (
                 entry
@@ -134,13 +134,13 @@ class Sheet:
         )
 
     def first(self, access: str, *, writable: bool) -> Entry | None:
-        """First entry of an access type and of fixed length."""
+        """Find the first entry of an access type and of fixed length; None if there is none."""
         return next(
             (e for e in self.od if e.access == access and e.size and e.writable == writable), None
         )
 
     def numeric(self) -> Iterator[Entry]:
-        """Entries with an order: integers and reals."""
+        """Return the entries whose values have an order: integers and reals."""
         kinds = {*SIGNED, *UNSIGNED, *REAL}
         return (entry for entry in self.od if entry.data_type in kinds)
 
@@ -150,7 +150,7 @@ def _length(entry: Entry) -> int:
 
 
 def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Need:
-    """The EDS must describe an entry."""
+    """Require that the EDS describes an entry, and one that takes values if ``writable``."""
 
     def reason(sheet: Sheet) -> str | None:
         if not sheet.has(index, subindex):
@@ -163,20 +163,20 @@ def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Ne
 
 
 def needs_tpdo(sheet: Sheet) -> str | None:
-    """The EDS must have a TPDO that can be configured."""
+    """Require a TPDO that can be configured."""
     return None if sheet.usable(sheet.tpdos) else "the EDS has no TPDO that can be configured"
 
 
 def needs_rpdo(sheet: Sheet) -> str | None:
-    """The EDS must have an RPDO that can be configured."""
+    """Require an RPDO that can be configured."""
     return None if sheet.usable(sheet.rpdos) else "the EDS has no RPDO that can be configured"
 
 
 def needs_mapping(sheet: Sheet) -> str | None:
-    """The EDS must have a TPDO whose mapping can be changed."""
+    """Require a TPDO whose mapping can be changed."""
     return None if sheet.mappable(sheet.tpdos) else "the EDS has no TPDO with a writable mapping"
 
 
 def needs_number(sheet: Sheet) -> str | None:
-    """The EDS must have a number of 4 bytes to write."""
+    """Require a number of 4 bytes that can be written."""
     return None if sheet.number_entries() else "the EDS has no rw number of 4 bytes to write"

@@ -103,7 +103,13 @@ def _produce(probe: Probe, period_ms: int = _PERIOD_MS) -> None:
 
 
 def _produced(probe: Probe, period_ms: int = _PERIOD_MS) -> list[Arrival]:
-    """SYNCs of some periods, which must keep the time."""
+    """Hear the SYNCs of 8 periods, and return them.
+
+    Raises
+    ------
+    Failure
+        If fewer than 3 come, or they do not keep the time.
+    """
     probe.drain()
     arrivals = probe.collect(probe.sync_id, 8e-3 * period_ms)
     if len(arrivals) < 3:

@@ -31,7 +31,13 @@ _has_sync = needs_object(SYNC_COB_ID)
 
 
 def _first_sync(probe: Probe, pdo: Pdo, most: int) -> int:
-    """SYNCs until the PDO comes."""
+    """Send SYNC until the TPDO comes, and return how many it took.
+
+    Raises
+    ------
+    Failure
+        If it has not come after the most allowed.
+    """
     for count in range(1, most + 1):
         probe.sync()
         if probe.wait(can_id(probe, pdo), probe.timeout / 2) is not None:
@@ -169,7 +175,13 @@ def remote_not_allowed(probe: Probe) -> None:
 
 
 def _gaps(probe: Probe, pdo: Pdo) -> list[float]:
-    """Times in ms between the TPDOs that come by themselves."""
+    """Return the times in ms between the TPDOs that come without a SYNC or a request.
+
+    Raises
+    ------
+    Failure
+        If fewer than 3 come in 8 periods.
+    """
     times = [a.time for a in probe.collect(can_id(probe, pdo), 8e-3 * PERIOD_MS)]
     if len(times) < 3:
         raise Failure(f"{len(times)} TPDOs in {8 * PERIOD_MS} ms, event timer {PERIOD_MS} ms")

@@ -44,7 +44,7 @@ class Limit(IntFlag):
 _VOLTAGE, _AMPLITUDE, _FREQUENCY = (int(limit) for limit in Limit)
 
 _ABSURD = 1e6
-"""Bound of the squares of a measurement: 1 km of vibration, 1 kN. NaN and infinity fail it, too."""
+"""Bound of the squares of a measurement: 1 km, 1 kN. NaN and infinity do not pass either."""
 
 NO_CONTACT = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
 

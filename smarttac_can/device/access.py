@@ -35,7 +35,7 @@ class Access:
         self._on_change = on_change
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Bytes of an entry.
+        """Read the bytes of an entry.
 
         Raises
         ------
@@ -99,6 +99,6 @@ class Access:
             self._on_change()
 
     def _structure(self, index: int) -> int | None:
-        """What every object has at sub-index FFh, unless the EDS has something else there."""
+        """Return the content of sub-index FFh; None if there is no object or the EDS has one."""
         item = self._od.objects.get(index)
         return None if item is None or STRUCTURE_SUBINDEX in item.entries else item.structure

@@ -55,7 +55,7 @@ class BlockDownload:
         return self._heard > 0
 
     def rest(self) -> LateSegments:
-        """What may be under way when the transfer is aborted."""
+        """Return the segments that may still come after the transfer is aborted."""
         return LateSegments(self._late.follows or self._heard + 1, aborted=True)
 
     def segment(self, request: bytes) -> bytes | None:
@@ -157,7 +157,13 @@ class BlockUpload:
         self._block_size = _checked(block_size)
 
     def start(self) -> None:
-        """Begin the first sub-block; raises `Abort` with COMMAND if it was begun before."""
+        """Begin the first sub-block.
+
+        Raises
+        ------
+        Abort
+            COMMAND if it was begun before.
+        """
         if self._count:
             raise Abort(AbortCode.COMMAND)
         self._begin()
@@ -200,7 +206,13 @@ class BlockUpload:
         return bytes((0xC1 | unused << 2,)) + self._crc.to_bytes(2, "little") + bytes(5)
 
     def end(self) -> None:
-        """Take the client's last word; raises `Abort` with COMMAND if it comes too early."""
+        """Take the client's confirmation that it has the whole.
+
+        Raises
+        ------
+        Abort
+            COMMAND if it comes before the end was announced.
+        """
         if not self.ended:
             raise Abort(AbortCode.COMMAND)
 

@@ -211,7 +211,7 @@ class Device:
         return self._port.take()
 
     def segments(self, most: int) -> list[Frame]:
-        """Next frames, at most so many, of transfers that go on as fast as the bus takes them.
+        """Return the next frames, at most so many, of transfers limited by the bus alone.
 
         Empty when there is nothing to go on with. These are the segments of SDO block uploads: they
         exist from the request for them on, and are gone when their transfer is. Who asks for none
@@ -220,11 +220,11 @@ class Device:
         return self._port.segments(most)
 
     def take(self) -> list[Frame]:
-        """Frames caused by `trigger` and `emergency` outside of the hooks."""
+        """Return the frames that `trigger` and `emergency` caused outside of the hooks."""
         return self._port.take()
 
     def carries(self, rpdo: int, entry: Entry) -> bool:
-        """Whether an RPDO, from 1, has the entry in its mapping."""
+        """Tell whether an RPDO, from 1, has the entry in its mapping."""
         mapping = self._rpdos[rpdo].mapping
         return mapping is not None and entry in mapping.entries
 

@@ -79,13 +79,19 @@ class Emergency(Service):
             self._enqueue(EmergencyCode.RESET, bytes(5))
 
     def check_read(self, entry: Entry) -> None:
-        """An empty place in the history has no data."""
+        """Refuse to read a place of the history that no error has used yet.
+
+        Raises
+        ------
+        Abort
+            NO_DATA for such a place.
+        """
         used = self._history if self._count is None else self._history[: self._count.value]
         if entry in self._history and entry not in used:
             raise Abort(AbortCode.NO_DATA)
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Only 0 clears the history; the CAN-ID is fixed while valid."""
+        """Refuse to write anything but 0 to the history, or another CAN-ID while EMCY is valid."""
         if entry.index == ERROR_FIELD and value != 0:
             raise Abort(AbortCode.VALUE)
         if entry.index == EMCY_COB_ID:
@@ -100,24 +106,24 @@ class Emergency(Service):
             self._read_parameters()
 
     def configure(self) -> None:
-        """Start without errors."""
+        """Begin with no error reported, an empty queue, and the parameters read."""
         self._active.clear()
         self._queue.clear()
         self._update_register()
         self._read_parameters()
 
     def enter(self, state: NMTState | None) -> None:
-        """Of what came up while STOPPED, only the latest is sent afterwards."""
+        """Follow the device; out of STOPPED only the latest of the waiting messages is sent."""
         if not self.alive:
             del self._queue[:-1]
         super().enter(state)
 
     def begin(self) -> None:
-        """Send what waits."""
+        """Send the messages that wait, as the inhibit time allows."""
         self._send_next()
 
     def cease(self) -> None:
-        """Hold the queue."""
+        """Keep the messages that wait until EMCY may be sent again."""
         self._inhibit.stop()
 
     @property

@@ -34,7 +34,7 @@ class EmergencyConsumer(Service):
         self._node_id = node_id
 
     def listen(self) -> None:
-        """Hear the node."""
+        """Listen to the EMCY identifier of the node, if there is one."""
         if self._node_id:
             self.port.listen(EMCY_ID + self._node_id, self._receive)
 

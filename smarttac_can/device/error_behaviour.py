@@ -44,15 +44,15 @@ class ErrorBehaviour(Service):
         self._state = NMTState.INITIALISING
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Only what the standard names."""
+        """Refuse a value that CiA 301 does not define: 0, 1 and 2 are."""
         if entry.subindex and not _PRE_OPERATIONAL <= value <= _STOPPED:
             raise Abort(AbortCode.VALUE)
 
     def apply(self, entry: Entry) -> None:
-        """Be read at the next error."""
+        """Do nothing: the value is read at the next error."""
 
     def enter(self, state: NMTState | None) -> None:
-        """Remember the state."""
+        """Remember the NMT state, from which an error may lead."""
         super().enter(state)
         if state is not None:
             self._state = state

@@ -61,7 +61,7 @@ class Guarding(Service):
         self._toggle = 0
 
     def enter(self, state: NMTState | None) -> None:
-        """Remember the state to send."""
+        """Remember the NMT state, which the next answer carries."""
         if state is not None:
             self._state = state
         super().enter(state)
@@ -72,12 +72,12 @@ class Guarding(Service):
         self._found()
 
     def listen(self) -> None:
-        """Hear the remote frames."""
+        """Listen to remote frames that ask for the NMT state, unless the heartbeat is on."""
         if self._active:
             self.port.listen(HEARTBEAT_ID + self.od.node_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Answer a remote frame."""
+        """Answer a remote frame with state and toggle bit, and begin the life time anew."""
         if not frame.rtr:
             return
         self.port.out.append(Frame(frame.can_id, bytes((self._toggle | self._state,))))

@@ -35,26 +35,26 @@ class HeartbeatProducer(Service):
         self._period = 0
 
     def boot_up(self) -> None:
-        """Send the boot-up message."""
+        """Send the boot-up message, a heartbeat of the value 0."""
         self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, b"\0"))
 
     def enter(self, state: NMTState | None) -> None:
-        """Remember the state to send."""
+        """Remember the NMT state, which the next heartbeat carries."""
         if state is not None:
             self._state = state
         super().enter(state)
 
     def configure(self) -> None:
-        """Read the producer time, in ms."""
+        """Read the producer time in ms; 0 is no heartbeat."""
         self._period = 1000 * self.od.number(HEARTBEAT_PRODUCER)
 
     def begin(self) -> None:
-        """Start the period."""
+        """Send a heartbeat every producer time from now on."""
         if self._period:
             self._timer.start(self._period, periodic=True)
 
     def cease(self) -> None:
-        """Fall silent."""
+        """Send no heartbeat any more."""
         self._timer.stop()
 
     def _send(self) -> None:
@@ -81,11 +81,11 @@ class Monitor:
         return 1000 * (self.parameter & 0xFFFF)
 
     def stop(self) -> None:
-        """Forget that the node was seen."""
+        """Stop the watch; it begins again with the next heartbeat of the node."""
         self._timer.stop()
 
     def follow(self, parameter: int) -> None:
-        """Take another time for the same node: one that was seen is waited for that long."""
+        """Watch the same node with another consumer time, from now on if it was heard already."""
         self.parameter = parameter
         if self._timer.running:
             self._timer.start(self.period)
@@ -123,7 +123,13 @@ class HeartbeatConsumer(Service):
         self._monitors = {e.subindex: Monitor(port, self._lost, self._found) for e in entries}
 
     def check(self, entry: Entry, value: Any) -> None:
-        """A node is watched by one entry only; the reserved bits are 0."""
+        """Refuse reserved bits, and a second watch of the same node.
+
+        Raises
+        ------
+        Abort
+            VALUE for a reserved bit, PARAMETER for a node that another entry watches.
+        """
         if value >> 24:
             raise Abort(AbortCode.VALUE)
         node_id, period = value >> 16 & 0xFF, value & 0xFFFF
@@ -132,7 +138,7 @@ class HeartbeatConsumer(Service):
             raise Abort(AbortCode.PARAMETER)
 
     def apply(self, entry: Entry) -> None:
-        """Restart the one watch, unless the same node is watched on; the others go on."""
+        """Take over one watch; it goes on if the node is the same, and so do the others."""
         monitor = self._monitors[entry.subindex]
         value = entry.value
         if value & 0xFFFF and value >> 16 & 0xFF == monitor.node_id:
@@ -143,18 +149,18 @@ class HeartbeatConsumer(Service):
         monitor.parameter = value
 
     def configure(self) -> None:
-        """Read all watches; nobody is missed yet."""
+        """Read which nodes to watch; none counts as lost yet."""
         self._absent.clear()
         for subindex, monitor in self._monitors.items():
             monitor.parameter = self.od.entry(HEARTBEAT_CONSUMER, subindex).value
 
     def cease(self) -> None:
-        """Forget who was seen."""
+        """Stop all watches; each begins again with the next heartbeat of its node."""
         for monitor in self._monitors.values():
             monitor.stop()
 
     def listen(self) -> None:
-        """Hear the watched nodes."""
+        """Listen to the heartbeats of the watched nodes."""
         for monitor in self._monitors.values():
             if monitor.period and 1 <= monitor.node_id <= 127:
                 self.port.listen(HEARTBEAT_ID + monitor.node_id, monitor.receive)

@@ -1,7 +1,7 @@
-"""Frames that an SDO client sent before it heard the answer that the server gave unasked.
+"""Frames that a client sent before it heard that the server had ended the transfer.
 
-They have their answer: another one would be taken for that to the next request. And a segment of a
-block download that is taken for a request could write anything.
+The server must not answer them, as the client would take a second answer for that to its next
+request. And a segment of a block download that is taken for a request could write anything.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ _SEQUENCE: Final = 0x7F
 
 
 class LateSegments:
-    """Segments of a block download.
+    """Segments of a block download that may come although the server has answered.
 
     A client that stops among them may begin anew with a command that equals the next number. It is
     then not heard, but is when it repeats the request.
@@ -41,7 +41,7 @@ class LateSegments:
         self._aborted = aborted
 
     def include(self, command: int) -> bool:
-        """Whether a frame is the next of them; if not, there are no more."""
+        """Tell whether a frame is the next of them; after one that is not, none is."""
         number = command & _SEQUENCE
         late = number > 0 and (number == self._number or (self._aborted and number == 1))
         self.follows = (number + 1) & _SEQUENCE if late and not command & _LAST else 0
@@ -50,9 +50,9 @@ class LateSegments:
 
 
 class LateRequest:
-    """The one request that a client of any other transfer waits with for its answer.
+    """The one request that a client of any other transfer may have sent before the abort.
 
-    A client that comes later did not look at the answer, and has to be told.
+    A client that sends a second one has not looked at the abort, and has to be told again.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class LateRequest:
         self._came = False
 
     def include(self, command: int) -> bool:
-        """Whether a frame is that request: it goes on with a transfer, and is the first to."""
+        """Tell whether a frame is that request: it goes on with a transfer, as the first."""
         specifier = command >> 5
         goes_on = (
             specifier in (0, 3)

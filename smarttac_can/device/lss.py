@@ -98,12 +98,12 @@ class LSS(Service):
         self._bit_timing = self._storage.bit_timing
 
     def cease(self) -> None:
-        """Fall back to waiting."""
+        """Return to the state waiting: no device is selected for configuration."""
         self._configuring = False
         self._selected = self._identified = self._scanned = 0
 
     def listen(self) -> None:
-        """Hear the master."""
+        """Listen to the LSS master, if the EDS says that the device supports LSS."""
         if self.supported:
             self.port.listen(LSS_MASTER_ID, self.receive)
 
@@ -164,7 +164,10 @@ class LSS(Service):
             self._on_configured()
 
     def _select(self, part: int, number: int) -> None:
-        """Vendor, product, revision and serial number come in this order."""
+        """Take one number of a selection; all four in the right order select the device.
+
+        The order is vendor, product, revision and serial number.
+        """
         if part not in (0, self._selected) or number != self._identity[part]:
             self._selected = 0
         else:
@@ -175,7 +178,10 @@ class LSS(Service):
                 self._answer(SWITCHED)
 
     def _identify(self, part: int, number: int) -> None:
-        """Vendor, product, lowest and highest revision and serial number come in this order."""
+        """Take one number of an inquiry; the device answers after the last if all fit.
+
+        The order is vendor, product, lowest and highest revision, lowest and highest serial number.
+        """
         which, sign = _LIMITS[part]
         difference = self._identity[which] - number
         fits = difference * sign >= 0 if sign else not difference
@@ -188,7 +194,7 @@ class LSS(Service):
                 self._answer(IDENTIFIED)
 
     def _fastscan(self, number: int, bit: int, part: int, following: int) -> None:
-        """Say yes if the bits from `bit` up of this part of the identity are those of `number`."""
+        """Answer if this part of the identity equals ``number`` in the bits from ``bit`` up."""
         if self._configuring or not self.node_id == self.pending == UNCONFIGURED:
             return
         if bit == _FASTSCAN_START:

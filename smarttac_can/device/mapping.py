@@ -63,7 +63,7 @@ class Mapping(NamedTuple):
     unpack: Callable[[bytes], tuple[Any, ...]]
 
     def sample(self) -> bytes:
-        """Content from the present values."""
+        """Return the bytes of a PDO, from the present values."""
         if not self.odd:
             return self.pack(*[entry.value for entry in self.entries])
         values = [entry.value for entry in self.entries]
@@ -99,7 +99,7 @@ class Mapping(NamedTuple):
 
 
 def mapped_entry(od: ObjectDictionary, value: int, direction: Direction) -> Entry | None:
-    """Entry that a mapping parameter names; None for a dummy.
+    """Find the entry that a mapping parameter names; None for a dummy.
 
     Raises
     ------

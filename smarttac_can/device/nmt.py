@@ -11,7 +11,11 @@ from smarttac_can.od.cia import NMTCommand
 
 
 class NMTState(IntEnum):
-    """States; the values of those a device stays in are those of its heartbeat."""
+    """NMT states; one that lasts has the number that the heartbeat carries for it.
+
+    STOPPED, OPERATIONAL and PRE_OPERATIONAL last. INITIALISING is the 0 of the boot-up message; the
+    two resets are passed through, and no frame carries their numbers.
+    """
 
     INITIALISING = 0x00
     STOPPED = 0x04

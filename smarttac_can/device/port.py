@@ -44,17 +44,17 @@ class Port:
         self._streams: deque[Callable[[], Frame | None]] = deque()
 
     def listen(self, can_id: int, handler: Callable[[Frame], None]) -> None:
-        """Hand frames with this identifier to the handler."""
+        """Call the handler with every frame of this CAN-ID."""
         self.listeners.setdefault(can_id, []).append(handler)
 
     def take(self) -> list[Frame]:
-        """Frames to send; afterwards there are none."""
+        """Return the frames to send, and forget them."""
         out = self.out[:]
         self.out.clear()
         return out
 
     def stream(self, source: Callable[[], Frame | None]) -> None:
-        """Have a source asked for frames as fast as the bus takes them, until it gives None."""
+        """Ask a source for frames as fast as the bus takes them, until it gives None."""
         if source not in self._streams:
             self._streams.append(source)
 

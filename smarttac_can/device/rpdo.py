@@ -71,7 +71,7 @@ class RPDO(PDO):
             self._deadline.start(self.event_time)
 
     def cease(self) -> None:
-        """Drop what was latched; without monitoring there is no time-out either."""
+        """Drop the values that wait for SYNC, and end the deadline; a missed one counts as over."""
         self._drop()
         self._in_time()
 
@@ -82,12 +82,12 @@ class RPDO(PDO):
             self._settle(code)
 
     def listen(self) -> None:
-        """Hear the PDO."""
+        """Listen to the PDO's CAN-ID, if it is valid and carries something."""
         if self.valid and self.mapping is not None and self.mapping.size:
             self.port.listen(self.can_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Take the PDO, now or at the next SYNC."""
+        """Check length and limits of a received PDO; put it in force now or at the next SYNC."""
         if frame.rtr or self.mapping is None:
             return
         data = frame.data

@@ -60,7 +60,7 @@ class SDOServer(Service):
         )
 
     def check(self, entry: Entry, value: Any) -> None:
-        """The CAN-IDs are fixed while valid."""
+        """Refuse another CAN-ID while the one in force is valid."""
         if entry.subindex in (1, 2):
             check_cob_id(entry.value, value)
 
@@ -84,11 +84,11 @@ class SDOServer(Service):
         return not (self._rx | self._tx) & COB_INVALID
 
     def cease(self) -> None:
-        """Drop the transfer."""
+        """Drop the transfer that is under way, without an abort."""
         self._end()
 
     def listen(self) -> None:
-        """Hear the client."""
+        """Listen to the client, if the server is valid."""
         if self._valid:
             self.port.listen(self._rx & CAN_ID_MASK, self.receive)
 
@@ -260,7 +260,7 @@ class SDOServer(Service):
         return response
 
     def _rest(self) -> LateSegments | None:
-        """What may be under way of the segments that the client sends."""
+        """Return the segments that the client may still send; None without a block download."""
         transfer = self._transfer
         if isinstance(transfer, BlockDownload) and transfer.receiving:
             return transfer.rest()

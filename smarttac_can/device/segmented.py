@@ -55,7 +55,7 @@ class Upload:
         self._toggle = 0
 
     def segment(self, request: bytes) -> tuple[bytes, bool]:
-        """Give the next segment; return the response and whether it was the last.
+        """Return the response with the next segment, and whether it was the last.
 
         Raises
         ------

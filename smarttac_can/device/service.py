@@ -65,13 +65,13 @@ class Service:
                 self.cease()
 
     def begin(self) -> None:
-        """Come alive."""
+        """Start what the service does while it is alive."""
 
     def cease(self) -> None:
         """Stop timers and drop what is pending."""
 
     def listen(self) -> None:
-        """Enter the identifiers of interest in the port; called while alive."""
+        """Register with the port for the CAN-IDs it listens to; called while alive."""
 
 
 def check_cob_id(old: int, new: int) -> None:

@@ -46,11 +46,23 @@ class Storage(Protocol):
     """Where the host keeps bytes."""
 
     def read(self) -> bytes | None:
-        """What was written last, None if nothing ever was; may raise `OSError`."""
+        """Return what was written last, None if nothing ever was.
+
+        Raises
+        ------
+        OSError
+            If it cannot be read.
+        """
         ...
 
     def write(self, data: bytes) -> None:
-        """Replace all of it, or raise `OSError` and leave the old."""
+        """Replace all that is stored.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; what was stored before is still there.
+        """
         ...
 
 
@@ -61,11 +73,11 @@ class Memory:
         self._data: bytes | None = None
 
     def read(self) -> bytes | None:
-        """What was written last."""
+        """Return what was written last, None if nothing ever was."""
         return self._data
 
     def write(self, data: bytes) -> None:
-        """Keep it."""
+        """Keep the bytes in memory until the next write."""
         self._data = data
 
 
@@ -114,7 +126,7 @@ class ParameterStorage(Service):
         return self._image.bit_timing
 
     def load(self) -> None:
-        """Read all; what cannot be understood is as if nothing was stored."""
+        """Read what is stored; a torn or foreign content counts as none, and `report` tells."""
         self._image = Image()
         self._torn = self._signed = False
         try:
@@ -151,12 +163,27 @@ class ParameterStorage(Service):
             self._emergency.report(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
 
     def store_lss(self, node_id: int, bit_timing: int) -> None:
-        """Store what LSS has configured; raises `OSError`, or `Abort` if it must not be now."""
+        """Store the node-ID and the index of the bit timing that LSS has configured.
+
+        Raises
+        ------
+        OSError
+            If the storage fails.
+        Abort
+            If the application refuses to store now.
+        """
         self._application.on_store()
         self._write(Image(node_id, bit_timing, self._image.values))
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Only the signature does anything; what was read may be written back."""
+        """Refuse any value but the signature of store or restore, and the one read there.
+
+        Raises
+        ------
+        Abort
+            STORE for a wrong signature, or what the application raises if it must not be stored
+            now.
+        """
         signature = _SIGNATURES.get(entry.index)
         if signature is None or value == entry.value:
             return
@@ -165,7 +192,13 @@ class ParameterStorage(Service):
         self._application.on_store()
 
     def apply(self, entry: Entry) -> None:
-        """Obey; raises `Abort` with HARDWARE if the storage fails, and all is as before."""
+        """Store or restore the group of objects whose sub-index was written.
+
+        Raises
+        ------
+        Abort
+            HARDWARE if the storage fails; all is as before then.
+        """
         if entry.index == VERIFY_CONFIGURATION:
             self._signed = True
             return
@@ -208,7 +241,13 @@ class ParameterStorage(Service):
         self._emergency.clear(EmergencyCode.DATA_STORAGE)
 
     def _values(self, image: Image) -> dict[Entry, Any]:
-        """Entries and their values; raises ValueError if one is not of this object dictionary."""
+        """Return the stored values by entry.
+
+        Raises
+        ------
+        ValueError
+            If one does not fit this object dictionary.
+        """
         try:
             return {
                 self._by_address[address]: self._by_address[address].unpack(data)

@@ -47,7 +47,7 @@ class Image:
 
 
 def pack_image(identity: Identity, image: Image) -> bytes:
-    """Bytes to store."""
+    """Return the bytes to store: header, values and check sum."""
     parts = [
         _HEADER.pack(
             _MAGIC, _VERSION, *identity, image.node_id, image.bit_timing, len(image.values)

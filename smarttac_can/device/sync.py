@@ -81,7 +81,14 @@ class Sync(Service):
         return not self._window or self.port.clock.now - self._heard <= self._window
 
     def check(self, entry: Entry, value: Any) -> None:
-        """See the standard on each of the objects."""
+        """Refuse what CiA 301 forbids in COB-ID and counter of SYNC while they are in use.
+
+        Raises
+        ------
+        Abort
+            STATE for another CAN-ID of a producer or a counter beside a period, VALUE out of
+            range.
+        """
         if entry.index == SYNC_COB_ID:
             same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
             if entry.value & value & COB_SYNC_PRODUCER and not same:
@@ -98,7 +105,7 @@ class Sync(Service):
                 raise Abort(AbortCode.VALUE)
 
     def apply(self, entry: Entry) -> None:
-        """A new period or producer bit is in force at once; the counter goes on unless set."""
+        """Put a new period or producer bit in force; the counter goes on unless it was set."""
         self.configure()
         if entry.index == SYNC_COUNTER:
             self._counter = 0
@@ -106,7 +113,7 @@ class Sync(Service):
             self._start_or_stop()
 
     def configure(self) -> None:
-        """Read the parameters."""
+        """Read COB-ID, period and window in us, and the overflow value of the counter."""
         cob_id = self.od.number(SYNC_COB_ID, absent=SYNC_ID)
         self.can_id = cob_id & CAN_ID_MASK
         self._produces = bool(cob_id & COB_SYNC_PRODUCER)
@@ -115,16 +122,16 @@ class Sync(Service):
         self._window = self.od.number(SYNC_WINDOW)
 
     def begin(self) -> None:
-        """Out of reset or STOPPED the counter starts at 1."""
+        """Begin the counter at 1, after a reset or STOPPED, and produce SYNC if it is to."""
         self._counter = 0
         self._start_or_stop()
 
     def cease(self) -> None:
-        """Stop producing."""
+        """Produce no SYNC any more."""
         self._timer.stop()
 
     def listen(self) -> None:
-        """Hear SYNC."""
+        """Listen to the CAN-ID of SYNC."""
         self.port.listen(self.can_id, self.receive)
 
     def receive(self, frame: Frame) -> None:

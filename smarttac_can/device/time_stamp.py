@@ -42,7 +42,13 @@ class TimeStamp(Service):
         return self._told + self.port.clock.now - self._told_at
 
     def check(self, entry: Entry, value: Any) -> None:
-        """The CAN-ID is fixed while in use; this device does not produce TIME."""
+        """Refuse another CAN-ID while in use, and the producer bit, as this device produces none.
+
+        Raises
+        ------
+        Abort
+            STATE for another CAN-ID while in use, VALUE for one that cannot be.
+        """
         same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
         if entry.value & value & COB_TIME_CONSUMER and not same:
             raise Abort(AbortCode.STATE)
@@ -57,7 +63,7 @@ class TimeStamp(Service):
         self._cob_id = self.od.number(TIME_COB_ID)
 
     def listen(self) -> None:
-        """Hear TIME."""
+        """Listen to the CAN-ID of TIME, if the consumer bit is set."""
         if self._cob_id & COB_TIME_CONSUMER:
             self.port.listen(self._cob_id & CAN_ID_MASK, self.receive)
 

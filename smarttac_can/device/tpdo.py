@@ -52,7 +52,7 @@ class TPDO(PDO):
         return self._sends and (self.transmission <= CYCLIC_LAST or self.transmission == RTR_SYNC)
 
     def configure(self) -> None:
-        """Read the parameters; inhibit time in 100 us, event time in ms."""
+        """Read inhibit time, SYNC start value, and what every PDO has."""
         super().configure()
         communication, _ = self.objects
         self._inhibit_time = 100 * self.od.number(communication, PDO_INHIBIT)
@@ -67,19 +67,23 @@ class TPDO(PDO):
             self._event.start(self.event_time, periodic=True)
 
     def cease(self) -> None:
-        """Fall silent and forget events."""
+        """Send nothing any more, and forget events that wait."""
         self._sends = self._pending = False
         self._last = self._sampled = None
         self._event.stop()
         self._inhibit.stop()
 
     def listen(self) -> None:
-        """Hear remote frames where allowed."""
+        """Listen to remote frames, where the COB-ID allows them."""
         if self._sends and not self.cob_id & COB_NO_RTR:
             self.port.listen(self.can_id, self._on_remote)
 
     def trigger(self) -> None:
-        """Take an event of the application; types 1..240, 252 and 253 have no events."""
+        """Take an event of the application: at once, at the next SYNC, or never, by the type.
+
+        Types 254 and 255 send at once, or after the inhibit time; type 255 only if the data are
+        new. Type 0 sends at the next SYNC. Types 1..240, 252 and 253 have no events.
+        """
         if not self._sends or self.mapping is None:
             return
         transmission = self.transmission

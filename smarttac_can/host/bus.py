@@ -23,9 +23,14 @@ class Bus(Protocol):
     """One party's connection to a CAN bus; only `receive` waits, and no longer than it may."""
 
     def send(self, frame: Frame) -> None:
-        """Hand a frame over, now.
+        """Hand a frame over to the bus, without waiting for it to be sent.
 
-        Raises QueueFullError if the bus takes none for now, BusError if it takes none at all.
+        Raises
+        ------
+        QueueFullError
+            If the bus takes none for now.
+        BusError
+            If it takes none at all.
         """
         ...
 
@@ -58,6 +63,9 @@ class Bus(Protocol):
     def close(self) -> None:
         """Leave the bus and free its sockets and handles; may be called twice.
 
-        Raises BusError if the driver fails at it.
+        Raises
+        ------
+        BusError
+            If the driver fails at it.
         """
         ...

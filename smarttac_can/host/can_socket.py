@@ -116,7 +116,7 @@ class _Multicast:
         return Frame(can_id, b"" if rtr else payload, rtr)
 
     def _foreign(self, data: bytes, can_ids: frozenset[int]) -> bool:
-        """Whether the identifier can be read at its place, and is not listened to."""
+        """Tell whether the identifier can be read at its place, and is not listened to."""
         value = data[self._ID_VALUE : self._ID_VALUE + 3]
         if data[ID_AT : self._ID_VALUE] != ID_KEY or len(value) < 3:
             return False
@@ -148,7 +148,13 @@ class CanSocket:
         self._address = None if group is None else (group, self._socket.getsockname()[1])
 
     def send(self, frame: Frame) -> None:
-        """Hand a frame over, now; raises OSError, with ENOBUFS or EAGAIN for a full queue."""
+        """Write a frame to the socket, without waiting.
+
+        Raises
+        ------
+        OSError
+            ENOBUFS or EAGAIN for a full queue, others if the interface has failed.
+        """
         data = self._codec.encode(frame)
         if self._address is None:
             self._socket.send(data, _NOW)
@@ -156,7 +162,7 @@ class CanSocket:
             self._socket.sendto(data, _NOW, self._address)
 
     def wait(self, timeout: float) -> bool:
-        """Whether there is something to read after timeout s at most."""
+        """Tell whether there is something to read, waiting so many s at most."""
         # epoll and poll round up to milliseconds.
         return bool(select((self._socket,), (), (), timeout)[0])
 
@@ -174,7 +180,7 @@ class CanSocket:
         return True, self._codec.decode(data, self._can_ids)
 
     def close(self) -> None:
-        """Free the descriptor."""
+        """Close the socket."""
         self._socket.close()
 
 

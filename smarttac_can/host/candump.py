@@ -33,7 +33,7 @@ class CandumpWriter:
         self._channel = channel
 
     def write(self, microseconds: int, frame: Frame) -> None:
-        """Write one frame; fits as the log hook of a bus."""
+        """Write the line of one frame, with a time in us; fits as the log hook of a bus."""
         seconds, rest = divmod(microseconds, 1_000_000)
         data = "R" if frame.rtr else frame.data.hex().upper()
         self._write(f"({seconds:010d}.{rest:06d}) {self._channel} {frame.can_id:03X}#{data}\n")

@@ -273,7 +273,7 @@ class FaultyBus(LocalBus):
         self._add(self._babbler)
 
     def has_room(self, frame: Frame) -> bool:
-        """Whether a frame still fits into this cycle; it is then taken into account."""
+        """Tell whether a frame still fits into this cycle; it is then taken into account."""
         if self._babbler is None or frame.can_id in (self._sync_id, self._babble.can_id):
             return True
         if frame.can_id < self._babble.can_id:

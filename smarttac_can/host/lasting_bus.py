@@ -60,7 +60,13 @@ class LastingBus:
         self._bus: Bus | None = open_bus()
 
     def send(self, frame: Frame) -> None:
-        """Send a frame if there is a bus; raises QueueFullError as that does."""
+        """Send a frame; without a bus it is dropped.
+
+        Raises
+        ------
+        QueueFullError
+            If the bus takes none for now.
+        """
         if self._bus is None:
             return
         try:
@@ -93,7 +99,7 @@ class LastingBus:
             self._bus.listen_to(can_ids)
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Leave the bus, and try to open it no more."""
         if self._bus is not None:
             self._bus.close()
             self._bus = None

@@ -132,7 +132,7 @@ class LocalBus:
         return port
 
     def connect(self, listener: Callable[[Frame], None]) -> Port:
-        """Plug in a party that is called with every frame of the others, and sends by its port."""
+        """Plug in a party: it hears every frame of the others, and sends by its port."""
         port = Port(self, listener, None, False)
         self._add(port)
         return port

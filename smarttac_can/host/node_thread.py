@@ -14,8 +14,8 @@ from smarttac_can.host.node import HostedNode
 from smarttac_can.host.runner import run_node
 
 _SWITCH_S: Final = 2e-4
-"""Longest time that another thread keeps a node waiting, as far as Python decides; 5 ms by default,
-which is five cycles."""
+"""Longest time in s that Python lets another thread keep a node waiting; its default of 5 ms is
+five cycles."""
 _END_S: Final = 10.0
 
 

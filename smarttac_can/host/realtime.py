@@ -59,7 +59,7 @@ def collecting_between_cycles() -> Iterator[Callable[[], None]]:
 
 
 def request_short_slices() -> None:
-    """Ask the scheduler to wake this ordinary process without delay: it needs little, and often.
+    """Ask the scheduler for short time slices, so that this process is woken without delay.
 
     A hint that needs no privilege. Linux takes it from 6.12 on; elsewhere nothing happens.
     """

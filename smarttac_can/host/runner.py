@@ -24,7 +24,7 @@ from smarttac_can.od.cia import SYNC_ID
 _LATE_US: Final = 2000
 """From here on a process came late: what waits on the bus may be older than what is due."""
 _CATCH_UP_US: Final = 9000
-"""How long frames are heard then."""
+"""For how long in us such a process hears frames before it acts on what is due."""
 _HEARD_US: Final = 1000
 """How long frames are heard between two cycles by a node whose cycles take longer than a tick."""
 _SENDING_US: Final = 2000
@@ -43,11 +43,11 @@ _FAREWELL_US: Final = 100_000
 
 
 def _nothing() -> None:
-    """Nobody has work to do when there is time."""
+    """Do nothing: the default for work to do when there is time."""
 
 
 def _not_told(_reason: QueueFullError) -> None:
-    """Nobody is told of a full queue."""
+    """Do nothing: the default for being told of a full transmit queue."""
 
 
 def run_node(

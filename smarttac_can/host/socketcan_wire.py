@@ -52,15 +52,27 @@ class SocketCanWire:
         self._sockets.clear()
 
     def connect(self, port: Port) -> None:
-        """Open a party's socket."""
+        """Open a socket for a party.
+
+        Raises
+        ------
+        BusError
+            If the interface cannot be opened.
+        """
         self._sockets[port] = self._open()
 
     def disconnect(self, port: Port) -> None:
-        """Close a party's socket."""
+        """Close the socket of a party."""
         self._sockets.pop(port).close()
 
     def put(self, port: Port, frame: Frame) -> None:
-        """Send a frame."""
+        """Send a frame over the interface.
+
+        Raises
+        ------
+        BusError
+            If the interface does not take it.
+        """
         can_id = frame.can_id | _RTR_FLAG if frame.rtr else frame.can_id
         self._sent = _CAN_FRAME.pack(can_id, len(frame.data), frame.data)
         self._frame = frame
@@ -70,7 +82,13 @@ class SocketCanWire:
             raise BusError(f"cannot send on {self._channel}: {error}") from error
 
     def get(self, port: Port) -> Frame:
-        """Receive the frame that was put last."""
+        """Receive the frame that was put last, as it came over the interface.
+
+        Raises
+        ------
+        BusError
+            If it does not come, or another frame does.
+        """
         party = self._sockets[port]
         try:
             data = party.recv(_CAN_FRAME.size)

@@ -27,9 +27,14 @@ class StorageFile:
         self._new = self.path.with_name(self.path.name + ".new")
 
     def read(self) -> bytes | None:
-        """Content of the file, None if there is none; raises `OSError` if it cannot be read.
+        """Return the content of the file, None if there is none.
 
         What a power cut has left half written is removed.
+
+        Raises
+        ------
+        OSError
+            If it is there and cannot be read.
         """
         with suppress(OSError):
             self._new.unlink()

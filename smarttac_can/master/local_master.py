@@ -38,7 +38,7 @@ class LocalMaster:
         self._port = bus.connect(self._on_frame)
 
     def send(self, *frames: Frame) -> list[Frame]:
-        """Send frames; return what the others say because of them, in order."""
+        """Send frames to the nodes; return what these say because of them, in order."""
         self._heard = []
         for frame in frames:
             self._port.send(frame)
@@ -64,7 +64,7 @@ class LocalMaster:
         return self._transfer(requests.upload(node_id, entry), node_id, entry)
 
     def write(self, node_id: int, entry: Entry, raw: Any) -> None:
-        """Write a raw value to an entry of 1 to 4 bytes; raises as `read`."""
+        """Write a raw value to an entry of 1 to 4 bytes, and fail as `read` does."""
         self._transfer(requests.download(node_id, entry, raw), node_id, entry)
 
     def _transfer(self, request: Frame, node_id: int, entry: Entry) -> Any:

@@ -20,7 +20,7 @@ _BYTES: Final = 8
 INITIATES: Final = (1, 2)
 """Command specifiers of requests that begin a transfer, and name the object."""
 _ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
-"""Command specifier of the server by that of the client, segmented and expedited."""
+"""Command specifier of the server's answer, by that of the client's request."""
 
 
 def nmt(command: int, node_id: int = 0) -> Frame:
@@ -50,7 +50,7 @@ def download(node_id: int, entry: Entry, raw: Any) -> Frame:
 
 
 def answers(frame: Frame, request: Frame) -> bool:
-    """Whether a frame answers an SDO request; answers to segments do not name the object."""
+    """Tell whether a frame answers an SDO request; answers to segments do not name the object."""
     if frame.can_id - SDO_TX_ID != request.can_id - SDO_RX_ID or len(frame.data) != _BYTES:
         return False
     asked, answered = request.data[0] >> 5, frame.data[0] >> 5

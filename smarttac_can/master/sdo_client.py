@@ -18,7 +18,7 @@ _NO_TRANSFER: Final = bytes((ABORT, *bytes(7)))
 
 
 class NoAnswerError(SdoCommunicationError):  # type: ignore[misc]  # python-canopen is untyped
-    """The server is silent."""
+    """The SDO server does not answer within the time-out."""
 
 
 class OtherClientError(SdoError):  # type: ignore[misc]  # python-canopen is untyped
@@ -26,7 +26,7 @@ class OtherClientError(SdoError):  # type: ignore[misc]  # python-canopen is unt
 
 
 class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-canopen is untyped
-    """Client of a server whose answers to others are heard as well.
+    """Client of a server that other clients ask as well; their answers are told apart.
 
     CiA 301 has one client for each SDO, but any number of bench scripts may read. An expedited
     transfer is one request and one answer that names the object, so those of several clients do
@@ -52,7 +52,7 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         network.subscribe(self.tx_cobid, self.on_response)
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """Read an object.
+        """Read the bytes of an entry, beginning anew if another client interrupts it.
 
         Raises
         ------
@@ -77,7 +77,13 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         raise OtherClientError
 
     def send_request(self, request: bytes) -> None:
-        """Send a request, whose answer alone is awaited from then on."""
+        """Send a request; until the next one only the answer to it is taken.
+
+        Raises
+        ------
+        SdoCommunicationError
+            If the request continues a transfer that another client has ended.
+        """
         self._request = bytes(request)
         if self._initiating:
             self._answered = self._dropped = False
@@ -85,7 +91,15 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         super().send_request(request)
 
     def read_response(self) -> bytes:
-        """Wait for the answer."""
+        """Wait for the answer to the last request, and return its 8 bytes.
+
+        Raises
+        ------
+        NoAnswerError
+            If none comes within the time-out.
+        SdoCommunicationError
+            If another client has ended the transfer.
+        """
         try:
             response = bytes(super().read_response())
         except SdoCommunicationError as error:
@@ -94,7 +108,7 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         return response
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Take an answer, unless it is that to another client."""
+        """Take a frame of the server, unless it answers another client."""
         response = bytes(data)
         if not response:
             return

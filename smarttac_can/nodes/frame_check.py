@@ -33,7 +33,7 @@ _TABLE: Final = _table()
 
 
 def crc8(data: bytes) -> int:
-    """CRC-8 of SAE J1850: x^8 + x^4 + x^3 + x^2 + 1, begun with FFh and inverted at the end.
+    """Return the CRC-8 of SAE J1850: x^8 + x^4 + x^3 + x^2 + 1, from FFh on, inverted at the end.
 
     One wrong bit, and wrong bits within 8 in a row, are always found.
     """
@@ -62,11 +62,11 @@ class FrameCheck:
         self._pack = Struct("<" + "".join(codes)).pack
 
     def write(self) -> None:
-        """Compute the sum of what the entries hold now."""
+        """Put the check sum of what the entries hold now into its entry."""
         self._check.value = self._sum()
 
     def holds(self) -> bool:
-        """Whether the sum is that of the entries."""
+        """Tell whether the check sum is that of what the entries hold."""
         return bool(self._check.value == self._sum())
 
     def _sum(self) -> int:

@@ -59,7 +59,7 @@ class LoopPeriod:
         self._reported = False
 
     def agrees(self) -> bool:
-        """Whether the loop may run; called in every cycle."""
+        """Tell whether the loop may run; called in every cycle."""
         if self._entry.value == TICK_US:
             if self._reported:
                 self._reported = False

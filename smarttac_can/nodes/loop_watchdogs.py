@@ -33,19 +33,20 @@ _PLATE_END: Final = 0.038
 _FRICTION_MAX: Final = 2.0
 """Largest Ft/Fn a finger can have; that of a wet one is near 1.5."""
 _EXCESS: Final = 1.5
-"""Vibration over that of the model, at most: fingers and detuning only take away from it."""
+"""Largest ratio of the vibration to that of the model: fingers and detuning only lower it."""
 _EXCESS_UNIDENTIFIED: Final = 5.0
-"""The same while the model is still to be identified."""
+"""Largest such ratio while the model is still to be identified."""
 _EXCESS_OFFSET: Final = 100e-9
 """Vibration in m that needs no voltage: noise, and the tail of one that dies down."""
 _WEIGHT: Final = 2
-"""Sound cycles that make up for a faulty one."""
+"""How much a faulty cycle adds to a count, from which a sound one takes 1 away: two sound cycles
+undo a faulty one."""
 _MOST: Final = 2 * _WEIGHT * AMPLITUDE_CYCLES
-"""End of the counts, so that a fault that is gone is soon forgotten."""
+"""Highest count: a fault that is gone is forgotten soon, however long it lasted."""
 _SILENCE: Final = 0.05
-"""Vibration over that of the model, at least; at the ends of the frequency range it is 0.2."""
+"""Lowest ratio of the vibration to that of the model; 0.2 at the ends of the frequency range."""
 _SILENCE_FROM: Final = 200e-9
-"""Vibration of the model in m from which silence is looked for."""
+"""Vibration of the model in m from which a plate that does not vibrate is noticed."""
 _NO_PLATE: Final = 0
 _TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
 _BITS: Final = {watchdog: 1 << watchdog for watchdog in Watchdog}
@@ -255,9 +256,9 @@ class LoopWatchdogs:
 
 
 def _counted(count: int, faulty: bool, most: int = _MOST) -> int:
-    """Count faulty cycles; one that is sound in between does not hide them.
+    """Return the count after a cycle; one sound cycle does not make up for a faulty one.
 
-    A loop that answers a wrong reading makes every other one right.
+    A controller that answers a wrong reading may make every other cycle look right.
     """
     if faulty:
         return min(count + _WEIGHT, most)

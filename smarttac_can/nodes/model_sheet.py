@@ -9,7 +9,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 
 
 class ModelSheet:
-    """The record *Model*.
+    """The record *Model* of the object dictionary.
 
     Parameters
     ----------

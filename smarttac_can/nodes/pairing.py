@@ -37,7 +37,7 @@ class Pairing:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Begin anew: no measurement is under way, none was answered."""
         self._come.clear()
         self._begun = 0
         self.start_run()

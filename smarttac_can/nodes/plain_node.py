@@ -28,17 +28,17 @@ class PlainNode:
 
     @property
     def ids(self) -> Identifiers:
-        """CAN-IDs that matter now."""
+        """CAN-IDs that the device listens to, and those of its urgent frames, now."""
         return self.device.ids
 
     def overdue(self) -> list[Frame]:
-        """Nothing is driven, so nothing is overdue."""
+        """Return no frames: nothing is driven, so no deadline can pass."""
         return []
 
     def transmit_failed(self) -> list[Frame]:
-        """Take note that a frame could not be sent; nothing depends on it."""
+        """Return no frames: nothing depends on a frame that could not be sent."""
         return []
 
     def shutdown(self) -> list[Frame]:
-        """Switch off; nothing is driven, so nothing is to be said."""
+        """Return no frames: nothing is driven that would have to stop."""
         return []

@@ -1,4 +1,4 @@
-"""Function block of the plate: its object dictionary here, the simulated plate there."""
+"""The function block of the plate: an object dictionary and the simulated plate, without CAN."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.signals import Drive
 
 TICK_MASK: Final = 0xFF
-"""The tick count travels as 8 bits."""
+"""Bits of the tick count in a frame: 8."""
 START_RUN: Final = "Simulation.Start run"
 FAULT_KIND: Final = "Fault.Kind"
 _NEVER: Final = -1
 STAGE_TOLERANCE: Final = 1.0
-"""Voltage in V between what is asked of the power stage and what it reads back, at most."""
+"""Largest difference in V between what the power stage was told and what it reads back."""
 LIFTED, STROKE, RECORDED = range(3)
 """Values of ``Finger.Motion``."""
 
@@ -157,7 +157,7 @@ class PlateBlock:
 
     @property
     def barred(self) -> bool:
-        """Whether it waits for a drive of 0 V before it takes a voltage."""
+        """Whether the plate takes a drive of 0 V only, as at the beginning."""
         return self.state is StageState.WAITING or self.state is StageState.TRIPPED
 
     def switch_off(self) -> None:
@@ -165,7 +165,10 @@ class PlateBlock:
         self._go_to_zero(StageEvent.SWITCH_OFF)
 
     def bar(self) -> None:
-        """Put the power stage at 0 V, where it has to be told 0 V; tripped if it was in use."""
+        """Put the power stage at 0 V, and keep it there until a drive of 0 V comes.
+
+        It is TRIPPED then if it was in use, else WAITING.
+        """
         self._go_to_zero(StageEvent.BAR)
 
     def _go_to_zero(self, event: StageEvent) -> None:
@@ -178,7 +181,13 @@ class PlateBlock:
         self.state = follow(self.state, event)
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object by name; raises `Abort` as an SDO write would."""
+        """Write a raw value to an object by name, as an SDO write does.
+
+        Raises
+        ------
+        Abort
+            As for an SDO write; the value is then unchanged.
+        """
         entry = self.od[name]
         entry.check(raw)
         self.on_write(entry, raw)

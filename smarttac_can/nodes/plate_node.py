@@ -89,7 +89,7 @@ class PlateNode(Application):
 
     @property
     def ids(self) -> Identifiers:
-        """CAN-IDs that matter now."""
+        """CAN-IDs that the node listens to, and those of its urgent frames, now."""
         return self.device.ids
 
     def overdue(self) -> list[Frame]:
@@ -183,7 +183,13 @@ class PlateNode(Application):
             self.device.emergency(code, register)
 
     def on_store(self) -> None:
-        """Not while it drives: a file may take longer than a cycle has."""
+        """Refuse to store while it drives: a file may take longer than a cycle.
+
+        Raises
+        ------
+        Abort
+            STATE while the power stage has a voltage.
+        """
         if self._stage_voltage.value:
             raise Abort(AbortCode.STATE)
 

@@ -91,7 +91,7 @@ class ReadBack:
         self._statusword.value = status
 
     def show_off(self) -> None:
-        """Show that nothing drives, before the next cycle does."""
+        """Show mode OFF, and no voltage, before the next cycle does."""
         self._mode.value = 0
         self._voltage.value = 0
         self._statusword.value &= ~Status.DRIVING.value

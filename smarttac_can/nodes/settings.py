@@ -14,11 +14,17 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 CALIBRATION: Final = "Calibration"
 DESIGN: Final = ("Friction law", "Controller", "Limit", CALIBRATION)
-"""Records with the parameters of the cascade."""
+"""Names of the records that hold the parameters of the cascade."""
 
 
 def mend_settings(od: ObjectDictionary) -> bool:
-    """Put parameters of the cascade that contradict each other back; whether there were any."""
+    """Put the parameters of the cascade back to their defaults if they contradict each other.
+
+    Returns
+    -------
+    bool
+        Whether they did.
+    """
     try:
         cascade_parameters(od)
     except Abort:
@@ -96,7 +102,7 @@ def plate_model(od: ObjectDictionary) -> PlateModel:
 
 
 def keep_model(od: ObjectDictionary, model: PlateModel) -> PlateModel:
-    """Write a model to the object dictionary and return it as it can be read there."""
+    """Write a model to the object dictionary, and return it rounded as it stands there."""
     for name, value in (("Gain per volt", model.gain), ("Tau", model.tau), ("Resonance", model.f0)):
         entry = od[f"Model.{name}"]
         entry.value = entry.quantise(value)

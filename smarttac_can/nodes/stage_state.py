@@ -48,5 +48,5 @@ _NEXT: Final = {(row.state, row.event): row.next for row in STAGE_TRANSITIONS}
 
 
 def follow(state: StageState, event: StageEvent) -> StageState:
-    """Return the state after an event."""
+    """Return the state after an event; the same if the table has no transition for it."""
     return _NEXT.get((state, event), state)

@@ -104,7 +104,7 @@ class Control(IntFlag):
 _ARM, _RUN, _QUICK_STOP, _RESET = (int(bit) for bit in Control)
 _COMMANDS: Final = _ARM | _RUN | _QUICK_STOP
 _RISING: Final = {(_ARM, _ARM): Event.ARM, (_ARM | _RUN, _RUN): Event.RUN}
-"""Event by the commands that stand in the controlword, and those of them that have risen."""
+"""Event of a rising command, by (all commands in the controlword, those that have risen)."""
 _ASKS_FOR_WHAT_IS: Final = {State.ARMED: _ARM, State.RUNNING: _ARM | _RUN}
 CONTROL_MASK: Final = _COMMANDS | _RESET
 """Bits that a controlword may have."""
@@ -134,11 +134,11 @@ class StateMachine:
         self._held = 0
 
     def hold(self, word: int) -> None:
-        """Have the commands of a controlword taken back before they are obeyed."""
+        """Count commands as standing, so that they are obeyed only after they were taken back."""
         self._held |= word
 
     def handle(self, event: Event, holds: Guard) -> bool:
-        """Follow an event.
+        """Make the transition for an event, if its guard holds.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class StateMachine:
         return False
 
     def command(self, word: int, holds: Guard) -> bool:
-        """Obey a controlword.
+        """Make the transition that a controlword asks for.
 
         Parameters
         ----------
@@ -182,7 +182,7 @@ class StateMachine:
         return True
 
     def _event(self, word: int, rising: int) -> Event | None:
-        """Name the event of a controlword; None if it asks for what is."""
+        """Name the event that a controlword asks for; None if it asks for the present state."""
         state = self.state
         asked = word & _COMMANDS
         if asked & _QUICK_STOP:

@@ -241,7 +241,13 @@ class StimulatorBlock:
         self._follow()
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object by name; raises `Abort` as an SDO write would."""
+        """Write a raw value to an object by name, as an SDO write does.
+
+        Raises
+        ------
+        Abort
+            As for an SDO write; the value is then unchanged.
+        """
         entry = self.od[name]
         entry.check(raw)
         self.on_write(entry, raw)

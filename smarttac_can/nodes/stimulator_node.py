@@ -119,7 +119,7 @@ class StimulatorNode(Application):
 
     @property
     def ids(self) -> Identifiers:
-        """CAN-IDs that matter now."""
+        """CAN-IDs that the node listens to, and those of its urgent frames, now."""
         return self.device.ids
 
     def overdue(self) -> list[Frame]:
@@ -252,7 +252,13 @@ class StimulatorNode(Application):
         self.device.trigger(DRIVE_TPDO)
 
     def on_store(self) -> None:
-        """Not while armed or running: a file may take longer than a cycle has."""
+        """Refuse to store while armed or running: a file may take longer than a cycle.
+
+        Raises
+        ------
+        Abort
+            STATE in these states.
+        """
         if self.block.supervisor.sharp:
             raise Abort(AbortCode.STATE)
 
@@ -271,7 +277,11 @@ class StimulatorNode(Application):
             self._pairing.start_run()
 
     def _deadline_ms(self) -> int:
-        """Time in ms within which a plate node has to be answered, whatever becomes of its PDOs."""
+        """Return the time in ms within which a plate node has to be answered.
+
+        It is that of the shortest event timer of RPDO 5 to 7, and holds whatever becomes of these
+        PDOs.
+        """
         first, second, third = self._deadlines
         return int(min(first.value, second.value, third.value))
 

@@ -70,12 +70,16 @@ class Supervisor:
 
     @property
     def sharp(self) -> bool:
-        """Whether the watchdogs are: the device is armed or running."""
+        """Whether a fault now would trip: the device is armed or running."""
         return self.machine.state in _SHARP
 
     @property
     def tare_barred(self) -> bool:
-        """Whether another zero of the gauges would change a drive, or hide a fault."""
+        """Whether a new zero of the gauges is refused: it would change a drive or hide a fault.
+
+        True while armed or running, and while a latched fault of the normal or lateral force is
+        present.
+        """
         return self.sharp or bool(self.present & self.latched & _OVERLOAD)
 
     def restart(self) -> None:
@@ -166,7 +170,7 @@ class Supervisor:
             self._present_entry.value = self.present
 
     def handle(self, event: Event) -> None:
-        """Follow an event, if there is such a transition."""
+        """Make the transition for an event, if the table has one; leaving FAULT clears it."""
         before = self.machine.state
         self.machine.handle(event, self._holds())
         self._clear_after(before)

@@ -9,9 +9,10 @@ from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.od.cia import ErrorRegister
 
 STUCK_GAUGE_CYCLES: Final = 12
-"""Noise alone makes that many samples equal 9e-10 times an hour, at the pick-up."""
+"""Equal samples of gauge or pick-up in a row that are a fault; 9e-10 false alarms an hour."""
 STUCK_THERMOMETER_CYCLES: Final = 100
-"""0.68 of the samples are equal with half a count of noise: 1e-10 false alarms an hour."""
+"""The same of the thermometer, half a count of whose noise leaves 0.68 of the samples equal; 1e-10
+false alarms an hour."""
 SATURATED_CYCLES: Final = 2
 AMPLITUDE_CYCLES: Final = 5
 GAUGE_CYCLES: Final = 5
@@ -21,12 +22,12 @@ RESONANCE_CYCLES: Final = 100
 
 
 def sync_window(deadline_ms: int) -> int:
-    """Periods over which SYNCs are counted: 8 for the shortest deadline of the loop, 3 ms."""
+    """Return the periods over which SYNCs are counted: 8 for a deadline of 3 ms."""
     return 2 * deadline_ms + 2
 
 
 def sync_tolerance(deadline_ms: int) -> int:
-    """SYNCs too many or too few in a window that are no fault: what the deadline lets pass."""
+    """Return how many SYNCs too many or too few in a window are no fault."""
     return deadline_ms - 1
 
 
@@ -58,7 +59,7 @@ class Watchdog(IntEnum):
 
 
 class Row(NamedTuple):
-    """What there is to know of a watchdog."""
+    """What a watchdog reports, how soon it trips, and why so."""
 
     text: str
     """What has happened; the Message of the fault."""
@@ -202,5 +203,5 @@ CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _E
 
 
 def watchdogs_in(bits: int) -> list[Watchdog]:
-    """Name the watchdogs of a mask."""
+    """List the watchdogs whose bits are set, in the order of their numbers."""
     return [watchdog for watchdog in Watchdog if bits >> watchdog & 1]

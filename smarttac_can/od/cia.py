@@ -257,7 +257,7 @@ RECORD_TYPES: Final = (
 
 
 def restricted(can_id: int) -> bool:
-    """Whether an 11-bit CAN-ID must not be given to a configurable object (CiA 301, table 39)."""
+    """Tell whether no configurable object may have an 11-bit CAN-ID (CiA 301, table 39)."""
     return (
         can_id <= 0x07F
         or 0x101 <= can_id <= 0x180

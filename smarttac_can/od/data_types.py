@@ -44,7 +44,7 @@ _VISIBLE: Final = bytes([0, *range(0x20, 0x7F)])
 
 
 def bounds(data_type: DataType) -> tuple[float, float]:
-    """Smallest and largest value of a numeric type; (0, 0) for strings, times and domains."""
+    """Return the least and the largest value of a numeric type; (0, 0) for any other type."""
     if data_type in UNSIGNED:
         return 0, (1 << 8 * UNSIGNED[data_type]) - 1
     if data_type in SIGNED:
@@ -56,7 +56,7 @@ def bounds(data_type: DataType) -> tuple[float, float]:
 
 
 def zero(data_type: DataType) -> Any:
-    """Value of an entry whose EDS names no default."""
+    """Return the value of an entry whose EDS names no default."""
     if data_type in TEXT:
         return ""
     if data_type in REAL:
@@ -67,7 +67,7 @@ def zero(data_type: DataType) -> Any:
 
 
 def pack(data_type: DataType, value: Any) -> bytes:
-    """Bytes of a value that is inside the bounds of its type."""
+    """Return the bytes of a value, which is inside the bounds of its type."""
     if data_type in UNSIGNED or data_type == DataType.BOOLEAN:
         return int(value).to_bytes(SIZES[data_type], "little")
     if data_type in SIGNED:
@@ -82,7 +82,7 @@ def pack(data_type: DataType, value: Any) -> bytes:
 
 
 def unpack(data_type: DataType, data: bytes) -> Any:
-    """Value of the bytes of one entry.
+    """Return the value of the bytes of one entry.
 
     Raises
     ------

@@ -112,7 +112,9 @@ class Entry:
         return float(self.value * self.si)
 
     def quantise(self, si: float) -> int:
-        """Nearest raw value to a quantity in SI base units, ties to even, clipped to the limits.
+        """Return the raw value nearest to a quantity in SI base units, within the limits.
+
+        Ties go to the even value; what is outside of the limits is clipped to them.
 
         Raises
         ------
@@ -157,11 +159,17 @@ class Entry:
             raise Abort(AbortCode.TOO_LONG)
 
     def pack(self) -> bytes:
-        """Value as bytes on the wire."""
+        """Return the present value as bytes on the wire."""
         return pack(self.data_type, self.value)
 
     def unpack(self, data: bytes) -> Any:
-        """Read bytes from the wire; nothing changes. Raises `Abort` as `check` does."""
+        """Return the value of bytes from the wire; the entry does not change.
+
+        Raises
+        ------
+        Abort
+            As for `check`, or if the bytes are no value of the type.
+        """
         value = unpack(self.data_type, data)
         self.check(value)
         return value
@@ -246,11 +254,17 @@ class ObjectDictionary:
         return entry
 
     def find(self, name: str) -> Entry | None:
-        """Find an entry by its name, if there is exactly one."""
+        """Find an entry by its name; None if there is none or more than one."""
         return self._names.get(name)
 
     def entry(self, index: int, subindex: int = 0) -> Entry:
-        """Find an entry; raises `Abort` with NO_OBJECT or NO_SUBINDEX."""
+        """Find an entry by index and sub-index.
+
+        Raises
+        ------
+        Abort
+            NO_OBJECT or NO_SUBINDEX if the EDS has none.
+        """
         item = self.objects.get(index)
         if item is None:
             raise Abort(AbortCode.NO_OBJECT)
@@ -260,22 +274,22 @@ class ObjectDictionary:
         return entry
 
     def get(self, index: int, subindex: int = 0) -> Entry | None:
-        """Find an entry that the EDS may leave out."""
+        """Find an entry by index and sub-index; None if the EDS has none."""
         item = self.objects.get(index)
         return None if item is None else item.entries.get(subindex)
 
     def number(self, index: int, subindex: int = 0, absent: int = 0) -> int:
-        """Value of an integer entry, or `absent` where the EDS has none."""
+        """Return the value of an integer entry, or ``absent`` where the EDS has none."""
         entry = self.get(index, subindex)
         return absent if entry is None else int(entry.value)
 
     def write(self, entry: Entry, value: Any) -> None:
-        """Check a value as `Entry.check` does and set it."""
+        """Set the value of an entry, if it passes `Entry.check`."""
         entry.check(value)
         entry.value = value
 
     def renumber(self, node_id: int) -> None:
-        """Give the defaults and limits that hold ``$NODEID`` another one, 1..127."""
+        """Change the node-ID, 1..127, in the defaults and limits that hold ``$NODEID``."""
         for entry in self:
             least, most = bounds(entry.data_type)
             for attribute in entry.per_node:

@@ -86,7 +86,7 @@ class _Reader:
                 subs[subindex] = name
 
     def object(self, name: str) -> Object | None:
-        """One index; None for the object types that hold no data."""
+        """Read the object at an index; None for the object types that hold no data."""
         section = self.sections[name]
         index = int(name, 16)
         compact = self._integer(name, "compactsubobj")
@@ -170,7 +170,7 @@ class _Reader:
     def _compact(
         self, name: str, index: int, title: str, unit: Unit, count: int
     ) -> dict[int, Entry]:
-        """Sub-indices of CompactSubObj, named and valued one by one (CiA 306, 4.6.3.4)."""
+        """Make the sub-indices of CompactSubObj, named and valued one by one (CiA 306, 4.6.3.4)."""
         if count > 254:
             raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..254")
         names = self.sections.get(f"{name}name", {})

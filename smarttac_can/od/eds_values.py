@@ -51,7 +51,13 @@ def parse_value(data_type: DataType, text: str, node_id: int, where: str) -> Any
 
 
 def parse_integer(text: str, where: str) -> int:
-    """Read a decimal, a hexadecimal with 0x or an octal with a leading 0; raises EDSError."""
+    """Read a decimal, a hexadecimal with 0x or an octal with a leading 0.
+
+    Raises
+    ------
+    EDSError
+        If the text is none of them; the message begins with ``where``.
+    """
     found = _NUMBER.match(text.strip().lower())
     if found is None:
         raise EDSError(f"{where} is no integer")
@@ -65,7 +71,7 @@ def parse_integer(text: str, where: str) -> int:
 
 
 def _real(data_type: DataType, text: str, where: str) -> float:
-    """Decimal, or the bits in hexadecimal, as some tools write them."""
+    """Read a decimal, or the bits in hexadecimal, as some tools write them."""
     low, high = bounds(data_type)
     try:
         if text.lower().startswith("0x"):
@@ -81,7 +87,7 @@ def _real(data_type: DataType, text: str, where: str) -> float:
 
 
 def _octets(data_type: DataType, text: str, where: str) -> bytes:
-    """Bytes in hexadecimal; a plain 0 stands for zero bytes."""
+    """Read bytes in hexadecimal; a plain 0 stands for bytes of zero."""
     size = SIZES.get(data_type, 0)
     if text.lower() in ("0", "0x0"):
         return bytes(size)

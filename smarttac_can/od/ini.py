@@ -13,7 +13,7 @@ class EDSError(ValueError):
 
 
 def read_sections(text: str, warnings: list[str]) -> dict[str, dict[str, str]]:
-    """Sections of a file, names and keys in lower case, values stripped.
+    """Read the sections of a file, names and keys in lower case, values stripped.
 
     A section that comes twice is merged. Lines that are neither section, key nor comment are left
     out with a warning.

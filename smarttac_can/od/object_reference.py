@@ -64,7 +64,7 @@ def object_reference(text: str, *, level: int = 2) -> Iterator[str]:
 
 
 def _areas(od: ObjectDictionary) -> Iterator[tuple[str, list[Object]]]:
-    """Objects by area, without the PDO parameters, which have a table of their own."""
+    """Yield the objects by area, without the PDO parameters, which have a table of their own."""
     found = od.objects.values()
     yield (
         "Communication profile",

@@ -42,7 +42,9 @@ class CyclicFrame(NamedTuple):
 
 
 def frame_bits(data_bytes: int) -> int:
-    """Longest a classical 11-bit frame can be, in bit times, with stuff bits and interframe space.
+    """Return the longest a classical 11-bit frame can be, in bit times.
+
+    Stuff bits and the interframe space are counted.
 
     Parameters
     ----------
@@ -62,14 +64,20 @@ def frame_bits(data_bytes: int) -> int:
 
 
 def frame_seconds(data_bytes: int, bit_rate: int) -> float:
-    """Longest time in s one frame holds the bus at a bit rate in bit/s (above 0)."""
+    """Return the longest time in s that a frame holds the bus at a bit rate in bit/s.
+
+    Raises
+    ------
+    ValueError
+        If the bit rate is not above 0, or the frame has more than 8 bytes.
+    """
     if bit_rate <= 0:
         raise ValueError(f"bit_rate {bit_rate} is not above 0")
     return frame_bits(data_bytes) / bit_rate
 
 
 def cyclic_frames(ods: Iterable[ObjectDictionary], sync_period: float) -> list[CyclicFrame]:
-    """SYNC and all valid TPDOs of a bus with the shortest period each can have, by priority.
+    """List SYNC and all valid TPDOs of a bus, each with its shortest period, by priority.
 
     Parameters
     ----------
@@ -100,17 +108,17 @@ def cyclic_frames(ods: Iterable[ObjectDictionary], sync_period: float) -> list[C
 
 
 def cycle_seconds(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
-    """Time in s for one of each frame, back to back."""
+    """Return the time in s for one of each frame, back to back."""
     return sum(frame_seconds(frame.size, bit_rate) for frame in frames)
 
 
 def bus_load(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
-    """Share of the time the bus is busy in the worst case; above 1 it cannot work."""
+    """Return the share of the time the bus is busy in the worst case; above 1 it cannot work."""
     return sum(frame_seconds(frame.size, bit_rate) / frame.period for frame in frames)
 
 
 def response_time(frames: Iterable[CyclicFrame], can_id: int, bit_rate: int) -> float:
-    """Longest time in s from a frame being ready to its end on the bus.
+    """Return the longest time in s from a frame being ready to its end on the bus.
 
     It may wait for one 8-byte frame of lower priority, such as an SDO, and for all of higher
     priority (Davis et al. 2007, sufficient test, doi:10.1007/s11241-007-9012-7).

@@ -14,7 +14,7 @@ from smarttac_can.signals import TICK
 
 
 def loop_dead_time(bit_rate: int) -> float:
-    """Time in us the loop's frames take at worst, from the plate's tick to the new drive.
+    """Return the longest time in us from the plate's tick to the new drive, over the bus.
 
     Sum of the plate's measurement TPDOs and the drive, from the EDS files; the tick is the end of
     SYNC, and computing time is left out.
@@ -32,7 +32,7 @@ def loop_dead_time(bit_rate: int) -> float:
 
 
 def dead_time_table(without: Mapping[str, Any], with_it: Mapping[str, Any]) -> str:
-    """Vibration results without and with dead time as a table of plain text.
+    """Lay the vibration results without and with dead time side by side, as plain text.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ def _identify(bench: Stimulator, conditions: Conditions) -> list[Trace]:
 
 
 def _vibration(conditions: Conditions) -> Iterator[Experiment]:
-    """Fig. 5 and 6: 1 um from rest on the cold plate, from the resonance of the warm one."""
+    """Run Fig. 5 and 6: 1 um from rest on the cold plate, from the resonance of the warm one."""
     for label, mode in (
         ("fig5.amplitude_only", Mode.AMPLITUDE),
         ("fig5.amplitude_and_frequency", Mode.AMPLITUDE_RESONANCE),
@@ -111,7 +111,7 @@ def _vibration(conditions: Conditions) -> Iterator[Experiment]:
 
 
 def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:
-    """Fig. 2: COF of five subjects at five controlled amplitudes."""
+    """Run Fig. 2: COF of five subjects at five controlled amplitudes."""
     for subject in FIG2_SUBJECTS:
         for amplitude in AMPLITUDES:
 
@@ -130,7 +130,7 @@ def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:
 
 
 def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
-    """Fig. 7 and Table I: the reference alternates as the finger crosses the middle."""
+    """Run Fig. 7 and Table I: the reference alternates as the finger crosses the middle."""
     seconds = _TOUCH_DOWN_S + PASSES * _PASS_S
     for subject, references in COF_REFERENCES.items():
 

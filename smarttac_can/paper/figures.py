@@ -58,7 +58,7 @@ CURVES: dict[str, dict[str, Any]] = {
 
 
 def fig2(traces: Iterable[Trace]) -> Figure:
-    """Friction left over at each amplitude: points per subject, their mean in red (Fig. 2)."""
+    """Draw the friction left at each amplitude: a point per subject, their mean in red (Fig. 2)."""
     traces = list(traces)
     amplitudes, subjects = friction_amplitudes(traces), subjects_of(traces, "fig2")
     if not subjects:
@@ -93,7 +93,7 @@ def fig2(traces: Iterable[Trace]) -> Figure:
 
 
 def fig3(law: Callable[[float], float]) -> Figure:
-    """The friction law: increment dW of the amplitude against the friction error E (Fig. 3).
+    """Draw the friction law: increment dW of the amplitude over the friction error E (Fig. 3).
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def fig3(law: Callable[[float], float]) -> Figure:
 
 
 def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
-    """Amplitude after switch-on with both loops and with one, and the 5 % band (Fig. 5)."""
+    """Draw the amplitude after switch-on with both loops and one, and the 5 % band (Fig. 5)."""
     traces = list(traces)
     low, high = (AMPLITUDE_UM * (1 + sign * RESPONSE_BAND) for sign in (-1, 1))
     with canvas(7.2, 4.6) as figure:
@@ -143,7 +143,7 @@ def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
 
 
 def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
-    """Voltage that holds the amplitude with both loops and with one (Fig. 6)."""
+    """Draw the voltage that holds the amplitude with both loops and with one (Fig. 6)."""
     traces = list(traces)
     runs = {loops: find(traces, f"fig5.{loops}") for loops in LOOPS}
     finals = [final_mean(runs[loops], runs[loops].voltage_v) for loops in LOOPS]
@@ -167,7 +167,7 @@ def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
 
 
 def fig7(traces: Iterable[Trace]) -> Figure:
-    """Friction around each switch of the reference: touches, mean, reference (Fig. 7).
+    """Draw the friction around each switch of the reference: touches, mean, reference (Fig. 7).
 
     One panel a subject, with the up-steps left and the down-steps right.
     """

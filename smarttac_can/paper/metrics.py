@@ -48,7 +48,7 @@ class NotRunError(UndefinedError):
 
 
 def response_time(W: Floats, reference: float, band: float = RESPONSE_BAND) -> float:
-    """Time in ms after which W stays within reference * (1 +- band).
+    """Return the time in ms after which W stays within reference * (1 +- band).
 
     Parameters
     ----------
@@ -84,7 +84,13 @@ def response_time(W: Floats, reference: float, band: float = RESPONSE_BAND) -> f
 
 
 def from_switch_on(trace: Trace, column: Floats) -> Floats:
-    """Cut a column of the trace to begin at the switch-on, the first tick with a voltage."""
+    """Cut a column of the trace to begin at the switch-on, the first tick with a voltage.
+
+    Raises
+    ------
+    UndefinedError
+        If there is no voltage, or a tick after the switch-on was lost.
+    """
     driven = np.flatnonzero(trace.V)
     if not len(driven):
         raise UndefinedError(f"{trace.experiment} has no voltage")
@@ -95,19 +101,27 @@ def from_switch_on(trace: Trace, column: Floats) -> Floats:
 
 
 def final_mean(trace: Trace, column: Floats) -> float:
-    """Mean of a column of the trace over its last 20 ms."""
+    """Return the mean of a column of the trace over its last 20 ms.
+
+    Raises
+    ------
+    UndefinedError
+        If the trace does not end with 20 ticks in a row.
+    """
     if len(trace) < FINAL_MS or trace.tick[-1] - trace.tick[-FINAL_MS] != FINAL_MS - 1:
         raise UndefinedError(f"{trace.experiment} has no {FINAL_MS} ticks in a row at its end")
     return float(np.mean(column[-FINAL_MS:]))
 
 
 def final_frequency(trace: Trace) -> float:
-    """Mean excitation frequency in Hz over the last 20 ms."""
+    """Return the mean excitation frequency in Hz over the last 20 ms."""
     return final_mean(trace, trace.frequency_hz)
 
 
 def voltage_difference_percent(amplitude_only: Trace, both_loops: Trace) -> float:
-    """How much more voltage the amplitude loop alone needs, in % of what both loops need (Fig. 6).
+    """Return how much more voltage the amplitude loop alone needs, in % (Fig. 6).
+
+    100 % is what both loops need.
 
     The paper's "about 30 %" is read in this direction: 30 % more off resonance.
     """
@@ -129,12 +143,12 @@ class Step(NamedTuple):
     """Reference from the switch on."""
 
     def levels(self) -> tuple[float, float]:
-        """Means of the curve before the switch and from 40 ms after it."""
+        """Return the means of the curve before the switch and from 40 ms after it."""
         low = float(np.mean(self.mu[self.time_ms <= 0]))
         return low, float(np.mean(self.mu[self.time_ms >= SETTLED_MS]))
 
     def normalised(self) -> Floats:
-        """The curve as a fraction of the step between its own levels: from 0 to 1.
+        """Scale the curve to the step between its own levels: from 0 to 1.
 
         Raises
         ------
@@ -149,7 +163,7 @@ class Step(NamedTuple):
 
 
 def rise_time(step: Step) -> float:
-    """Time in ms from 10 % to 90 % of the step, interpolated linearly; falls count alike.
+    """Return the time in ms from 10 % to 90 % of the step, up or down, interpolated linearly.
 
     From the last passage of 10 % ahead of the first passage of 90 % after the switch.
     """
@@ -168,12 +182,12 @@ def rise_time(step: Step) -> float:
 
 
 def overshoot_percent(step: Step) -> float:
-    """How far mu passes its level after the switch, in % of the step."""
+    """Return how far mu passes its level after the switch, in % of the step."""
     return 100 * (float(np.max(step.normalised()[step.time_ms > 0])) - 1)
 
 
 def static_error_percent(step: Step) -> float:
-    """Distance of the levels to their references in % of the reference: the larger of the two."""
+    """Return the larger distance of a level to its reference, in % of the reference."""
     pairs = zip(step.levels(), (step.before, step.after), strict=True)
     return 100 * max(abs(level - reference) / reference for level, reference in pairs)
 
@@ -194,7 +208,13 @@ class Touches(NamedTuple):
     """Crossings left out: at the end of the trace, a lost tick or contact, a second switch."""
 
     def mean_curve(self) -> Step:
-        """Mean over all touches at each tick (the continuous curve of Fig. 7)."""
+        """Return the mean over all touches at each tick (the continuous curve of Fig. 7).
+
+        Raises
+        ------
+        UndefinedError
+            If there is no touch, or touches of different references.
+        """
         if not self.steps:
             raise UndefinedError(f"no whole touch ({self.dropped} dropped)")
         if len({(step.before, step.after) for step in self.steps}) > 1:
@@ -202,11 +222,11 @@ class Touches(NamedTuple):
         return self.steps[0]._replace(mu=np.mean([step.mu for step in self.steps], axis=0))
 
     def of_mean_curve(self, metric: Callable[[Step], float]) -> float:
-        """One of `STEP_METRICS` of the mean curve."""
+        """Return one of `STEP_METRICS` of the mean curve."""
         return metric(self.mean_curve())
 
     def of_each(self, metric: Callable[[Step], float]) -> list[float]:
-        """One of `STEP_METRICS` of every touch that has it."""
+        """Return one of `STEP_METRICS` of every touch that has it."""
         values = []
         for step in self.steps:
             with suppress(UndefinedError):
@@ -241,13 +261,13 @@ def align_at_switch(traces: Iterable[Trace], *, up: bool) -> Touches:
 
 
 def friction_amplitudes(traces: Iterable[Trace]) -> list[float]:
-    """Amplitudes in um that Fig. 2 was run at, from the labels ``fig2.<amplitude>``."""
+    """Return the amplitudes in um of Fig. 2, from the labels ``fig2.<amplitude>``."""
     labels = (re.fullmatch(r"fig2\.(\d+\.\d+)", trace.experiment) for trace in traces)
     return sorted({float(label[1]) for label in labels if label})
 
 
 def friction_ratio_percent(traces: Iterable[Trace], subject: int, amplitude_um: float) -> float:
-    """Friction mu_1/mu_0 in % that an amplitude leaves of the one without vibration (Fig. 2).
+    """Return the share mu_1/mu_0 of the friction in % that an amplitude leaves (Fig. 2).
 
     mu_1 and mu_0 are medians over the ticks in contact: the reversals of the stroke, where the
     finger does not slide, do not move them.
@@ -272,7 +292,13 @@ def friction_ratio_percent(traces: Iterable[Trace], subject: int, amplitude_um: 
 
 
 def find(traces: Iterable[Trace], experiment: str, subject: int | None = None) -> Trace:
-    """Pick the trace of an experiment, of one subject or any; UndefinedError if it was not run."""
+    """Pick the trace of an experiment, of one subject or any.
+
+    Raises
+    ------
+    NotRunError
+        If it was not run.
+    """
     for trace in traces:
         if trace.experiment == experiment and subject in (None, trace.subject):
             return trace
@@ -281,5 +307,5 @@ def find(traces: Iterable[Trace], experiment: str, subject: int | None = None) -
 
 
 def subjects_of(traces: Iterable[Trace], experiment: str) -> list[int]:
-    """Numbers of the subjects of an experiment or of its parts (``fig2`` for ``fig2.0.5``)."""
+    """List the subjects of an experiment or of its parts (``fig2`` for ``fig2.0.5``)."""
     return sorted({t.subject for t in traces if f"{t.experiment}.".startswith(f"{experiment}.")})

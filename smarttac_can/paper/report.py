@@ -62,7 +62,7 @@ class Comparison(NamedTuple):
 
 
 def compare(summary: Mapping[str, Any]) -> list[Comparison]:
-    """Lay the paper's figures beside what was run, from `smarttac_can.paper.summary.summary`."""
+    """Lay the paper's figures beside the results, from `smarttac_can.paper.summary.summary`."""
     comparisons = []
     for published in PUBLISHED:
         value = _look_up(summary, published.key)
@@ -73,7 +73,7 @@ def compare(summary: Mapping[str, Any]) -> list[Comparison]:
 
 
 def table_text(summary: Mapping[str, Any]) -> str:
-    """Result, paper, band and verdict as a table of plain text, with the run's parameters."""
+    """Show result, paper, band and verdict as plain text, with the run's parameters."""
     rows = [("", "result", "paper", "band", "")]
     rows += [
         (item.published.name, _with_unit(item.value, item), *_paper_cells(item), item.verdict)
@@ -197,7 +197,7 @@ def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _number(value: float) -> str:
-    """Four significant digits, or whole numbers from 1000 on."""
+    """Show a number with four significant digits, or as a whole number from 1000 on."""
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:#.4g}".rstrip(".")
 
 
@@ -239,7 +239,7 @@ def _comparison_html(item: Comparison) -> str:
 
 
 def _steps_html(table: Mapping[str, Any]) -> str:
-    """Rise, overshoot and static error of subjects, by direction and by curve."""
+    """Show rise, overshoot and static error of the subjects, by direction and by curve."""
     blocks = (
         ("Up-step, mean curve", table),
         ("Up-step, single touches", table["touches"]),

@@ -65,7 +65,7 @@ def summary(
     version: str,
     trace_sha256: str,
 ) -> dict[str, Any]:
-    """All results of the paper's experiments as plain data for JSON.
+    """Gather all results of the paper's experiments as plain data for JSON.
 
     Parameters
     ----------

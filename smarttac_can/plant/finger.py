@@ -140,7 +140,7 @@ def _start(item: _Pass) -> float:
 
 
 def _smooth(share: float) -> float:
-    """Raised cosine from 0 at share <= 0 to 1 at share >= 1."""
+    """Return a raised cosine from 0 at share <= 0 to 1 at share >= 1."""
     if share <= 0.0:
         return 0.0
     if share >= 1.0:
@@ -149,7 +149,7 @@ def _smooth(share: float) -> float:
 
 
 def _ramped(elapsed: float, duration: float, ramp: float) -> float:
-    """Path at unit speed with raised-cosine ramps of the speed at both ends."""
+    """Return the path at unit speed with raised-cosine ramps of the speed at both ends."""
     if elapsed < ramp:
         return 0.5 * elapsed - ramp / TWO_PI * math.sin(math.pi * elapsed / ramp)
     left = duration - elapsed

@@ -131,7 +131,7 @@ class Plate:
         return transition(duration, sensors.path_frequency, sensors.path_damping)
 
     def _segment(self, duration: float) -> tuple[int, float, Transition]:
-        """Sub-steps of a part of a tick: their number, length, and step of the force path."""
+        """Divide a part of a tick: number and length of sub-steps, and the force path's step."""
         count = math.ceil(SUBSTEPS * duration / TICK - 1e-9)
         length = duration / count if count else 0.0
         return count, length, self._path(length)

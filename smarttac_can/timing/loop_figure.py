@@ -19,7 +19,7 @@ _CURVES: Final[dict[str, dict[str, Any]]] = {
 
 
 def histogram(timing: LoopTiming) -> Figure:
-    """How often SYNC, measurement and drive came how late, the counts on a logarithmic axis.
+    """Draw how often SYNC, measurement and drive came how late, the counts logarithmic.
 
     Parameters
     ----------

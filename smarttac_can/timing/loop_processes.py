@@ -57,13 +57,25 @@ class NodeProcess:
         return self._process.pid
 
     def wait_until_ready(self) -> None:
-        """Return when it has said that it is ready; raises as `require_alive`."""
+        """Return when the process has said that it is ready.
+
+        Raises
+        ------
+        BenchError
+            If it has ended.
+        """
         while b" ready on " not in self._words():
             self.require_alive()
             sleep(_READY_POLL_S)
 
     def require_alive(self) -> None:
-        """Raise BenchError with its own words if it has ended."""
+        """Do nothing while the process lives.
+
+        Raises
+        ------
+        BenchError
+            With its own words, if it has ended.
+        """
         if self._process.poll() is not None:
             words = self._words().decode().split("\n")
             last = next((line for line in reversed(words) if line), "it said nothing")

@@ -24,7 +24,7 @@ _TRIES: Final = 5
 
 @dataclass(frozen=True)
 class LoopRun:
-    """What a run of the loop has shown."""
+    """Outcome of a timed run of the loop."""
 
     timing: LoopTiming
     ran: bool
@@ -36,7 +36,7 @@ class LoopRun:
 
 
 def regulate_friction(bench: Stimulator) -> None:
-    """Start a run in mode friction, with a finger that strokes; raises as `Stimulator` does."""
+    """Start a run in mode friction, with a finger that strokes, and fail as `Stimulator` does."""
     bench.disarm()
     bench.reset_fault()
     bench.finger.stroke(2, force=0.5, speed=50.0)

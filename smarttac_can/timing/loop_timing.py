@@ -46,11 +46,17 @@ class Delays:
         self.counts: Counter[int] = Counter()
 
     def add(self, seconds: float) -> None:
-        """Count one."""
+        """Count a delay in s, rounded to whole us."""
         self.counts[round(seconds * 1e6)] += 1
 
     def quantile_us(self, share: float) -> int:
-        """Least delay in us that a share, 0..1, of all does not exceed; there has to be one."""
+        """Return the least delay in us that a share, 0..1, of all does not exceed.
+
+        Raises
+        ------
+        ValueError
+            If none was counted.
+        """
         left = max(1, ceil(share * self.counts.total()))
         for delay in sorted(self.counts):
             left -= self.counts[delay]
@@ -270,7 +276,7 @@ def deadline_ms(gap_s: float) -> int | None:
 
 
 def _place(plate: ObjectDictionary, mapping: int, direction: Direction, name: str) -> int:
-    """Where in a PDO an object of one byte is."""
+    """Return at which byte of a PDO an object of one byte is."""
     entries = compile_mapping(plate, mapping, direction).entries
     names = [entry.name for entry in entries]
     return sum(entry.size for entry in entries[: names.index(name)])

@@ -107,7 +107,7 @@ class StageWatch:
             self._hear(left)
 
     def read_stage(self) -> Reading:
-        """Return the voltage in 10 mV; raises as `read`."""
+        """Return the voltage of the stage in 10 mV, failing as `read` does."""
         return self._transfer(requests.upload(PLATE_ID, self._stage), PLATE_ID, self._stage)
 
     def read(self, node_id: int, entry: Entry) -> int:
@@ -121,11 +121,11 @@ class StageWatch:
         return self._transfer(requests.upload(node_id, entry), node_id, entry).raw
 
     def write(self, node_id: int, entry: Entry, raw: int) -> None:
-        """Write a raw value to an object of 1 to 4 bytes; raises as `read`."""
+        """Write a raw value to an object of 1 to 4 bytes, failing as `read` does."""
         self._transfer(requests.download(node_id, entry, raw), node_id, entry)
 
     def errors(self, node_id: int) -> list[int]:
-        """Return the error history of a node, the newest first; raises as `read`.
+        """Return the error history of a node, the newest first, failing as `read` does.
 
         Each is an emergency error code, and above its 16 bits the first two bytes of what the
         emergency message says beside.
@@ -135,15 +135,15 @@ class StageWatch:
         return [self.read(node_id, history[place]) for place in range(1, number + 1)]
 
     def forget_errors(self, node_id: int) -> None:
-        """Clear the error history of a node; raises as `read`."""
+        """Clear the error history of a node, failing as `read` does."""
         self.write(node_id, self._ods[node_id].entry(ERROR_FIELD, 0), 0)
 
     def deadline_ms(self) -> int:
-        """Return the deadline of the plate; raises as `read`."""
+        """Return the deadline of the plate in ms, failing as `read` does."""
         return self.read(PLATE_ID, self._deadline(PLATE_ID, 1))
 
     def set_deadlines(self, deadline_ms: int) -> None:
-        """Set the deadlines of the loop at both nodes, 1..100 ms; raises as `read`."""
+        """Set the deadlines of the loop at both nodes, 1..100 ms, failing as `read` does."""
         self.write(PLATE_ID, self._deadline(PLATE_ID, 1), deadline_ms)
         for rpdo in MEASUREMENT_RPDOS:
             self.write(STIMULATOR_ID, self._deadline(STIMULATOR_ID, rpdo), deadline_ms)

@@ -46,7 +46,7 @@ class Machine:
         self._times = [_FORK.RawArray("q", 2 * _MOST) for _ in cores]
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all standstills and delays up to now."""
         for at in range(len(self.cores)):
             self._latest[at] = self._count[at] = 0
 
@@ -65,7 +65,7 @@ class Machine:
         )
 
     def stood_s(self, begin: float, end: float) -> float:
-        """Longest standstill in s that touches a span of time, 0.0 if there was none."""
+        """Return the longest standstill in s that touches a span of time, 0.0 if none did."""
         return max(
             (s.end - s.begin for s in self.standstills if s.end >= begin and s.begin <= end),
             default=0.0,

@@ -28,22 +28,25 @@ Act = Callable[[Rig], None]
 
 
 def nothing(rig: Rig) -> None:
-    """The cause is gone already."""
+    """Do nothing: the cause of the fault is gone by itself."""
 
 
 def put(name: str, value: object) -> Act:
-    """Give an attribute of the rig another value."""
+    """Make an act that gives an attribute of the rig another value."""
     return lambda rig: setattr(rig, name, value)
 
 
 def befall(mishap: Mishap, *can_ids: int, cycles: int = 1) -> Act:
-    """Have a mishap befall every frame of these identifiers."""
+    """Make an act after which a mishap happens to every frame with one of these CAN-IDs.
+
+    It lasts until `calm`; ``cycles`` is how late a delayed frame is.
+    """
     disturbance = Disturbance(mishap, frozenset(can_ids), cycles=cycles)
     return lambda rig: rig.bus.disturbances.append(disturbance)
 
 
 def lose(*can_ids: int) -> Act:
-    """Lose these frames of one cycle; a second in a row would be a fault."""
+    """Make an act that loses these frames in one cycle; in two in a row that would be a fault."""
 
     def act(rig: Rig) -> None:
         befall(Mishap.LOSS, *can_ids)(rig)
@@ -54,12 +57,12 @@ def lose(*can_ids: int) -> Act:
 
 
 def calm(rig: Rig) -> None:
-    """End all mishaps."""
+    """End all mishaps on the bus."""
     rig.bus.disturbances.clear()
 
 
 def jump(plate: bool) -> Act:
-    """Put the clock of a node forward by 2 s."""
+    """Make an act that puts the clock of a node forward by 2 s."""
 
     def act(rig: Rig) -> None:
         port = rig.plate_port if plate else rig.stimulator_port
@@ -104,7 +107,11 @@ def resume_stimulator(rig: Rig) -> None:
 
 
 def pause_plate(rig: Rig) -> None:
-    """For the plate in its process no time passes, so the pause is over when the count begins."""
+    """Stop the process of the plate for 2 s, and let it go on.
+
+    All of it happens before the first cycle counts: a plate that is stopped cannot put its own
+    stage at 0 V.
+    """
     assert rig.plate_port is not None
     rig.bus.pause(rig.plate_port)
     rig.cycle(_PAUSE_CYCLES)
@@ -112,12 +119,12 @@ def pause_plate(rig: Rig) -> None:
 
 
 def pause_master(rig: Rig) -> None:
-    """Silence the master."""
+    """Stop heartbeat and SYNC of the master."""
     rig.heartbeat, rig.syncs = False, 0
 
 
 def resume_master(rig: Rig) -> None:
-    """Let the master speak again."""
+    """Let heartbeat and SYNC of the master go on."""
     rig.heartbeat, rig.syncs = True, 1
 
 
@@ -137,7 +144,7 @@ class _BrokenController:
 
 
 def control_wrongly(voltage: float) -> Act:
-    """Have the controllers ask for a voltage in V, whatever they see."""
+    """Make an act after which the controllers ask for a voltage in V, whatever they see."""
 
     def act(rig: Rig) -> None:
         block = rig.stimulator.block
@@ -147,14 +154,14 @@ def control_wrongly(voltage: float) -> Act:
 
 
 def control_rightly(rig: Rig) -> None:
-    """Put the controllers back."""
+    """Put the right controllers back."""
     block = rig.stimulator.block
     if isinstance(block.cascade, _BrokenController):
         block.cascade = block.cascade.cascade
 
 
 def another_plate(serial: int) -> Act:
-    """Give the plate another serial number."""
+    """Make an act that gives the plate another serial number."""
 
     def act(rig: Rig) -> None:
         rig.plate_block.od["Plate serial number"].value = serial
@@ -168,7 +175,11 @@ def lower_force_limit(rig: Rig) -> None:
 
 
 def limit_amplitude(nm: int) -> Act:
-    """A run at 0.6 um and more is above 100 nm; an identification ends itself from 1500 nm on."""
+    """Make an act that sets the limit at which the vibration trips, in nm peak-to-peak.
+
+    100 nm is below what any mode but identification drives, 0.6 um and more. An identification has
+    to be limited below 1500 nm, where it ends by itself.
+    """
     return lambda rig: rig.write("Limit.Amplitude trip", nm)
 
 

@@ -209,7 +209,10 @@ def _begin_run(rig: Rig, mode: Mode) -> None:
 
 
 def _cycles_to_zero(rig: Rig, bound: int) -> int | None:
-    """Cycles until the stage is at 0 V and stays there; a loop may ask for 0 V in passing."""
+    """Count the cycles until the stage is at 0 V and stays there; None if it does not.
+
+    A loop may ask for 0 V in passing, so it is the last cycle with a voltage that counts.
+    """
     window = bound + _LOGGED_CYCLES
     last = 0
     for count in range(1, window + 1):
@@ -229,7 +232,7 @@ def _cycles_at_zero(rig: Rig, hold: int, traffic: MasterTraffic) -> int:
 
 
 def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
-    """Whether the stimulator drives again when the cause is gone and the fault is reset."""
+    """Tell whether the stimulator drives again when the cause is gone and the fault is reset."""
     case.remove(rig)
     rig.nmt(NMTCommand.START)
     try:
@@ -248,7 +251,7 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
 
 
 def tolerated(case: FaultCase, mode: Mode) -> bool:
-    """Whether a run goes on under a fault of `TOLERATED`."""
+    """Tell whether a run goes on under a fault of `TOLERATED`."""
     rig = driving_rig(case, mode)
     case.inject(rig)
     rig.cycle(_GO_ON if mode is not Mode.IDENTIFY else _LOGGED_CYCLES)

@@ -183,7 +183,7 @@ class Rig:
         self.cycle(_READY_CYCLES)
 
     def drive(self, mode: Mode) -> None:
-        """Choose a mode, arm and run."""
+        """Choose a mode, arm, and run."""
         self.write("Mode", mode)
         self.write("Controlword", Control.ARM)
         self.write("Controlword", Control.ARM | Control.RUN)
@@ -202,7 +202,7 @@ class Rig:
         self.write("Fault.Kind", kind)
 
     def mend(self) -> None:
-        """Mend the simulated plate."""
+        """Mend what was broken of the simulated plate."""
         self.write("Fault.Kind", 0)
 
     def count_syncs(self) -> None:

@@ -160,7 +160,7 @@ class Soak:
             rig.write(f"Setpoint.COF {side}", draw.randint(2500, 6000))
 
     def _touch(self) -> None:
-        """Strokes, other set-points, other modes, and a master that asks a lot."""
+        """Let a finger stroke under other set-points, while the master asks a lot."""
         for _ in range(self._random.randint(1, 6)):
             self._cycle(self._random.randint(100, 1500), traffic=0.05)
             if self._tripped():
@@ -168,7 +168,7 @@ class Soak:
             self._draw_setpoints()
 
     def _tripped(self) -> bool:
-        """Whether set-points at random ended the run; only too much vibration may do that."""
+        """Tell whether set-points at random ended the run; only too much vibration may do that."""
         rig = self._rig
         if rig.state is not State.FAULT:
             return False
@@ -228,7 +228,7 @@ class Soak:
         invariants.clear_history()
 
     def _mishap(self) -> None:
-        """A bus that is bad, but not too bad."""
+        """Inject a fault of the bus that must not end a run, and expect that it does not."""
         case = self._random.choice(TOLERATED)
         self._tolerated[case.name] += 1
         self._cycle(300)
@@ -238,7 +238,7 @@ class Soak:
         self._expect_no_fault(case.name)
 
     def _restart_master(self) -> None:
-        """The master falls silent, comes back, and resets everybody."""
+        """Silence the master, expect 0 V, let it come back and reset both nodes."""
         rig = self._rig
         self._cycle(self._random.randint(100, 600))
         self._expect_no_fault("a stroke")
