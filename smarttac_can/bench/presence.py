@@ -11,10 +11,9 @@ import canopen
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.master.errors import BenchError, BusLostError
-from smarttac_can.od.cia import HEARTBEAT_CONSUMER, HEARTBEAT_ID
+from smarttac_can.od.cia import HEARTBEAT_CONSUMER, HEARTBEAT_ID, LAST_NODE_ID
 from smarttac_can.od.dictionary import Entry
 
-_LAST_ID: Final = 127
 _IDS: Final = 16
 _PERIOD_S: Final = 0.1
 _LISTEN_MS: Final = 250
@@ -28,7 +27,7 @@ def bench_id(stimulator_id: int) -> int:
 
     Stimulators on one bus have benches of their own, so each watches another node-ID.
     """
-    return _LAST_ID - stimulator_id % _IDS
+    return LAST_NODE_ID - stimulator_id % _IDS
 
 
 class Presence:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from smarttac_can.bench.named_objects import NamedObjects, finite
 from smarttac_can.control.cascade import Mode
 from smarttac_can.control.friction import Law
+
+_SIDES: Final = 2
 
 
 class SetPoints(NamedObjects):
@@ -58,7 +61,7 @@ class SetPoints(NamedObjects):
     @cof.setter
     def cof(self, cof: float | Sequence[float]) -> None:
         pair = list(cof) if isinstance(cof, Sequence) and not isinstance(cof, str) else [cof] * 2
-        if len(pair) != 2:
+        if len(pair) != _SIDES:
             raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
         left, right = (finite("cof", one) for one in pair)
         self.set("Setpoint.COF left", left)

@@ -64,6 +64,7 @@ def _chosen(
 @click.option("--report", type=_FILE, help="Markdown file for the report.")
 @click.option("--json", "json_file", type=_FILE, help="JSON file for the results.")
 def conform(
+    *,
     eds: Path,
     node_id: int,
     bus: BusChoice,

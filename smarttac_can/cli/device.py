@@ -47,6 +47,7 @@ _DEFAULT_ID = 1
     help="File for stored parameters; without it they end with the command.",
 )
 def device(
+    *,
     eds: Path,
     node_id: int | None,
     unconfigured: bool,

@@ -96,6 +96,7 @@ def _log_file(_ctx: click.Context, _param: click.Parameter, path: Path | None) -
     help="SocketCAN interface that carries the frames, such as vcan0; then there is one process.",
 )
 def faults(
+    *,
     json_file: Path | None,
     log_file: Path | None,
     faults_: tuple[str, ...],

@@ -23,7 +23,9 @@ def _identity(_ctx: click.Context, _param: click.Parameter, text: str | None) ->
         numbers = [int(part, 16) for part in text.split(":")]
     except ValueError:
         numbers = []
-    if len(numbers) != 4 or not all(0 <= number < 1 << 32 for number in numbers):
+    if len(numbers) != len(Identity._fields) or not all(
+        0 <= number < 1 << 32 for number in numbers
+    ):
         raise click.BadParameter(
             f"{text!r} is not VENDOR:PRODUCT:REVISION:SERIAL, four hexadecimal numbers of 32 bits"
         )

@@ -121,6 +121,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
 )
 @click.option("--produce-sync", is_flag=True, help="Produce the SYNC that is the plate's tick.")
 def node(
+    *,
     node_id: int | None,
     unconfigured: bool,
     finger: tuple[int, Trajectory | None],
@@ -167,6 +168,7 @@ def node(
 @click.command(epilog="Example: smarttac plate --interface socketcan --channel can0 --node-id 33")
 @node_options(PLATE_ID)
 def plate(
+    *,
     node_id: int | None,
     unconfigured: bool,
     finger: tuple[int, Trajectory | None],

@@ -29,6 +29,7 @@ from smarttac_can.paper.reproduce import (
 )
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
 
+_DEAD_TIME_MAX_US = 999.0
 BIT_RATE = 1_000_000
 """Bit rate in bit/s of ``--dead-time auto``."""
 _VIBRATION = frozenset({"fig5", "fig6"})
@@ -42,7 +43,7 @@ def _dead_time(_ctx: click.Context, _param: click.Parameter, value: str) -> floa
         dead_time = float(value)
     except ValueError:
         raise click.BadParameter(f"{value!r} is neither 'auto' nor a number of us") from None
-    if not 0.0 <= dead_time <= 999.0:
+    if not 0.0 <= dead_time <= _DEAD_TIME_MAX_US:
         raise click.BadParameter(f"{value} us is outside 0..999")
     return dead_time
 
@@ -123,6 +124,7 @@ def demo(seed: int, output: Path | None) -> None:
 )
 @output_option
 def reproduce(
+    *,
     what: tuple[str, ...],
     link: LinkName,
     law: str,

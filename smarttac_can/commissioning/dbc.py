@@ -93,7 +93,7 @@ def _signals(
         value = od.number(mapped, position)
         index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
         entry = od.get(index, subindex)
-        if not bits or start + bits > 64:
+        if not bits or start + bits > 8 * cia.FRAME_BYTES:
             raise ValueError(f"{where} maps no bit or more than 64")
         if entry is not None:
             name = identifier(entry.name)

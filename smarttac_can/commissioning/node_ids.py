@@ -12,7 +12,7 @@ from canopen import lss
 from canopen.lss import LssError
 
 from smarttac_can.master.errors import BenchError, NodeNotFoundError, RefusedError
-from smarttac_can.od.cia import HEARTBEAT_ID, NMT_ID, NMTCommand
+from smarttac_can.od.cia import HEARTBEAT_ID, LAST_NODE_ID, NMT_ID, NMTCommand
 
 _FASTSCAN_S: Final = 0.1
 """How long silence lasts that is an answer of fastscan; half of its 132 questions get none."""
@@ -105,7 +105,7 @@ def assign_node_id(
         if store:
             with _refusals("store it"):
                 master.store_configuration()
-    previous = present if 1 <= present <= 127 else None
+    previous = present if 1 <= present <= LAST_NODE_ID else None
     if previous is not None:
         # Only a reset makes a device that has started already take another node-ID.
         network.send_message(NMT_ID, [NMTCommand.RESET_COMMUNICATION, previous])

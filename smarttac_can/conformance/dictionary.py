@@ -16,7 +16,7 @@ from smarttac_can.od.cia import (
     DataType,
     ObjectType,
 )
-from smarttac_can.od.data_types import bounds, pack
+from smarttac_can.od.data_types import SIZES, bounds, pack
 from smarttac_can.od.dictionary import Entry
 
 _SHOWN = 3
@@ -227,6 +227,6 @@ def structure(probe: Probe) -> None:
             if abort.code != AbortCode.NO_SUBINDEX:
                 faults.append(f"{item.index:04X}h:FF {abort}")
             continue
-        if len(data) != 4 or data[0] != item.object_type:
+        if len(data) != SIZES[DataType.UNSIGNED32] or data[0] != item.object_type:
             faults.append(f"{item.index:04X}h:FF is {data.hex(' ')}, {item.object_type.name}")
     report(faults, len(objects))

@@ -9,8 +9,10 @@ from smarttac_can.conformance.sheet import needs_object
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     EMCY_COB_ID,
+    FRAME_BYTES,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_ID,
+    LAST_NODE_ID,
     EmergencyCode,
 )
 
@@ -23,7 +25,7 @@ needs_consumer = needs_object(HEARTBEAT_CONSUMER, 1, writable=True)
 
 def other_node(probe: Probe) -> int:
     """Return a node-ID that is not the device's."""
-    return 126 if probe.node_id == 127 else 127
+    return LAST_NODE_ID - 1 if probe.node_id == LAST_NODE_ID else LAST_NODE_ID
 
 
 def emcy_id(probe: Probe) -> int:
@@ -52,7 +54,7 @@ def expect_emcy(probe: Probe, code: EmergencyCode, timeout: float | None = None)
         If none comes within the time-out in s, or it has another code.
     """
     data = probe.expect(emcy_id(probe), f"EMCY {code:04X}h", timeout).data
-    if len(data) != 8:
+    if len(data) != FRAME_BYTES:
         raise Failure(f"EMCY of {len(data)} bytes")
     if int.from_bytes(data[:2], "little") != code:
         raise Failure(f"EMCY {data.hex(' ')} instead of {code:04X}h")

@@ -8,7 +8,7 @@ from smarttac_can.conformance.case import Failure
 from smarttac_can.conformance.probe import Probe
 from smarttac_can.conformance.sdo_client import write_number
 from smarttac_can.conformance.sheet import Sheet, needs_object
-from smarttac_can.conformance.tpdo import SPREAD
+from smarttac_can.conformance.tpdo import LEAST, PERIODS, SPREAD
 from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
 
 PERIOD_MS = 60
@@ -72,9 +72,9 @@ def beats(probe: Probe, period_ms: int = PERIOD_MS) -> list[int]:
         If fewer than 3 come, or they do not keep the time.
     """
     probe.drain()
-    arrivals = probe.collect(probe.heartbeat_id, 8e-3 * period_ms)
-    if len(arrivals) < 3:
-        raise Failure(f"{len(arrivals)} heartbeats in 8 periods of {period_ms} ms")
+    arrivals = probe.collect(probe.heartbeat_id, 1e-3 * PERIODS * period_ms)
+    if len(arrivals) < LEAST:
+        raise Failure(f"{len(arrivals)} heartbeats in {PERIODS} periods of {period_ms} ms")
     gaps = [1000 * (b.time - a.time) for a, b in pairwise(arrivals)]
     mean = sum(gaps) / len(gaps)
     if abs(mean - period_ms) > SPREAD * period_ms:

@@ -17,7 +17,7 @@ from smarttac_can.conformance.pdo_setup import (
 from smarttac_can.conformance.probe import Probe
 from smarttac_can.conformance.sdo_client import number, upload, write_number
 from smarttac_can.conformance.sheet import Pdo, needs_mapping, needs_object
-from smarttac_can.od.cia import SYNC_COB_ID, AbortCode, DataType
+from smarttac_can.od.cia import FRAME_BYTES, SYNC_COB_ID, AbortCode, DataType
 from smarttac_can.od.data_types import SIZES
 from smarttac_can.od.dictionary import Entry
 
@@ -38,7 +38,7 @@ def _parameter(entry: Entry) -> int:
 def _mappable(probe: Probe) -> list[Entry]:
     """Find the entries of whole bytes that a TPDO may carry, the longest first."""
     found = (e for e in probe.sheet.od if e.tpdo_mappable and e.size and e.readable)
-    whole = (e for e in found if e.data_type != DataType.BOOLEAN and e.size <= 8)
+    whole = (e for e in found if e.data_type != DataType.BOOLEAN and e.size <= FRAME_BYTES)
     return sorted(whole, key=lambda entry: -entry.size)
 
 

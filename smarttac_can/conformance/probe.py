@@ -11,8 +11,10 @@ from smarttac_can.conformance.case import Failure
 from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
+from smarttac_can.master.requests import ABORT
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
+    FRAME_BYTES,
     HEARTBEAT_ID,
     NMT_ID,
     SDO_RX_ID,
@@ -198,7 +200,7 @@ class Probe:
 
     def sdo_send(self, data: bytes) -> None:
         """Send an SDO request of up to 8 bytes, filled with zeros; wait for no answer."""
-        self.send(SDO_RX_ID + self.node_id, data.ljust(8, b"\0"))
+        self.send(SDO_RX_ID + self.node_id, data.ljust(FRAME_BYTES, b"\0"))
 
     def sdo_response(self, timeout: float | None = None) -> bytes:
         """Wait for the next SDO response and return its 8 bytes.
@@ -211,9 +213,9 @@ class Probe:
             If none comes within the time-out in s.
         """
         data = self.expect(SDO_TX_ID + self.node_id, "SDO response", timeout).data
-        if len(data) != 8:
+        if len(data) != FRAME_BYTES:
             raise Failure(f"SDO response of {len(data)} bytes")
-        if data[0] == 0x80:
+        if data[0] == ABORT:
             raise Abort(int.from_bytes(data[4:], "little"))
         return data
 

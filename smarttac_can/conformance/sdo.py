@@ -23,6 +23,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry
 
+_EXPEDITED_4_BYTES = 0x43
 SERVER_TIME_OUT_S = 2.0
 """Longest time after which an abandoned transfer must not be in the way any more."""
 
@@ -76,7 +77,7 @@ def alive(probe: Probe) -> None:
 def expedited_upload(probe: Probe) -> None:
     """Expedited upload."""
     response = probe.request(b"\x40" + address(DEVICE_TYPE, 0))
-    if response[0] != 0x43 or response[1:4] != address(DEVICE_TYPE, 0):
+    if response[0] != _EXPEDITED_4_BYTES or response[1:4] != address(DEVICE_TYPE, 0):
         raise Failure(f"upload of the device type answered by {response.hex(' ')}")
 
 

@@ -20,6 +20,14 @@ _CRC = 0x04
 _SIZE = 0x02
 _LAST = 0x80
 _SEGMENT = 7
+_MOST_SEGMENTS = 127
+
+# Commands of the server without their flags: CRC, size and number of unused bytes.
+_UPLOAD = 0xC0
+_UPLOAD_END = 0xC1
+_DOWNLOAD = 0xA0
+_SUB_BLOCK = 0xA2
+_DOWNLOAD_END = 0xA1
 
 
 def _initiate(probe: Probe, request: bytes) -> bytes:
@@ -31,11 +39,13 @@ def _initiate(probe: Probe, request: bytes) -> bytes:
         raise
 
 
-def _begin_upload(probe: Probe, entry: Entry, *, crc: bool, block_size: int = 127) -> bool:
+def _begin_upload(
+    probe: Probe, entry: Entry, *, crc: bool, block_size: int = _MOST_SEGMENTS
+) -> bool:
     """Initiate a block upload; return whether the server makes a CRC."""
     where = address(entry.index, entry.subindex)
     response = _initiate(probe, bytes((0xA0 | crc * _CRC,)) + where + bytes((block_size, 0)))
-    if response[0] & 0xF9 != 0xC0 or response[1:4] != where:
+    if response[0] & 0xF9 != _UPLOAD or response[1:4] != where:
         raise Failure(f"block upload answered by {response.hex(' ')}")
     return bool(response[0] & _CRC)
 
@@ -54,7 +64,7 @@ def _segments(probe: Probe) -> list[bytes]:
 def _end_upload(probe: Probe, segments: list[bytes], *, crc: bool) -> bytes:
     """Acknowledge the last sub-block and check the end; return the data."""
     end = probe.request(bytes((0xA2, len(segments), 127)))
-    if end[0] & 0xE3 != 0xC1:
+    if end[0] & 0xE3 != _UPLOAD_END:
         raise Failure(f"block upload ended by {end.hex(' ')}")
     data = b"".join(segment[1:] for segment in segments)
     data = data[: len(data) - (end[0] >> 2 & 7)]
@@ -94,7 +104,8 @@ def _begin_download(probe: Probe, entry: Entry, size: int, *, crc: bool) -> bool
     where = address(entry.index, entry.subindex)
     command = 0xC0 | crc * _CRC | _SIZE
     response = _initiate(probe, bytes((command,)) + where + size.to_bytes(4, "little"))
-    if response[0] & 0xFB != 0xA0 or response[1:4] != where or not 1 <= response[4] <= 127:
+    named = response[0] & 0xFB == _DOWNLOAD and response[1:4] == where
+    if not named or not 1 <= response[4] <= _MOST_SEGMENTS:
         raise Failure(f"block download answered by {response.hex(' ')}")
     return bool(response[0] & _CRC)
 
@@ -102,7 +113,7 @@ def _begin_download(probe: Probe, entry: Entry, size: int, *, crc: bool) -> bool
 def _sub_block(probe: Probe, sequence: int, data: bytes) -> int:
     """Send one last segment and return the number that the server acknowledges."""
     response = probe.request(bytes((_LAST | sequence,)) + data)
-    if response[0] != 0xA2:
+    if response[0] != _SUB_BLOCK:
         raise Failure(f"sub-block answered by {response.hex(' ')}")
     return response[1]
 
@@ -110,7 +121,7 @@ def _sub_block(probe: Probe, sequence: int, data: bytes) -> int:
 def _end_download(probe: Probe, data: bytes, crc: int) -> None:
     command = 0xC1 | (_SEGMENT - len(data)) << 2
     response = probe.request(bytes((command,)) + crc.to_bytes(2, "little"))
-    if response[0] != 0xA1:
+    if response[0] != _DOWNLOAD_END:
         raise Failure(f"end of the block download answered by {response.hex(' ')}")
 
 

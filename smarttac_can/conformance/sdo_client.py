@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from smarttac_can.conformance.case import Failure
 from smarttac_can.conformance.probe import Probe
+from smarttac_can.od.cia import EXPEDITED_BYTES
 
+_UPLOAD_RESPONSE = 2
 _SEGMENT = 7
 _LONGEST = 1 << 24
 
@@ -27,7 +29,7 @@ def upload(probe: Probe, index: int, subindex: int = 0) -> bytes:
     where = address(index, subindex)
     response = probe.request(b"\x40" + where)
     command = response[0]
-    if command >> 5 != 2 or response[1:4] != where:
+    if command >> 5 != _UPLOAD_RESPONSE or response[1:4] != where:
         raise Failure(f"upload of {index:04X}h:{subindex:02X} answered by {response.hex(' ')}")
     if command & 2:
         return response[4 : 8 - (command >> 2 & 3)] if command & 1 else response[4:]
@@ -57,7 +59,7 @@ def download(probe: Probe, index: int, subindex: int, data: bytes) -> None:
     Failure
         If it does not answer, or breaks the protocol.
     """
-    if not 1 <= len(data) <= 4:
+    if not 1 <= len(data) <= EXPEDITED_BYTES:
         download_segments(probe, index, subindex, data)
         return
     where = address(index, subindex)

@@ -13,7 +13,7 @@ from smarttac_can.conformance.sdo_client import (
     upload,
 )
 from smarttac_can.conformance.sheet import needs_number
-from smarttac_can.od.cia import DEVICE_TYPE, SDO_RX_ID, SDO_TX_ID, AbortCode
+from smarttac_can.od.cia import DEVICE_TYPE, LAST_SUBINDEX, SDO_RX_ID, SDO_TX_ID, AbortCode
 
 _LENGTH_CODES = (AbortCode.LENGTH, AbortCode.TOO_LONG, AbortCode.TOO_SHORT)
 
@@ -25,7 +25,7 @@ def _absent_index(probe: Probe) -> int:
 
 
 def _absent_subindex(probe: Probe) -> tuple[int, int]:
-    item = next(i for i in probe.sheet.od.objects.values() if max(i.entries) < 0xFE)
+    item = next(i for i in probe.sheet.od.objects.values() if max(i.entries) < LAST_SUBINDEX)
     return item.index, max(item.entries) + 1
 
 

@@ -10,6 +10,7 @@ from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COMMUNICATION_LAST,
     DEVICE_NAME,
+    EXPEDITED_BYTES,
     HEARTBEAT_CONSUMER,
     PDO_COB_ID,
     PDO_COUNT,
@@ -120,7 +121,7 @@ class Sheet:
         """Find a readable entry that takes more than one frame; None if there is none."""
         name = self.od.get(DEVICE_NAME)
         candidates = ([] if name is None else [name]) + list(self.od)
-        return next((e for e in candidates if e.readable and _length(e) > 4), None)
+        return next((e for e in candidates if e.readable and _length(e) > EXPEDITED_BYTES), None)
 
     def long_writable(self) -> Entry | None:
         """Find an rw entry of the application above 4 bytes; None if there is none."""
@@ -128,7 +129,9 @@ class Sheet:
             (
                 entry
                 for entry in self.od
-                if entry.index > COMMUNICATION_LAST and entry.access == "rw" and _length(entry) > 4
+                if entry.index > COMMUNICATION_LAST
+                and entry.access == "rw"
+                and _length(entry) > EXPEDITED_BYTES
             ),
             None,
         )

@@ -11,7 +11,7 @@ from smarttac_can.conformance.pdo_setup import can_id, configure, operational, t
 from smarttac_can.conformance.probe import Arrival, Probe
 from smarttac_can.conformance.sdo_client import number, write_number
 from smarttac_can.conformance.sheet import needs_object, needs_tpdo
-from smarttac_can.conformance.tpdo import SPREAD
+from smarttac_can.conformance.tpdo import LEAST, PERIODS, SPREAD
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_SYNC_PRODUCER,
@@ -111,9 +111,9 @@ def _produced(probe: Probe, period_ms: int = _PERIOD_MS) -> list[Arrival]:
         If fewer than 3 come, or they do not keep the time.
     """
     probe.drain()
-    arrivals = probe.collect(probe.sync_id, 8e-3 * period_ms)
-    if len(arrivals) < 3:
-        raise Failure(f"{len(arrivals)} SYNCs in 8 periods of {period_ms} ms")
+    arrivals = probe.collect(probe.sync_id, 1e-3 * PERIODS * period_ms)
+    if len(arrivals) < LEAST:
+        raise Failure(f"{len(arrivals)} SYNCs in {PERIODS} periods of {period_ms} ms")
     gaps = [1000 * (b.time - a.time) for a, b in pairwise(arrivals)]
     mean = sum(gaps) / len(gaps)
     if abs(mean - period_ms) > SPREAD * period_ms:

@@ -27,6 +27,11 @@ PERIOD_MS = 60
 SPREAD = 0.4
 """Share by which a period may be off: a bus in use and a computer's clock are in it."""
 
+PERIODS = 8
+"""How long a case listens to what comes every period."""
+LEAST = 3
+"""Arrivals in that time from which their period can be told."""
+
 _has_sync = needs_object(SYNC_COB_ID)
 
 
@@ -182,9 +187,9 @@ def _gaps(probe: Probe, pdo: Pdo) -> list[float]:
     Failure
         If fewer than 3 come in 8 periods.
     """
-    times = [a.time for a in probe.collect(can_id(probe, pdo), 8e-3 * PERIOD_MS)]
-    if len(times) < 3:
-        raise Failure(f"{len(times)} TPDOs in {8 * PERIOD_MS} ms, event timer {PERIOD_MS} ms")
+    times = [a.time for a in probe.collect(can_id(probe, pdo), 1e-3 * PERIODS * PERIOD_MS)]
+    if len(times) < LEAST:
+        raise Failure(f"{len(times)} TPDOs in {PERIODS * PERIOD_MS} ms, event timer {PERIOD_MS} ms")
     return [1000 * (later - earlier) for earlier, later in pairwise(times)]
 
 

@@ -24,8 +24,10 @@ from smarttac_can.device.tpdo import TPDO
 from smarttac_can.od.cia import (
     COMMUNICATION_FIRST,
     COMMUNICATION_LAST,
+    EMCY_VENDOR_BYTES,
     HEARTBEAT_ID,
     LAST_INDEX,
+    LAST_NODE_ID,
     NMT_ID,
     NMT_STARTUP,
     PDO_COUNT,
@@ -44,6 +46,8 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _NO_AUTOSTART = 4
+_CODES = range(1, 1 << 16)
+_REGISTERS = range(1 << 8)
 
 
 class Device:
@@ -97,7 +101,7 @@ class Device:
         loop_tpdos: tuple[int, ...] = (),
         emergencies_of: int = 0,
     ) -> None:
-        if node_id is not None and not (1 <= node_id <= 127 or node_id == UNCONFIGURED):
+        if node_id is not None and not (1 <= node_id <= LAST_NODE_ID or node_id == UNCONFIGURED):
             raise ValueError(f"node_id {node_id} is outside 1..127 and not {UNCONFIGURED}")
         self.od = od
         self._application = application or Application()
@@ -244,11 +248,11 @@ class Device:
         vendor
             Up to 5 bytes; the first two also go into the error history.
         """
-        if not 1 <= code <= 0xFFFF:
+        if code not in _CODES:
             raise ValueError(f"code {code} is outside 1..65535")
-        if not 0 <= register <= 0xFF:
+        if register not in _REGISTERS:
             raise ValueError(f"register {register} is outside 0..255")
-        if len(vendor) > 5:
+        if len(vendor) > EMCY_VENDOR_BYTES:
             raise ValueError(f"vendor of {len(vendor)} bytes is outside 0..5")
         self._emergency.report(code, register, vendor)
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import ClassVar
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import CONFIGURABLE
 from smarttac_can.device.port import Port
 from smarttac_can.device.service import Service
-from smarttac_can.od.cia import EMCY_ID
+from smarttac_can.od.cia import EMCY_ID, FRAME_BYTES
 from smarttac_can.od.dictionary import ObjectDictionary
-
-_BYTES: Final = 8
 
 
 class EmergencyConsumer(Service):
@@ -39,5 +37,5 @@ class EmergencyConsumer(Service):
             self.port.listen(EMCY_ID + self._node_id, self._receive)
 
     def _receive(self, frame: Frame) -> None:
-        if len(frame.data) == _BYTES and not frame.rtr:
+        if len(frame.data) == FRAME_BYTES and not frame.rtr:
             self._application.on_emergency(int.from_bytes(frame.data[:2], "little"))

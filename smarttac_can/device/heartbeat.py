@@ -15,6 +15,7 @@ from smarttac_can.od.cia import (
     HEARTBEAT_CONSUMER,
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
+    LAST_NODE_ID,
     Abort,
     AbortCode,
     EmergencyCode,
@@ -134,7 +135,11 @@ class HeartbeatConsumer(Service):
             raise Abort(AbortCode.VALUE)
         node_id, period = value >> 16 & 0xFF, value & 0xFFFF
         others = [m for s, m in self._monitors.items() if s != entry.subindex and m.period]
-        if period and 1 <= node_id <= 127 and node_id in [other.node_id for other in others]:
+        if (
+            period
+            and 1 <= node_id <= LAST_NODE_ID
+            and node_id in [other.node_id for other in others]
+        ):
             raise Abort(AbortCode.PARAMETER)
 
     def apply(self, entry: Entry) -> None:
@@ -162,7 +167,7 @@ class HeartbeatConsumer(Service):
     def listen(self) -> None:
         """Listen to the heartbeats of the watched nodes."""
         for monitor in self._monitors.values():
-            if monitor.period and 1 <= monitor.node_id <= 127:
+            if monitor.period and 1 <= monitor.node_id <= LAST_NODE_ID:
                 self.port.listen(HEARTBEAT_ID + monitor.node_id, monitor.receive)
 
     def _lost(self, node_id: int) -> None:

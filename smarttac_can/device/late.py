@@ -11,6 +11,11 @@ from typing import Final
 _LAST: Final = 0x80
 _SEQUENCE: Final = 0x7F
 
+# Command specifiers of a client; a request of a block transfer begins it if its low bits are 0.
+_SEGMENTS: Final = (0, 3)
+_BLOCK_UPLOAD: Final = 5
+_BLOCK_DOWNLOAD: Final = 6
+
 
 class LateSegments:
     """Segments of a block download that may come although the server has answered.
@@ -69,9 +74,9 @@ class LateRequest:
         """Tell whether a frame is that request: it goes on with a transfer, as the first."""
         specifier = command >> 5
         goes_on = (
-            specifier in (0, 3)
-            or (specifier == 5 and command & 3 != 0)
-            or (specifier == 6 and command & 1 != 0)
+            specifier in _SEGMENTS
+            or (specifier == _BLOCK_UPLOAD and command & 3 != 0)
+            or (specifier == _BLOCK_DOWNLOAD and command & 1 != 0)
         )
         late = goes_on and not self._came
         self._came = True

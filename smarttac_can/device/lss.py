@@ -11,7 +11,15 @@ from smarttac_can.device.port import Port
 from smarttac_can.device.service import Service
 from smarttac_can.device.storage import ParameterStorage
 from smarttac_can.device.stored_image import UNCHANGED
-from smarttac_can.od.cia import IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, UNCONFIGURED, Abort
+from smarttac_can.od.cia import (
+    FRAME_BYTES,
+    IDENTITY,
+    LAST_NODE_ID,
+    LSS_MASTER_ID,
+    LSS_SLAVE_ID,
+    UNCONFIGURED,
+    Abort,
+)
 from smarttac_can.od.dictionary import ObjectDictionary
 
 BIT_RATES: Final = {0: 1000, 1: 800, 2: 500, 3: 250, 4: 125, 6: 50, 7: 20, 8: 10}
@@ -36,6 +44,9 @@ INQUIRE_NODE_ID: Final = 0x5E
 _OUT_OF_RANGE: Final = 1
 _STORAGE_FAILED: Final = 2
 _FASTSCAN_START: Final = 0x80
+# Of the identity: four numbers of 32 bits.
+_LAST_BIT: Final = 31
+_LAST_PART: Final = 3
 # Index into the identity and comparison, for the six parts of identify remote slave.
 _LIMITS: Final = ((0, 0), (1, 0), (2, 1), (2, -1), (3, 1), (3, -1))
 
@@ -110,7 +121,7 @@ class LSS(Service):
     def receive(self, frame: Frame) -> None:
         """Take a command; unknown ones have no answer."""
         data = frame.data
-        if len(data) != 8 or frame.rtr:
+        if len(data) != FRAME_BYTES or frame.rtr:
             return
         command = data[0]
         number = int.from_bytes(data[1:5], "little")
@@ -130,7 +141,7 @@ class LSS(Service):
 
     def _configure(self, command: int, data: bytes) -> None:
         if command == CONFIGURE_NODE_ID:
-            valid = 1 <= data[1] <= 127 or data[1] == UNCONFIGURED
+            valid = 1 <= data[1] <= LAST_NODE_ID or data[1] == UNCONFIGURED
             if valid:
                 self.pending = data[1]
             self._answer(command, 0 if valid else _OUT_OF_RANGE)
@@ -201,7 +212,7 @@ class LSS(Service):
             self._scanned = 0
             self._answer(IDENTIFIED)
             return
-        if bit > 31 or part > 3 or following > 3 or part != self._scanned:
+        if bit > _LAST_BIT or max(part, following) > _LAST_PART or part != self._scanned:
             return
         if (number ^ self._identity[part]) >> bit:
             return

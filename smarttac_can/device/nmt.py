@@ -25,6 +25,7 @@ class NMTState(IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
+_COMMAND_BYTES: Final = 2
 COMMANDS: Final[dict[int, NMTState]] = {
     NMTCommand.START: NMTState.OPERATIONAL,
     NMTCommand.STOP: NMTState.STOPPED,
@@ -48,7 +49,12 @@ def commands_to(
 
     def receive(frame: Frame) -> None:
         data = frame.data
-        if len(data) == 2 and data[1] in (0, own()) and data[0] in COMMANDS and not frame.rtr:
+        if (
+            len(data) == _COMMAND_BYTES
+            and data[1] in (0, own())
+            and data[0] in COMMANDS
+            and not frame.rtr
+        ):
             request(COMMANDS[data[0]])
 
     return receive

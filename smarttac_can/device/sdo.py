@@ -15,6 +15,8 @@ from smarttac_can.device.service import Service, check_cob_id
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
+    EXPEDITED_BYTES,
+    FRAME_BYTES,
     SDO_RX_ID,
     SDO_SERVER_FIRST,
     SDO_TX_ID,
@@ -30,6 +32,10 @@ TIME_OUT_NAME: Final = "SDO server time-out"
 """Name of the manufacturer object that holds it in ms."""
 
 _ABORT: Final = 0x80
+# Steps of a block upload, as the client's sub-command.
+_INITIATE: Final = 0
+_END: Final = 1
+_START: Final = 3
 _NO_TRANSFER: Final = bytes(3)
 
 
@@ -95,7 +101,7 @@ class SDOServer(Service):
     def receive(self, frame: Frame) -> None:
         """Take a request; frames that are not 8 bytes long are no SDO."""
         data = frame.data
-        if len(data) != 8 or frame.rtr:
+        if len(data) != FRAME_BYTES or frame.rtr:
             return
         tx = self._tx
         transfer = self._transfer
@@ -143,7 +149,7 @@ class SDOServer(Service):
         return self._upload(self._access.read(index, subindex), request)
 
     def _upload(self, data: bytes, request: bytes) -> bytes:
-        if 1 <= len(data) <= 4:
+        if 1 <= len(data) <= EXPEDITED_BYTES:
             self._end()
             return bytes((0x43 | (4 - len(data)) << 2,)) + request[1:4] + data.ljust(4, b"\0")
         self._transfer = Upload(data)
@@ -192,17 +198,17 @@ class SDOServer(Service):
 
     def _block_upload(self, request: bytes) -> bytes | None:
         step = request[0] & 3
-        if step == 0:
+        if step == _INITIATE:
             return self._initiate_block_upload(request)
         transfer = self._transfer
         if not isinstance(transfer, BlockUpload):
             raise Abort(AbortCode.COMMAND)
-        if step == 1:
+        if step == _END:
             transfer.end()
             self._end()
             return None
         response = None
-        if step == 3:
+        if step == _START:
             transfer.start()
         else:
             response = transfer.confirm(request)

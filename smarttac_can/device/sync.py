@@ -16,6 +16,7 @@ from smarttac_can.od.cia import (
     COB_SYNC_PRODUCER,
     SYNC_COB_ID,
     SYNC_COUNTER,
+    SYNC_COUNTER_LAST,
     SYNC_ID,
     SYNC_PERIOD,
     SYNC_WINDOW,
@@ -101,7 +102,7 @@ class Sync(Service):
         elif entry.index == SYNC_COUNTER and value != entry.value:
             if self._period:
                 raise Abort(AbortCode.STATE)
-            if value == 1 or value > 240:
+            if value == 1 or value > SYNC_COUNTER_LAST:
                 raise Abort(AbortCode.VALUE)
 
     def apply(self, entry: Entry) -> None:

@@ -16,8 +16,10 @@ from smarttac_can.od.cia import (
     TIME_COB_ID,
     Abort,
     AbortCode,
+    DataType,
     restricted,
 )
+from smarttac_can.od.data_types import SIZES
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _DAY_MS: Final = 86_400_000
@@ -70,7 +72,7 @@ class TimeStamp(Service):
     def receive(self, frame: Frame) -> None:
         """Take a TIME_OF_DAY: ms after midnight in 28 bits, days since 1984-01-01."""
         data = frame.data
-        if len(data) != 6 or frame.rtr:
+        if len(data) != SIZES[DataType.TIME_OF_DAY] or frame.rtr:
             return
         milliseconds = int.from_bytes(data[:4], "little") & 0x0FFF_FFFF
         days = int.from_bytes(data[4:], "little")

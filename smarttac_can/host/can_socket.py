@@ -19,7 +19,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.kernel_filter import ID_AT, ID_KEY, PLAIN_END, UINT8, UINT16, hear_only
-from smarttac_can.od.cia import CAN_ID_MASK
+from smarttac_can.od.cia import CAN_ID_MASK, FRAME_BYTES
 
 try:
     import msgpack
@@ -27,7 +27,8 @@ except ImportError:  # python-can says so itself when such a bus is opened
     msgpack = None
 
 _MOST_BYTES: Final = 4096
-_MOST_DATA: Final = 8
+_ID_BYTES: Final = 3
+"""Bytes of a CAN-ID in MessagePack, at most."""
 _NOW: Final[int] = getattr(socket, "MSG_DONTWAIT", 0)
 
 
@@ -110,15 +111,15 @@ class _Multicast:
             return None  # anybody may send anything to the group
         sound = type(can_id) is int and 0 <= can_id <= CAN_ID_MASK
         # A number would be made that many bytes.
-        sound = sound and type(payload) is bytes and len(payload) <= _MOST_DATA
+        sound = sound and type(payload) is bytes and len(payload) <= FRAME_BYTES
         if other or not sound or (can_ids is not None and can_id not in can_ids):
             return None
         return Frame(can_id, b"" if rtr else payload, rtr)
 
     def _foreign(self, data: bytes, can_ids: frozenset[int]) -> bool:
         """Tell whether the identifier can be read at its place, and is not listened to."""
-        value = data[self._ID_VALUE : self._ID_VALUE + 3]
-        if data[ID_AT : self._ID_VALUE] != ID_KEY or len(value) < 3:
+        value = data[self._ID_VALUE : self._ID_VALUE + _ID_BYTES]
+        if data[ID_AT : self._ID_VALUE] != ID_KEY or len(value) < _ID_BYTES:
             return False
         if value[0] == UINT16:
             return int.from_bytes(value[1:], "big") not in can_ids

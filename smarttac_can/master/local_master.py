@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master import requests
 from smarttac_can.master.errors import HeartbeatLostError
+from smarttac_can.od.cia import SYNC_COUNTER_LAST
 from smarttac_can.od.dictionary import Entry
-
-SYNC_OVERFLOW: Final = 240
-"""Highest counter of a SYNC with one."""
 
 
 class LocalMaster:
@@ -48,7 +46,7 @@ class LocalMaster:
     def sync(self) -> list[Frame]:
         """Send SYNC, with the next count if it has a counter; return what the others say."""
         if self.sync_counter:
-            self.sync_counter = self.sync_counter % SYNC_OVERFLOW + 1
+            self.sync_counter = self.sync_counter % SYNC_COUNTER_LAST + 1
         return self.send(requests.sync(self.sync_counter))
 
     def read(self, node_id: int, entry: Entry) -> Any:

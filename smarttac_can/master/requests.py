@@ -6,7 +6,16 @@ from typing import Any, Final
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.od.cia import HEARTBEAT_ID, NMT_ID, SDO_RX_ID, SDO_TX_ID, SYNC_ID, Abort
+from smarttac_can.od.cia import (
+    EXPEDITED_BYTES,
+    FRAME_BYTES,
+    HEARTBEAT_ID,
+    NMT_ID,
+    SDO_RX_ID,
+    SDO_TX_ID,
+    SYNC_ID,
+    Abort,
+)
 from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry
 
@@ -15,8 +24,6 @@ _DOWNLOAD: Final = 0x23
 _DOWNLOADED: Final = 0x60
 ABORT: Final = 0x80
 """Command of an abort, of either side."""
-_EXPEDITED: Final = 4
-_BYTES: Final = 8
 INITIATES: Final = (1, 2)
 """Command specifiers of requests that begin a transfer, and name the object."""
 _ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
@@ -46,12 +53,12 @@ def upload(node_id: int, entry: Entry) -> Frame:
 def download(node_id: int, entry: Entry, raw: Any) -> Frame:
     """Make the SDO request that writes an entry of 1 to 4 bytes: its raw value."""
     data = pack(entry.data_type, raw)
-    return _request(node_id, _DOWNLOAD | (_EXPEDITED - len(data)) << 2, entry, data)
+    return _request(node_id, _DOWNLOAD | (EXPEDITED_BYTES - len(data)) << 2, entry, data)
 
 
 def answers(frame: Frame, request: Frame) -> bool:
     """Tell whether a frame answers an SDO request; answers to segments do not name the object."""
-    if frame.can_id - SDO_TX_ID != request.can_id - SDO_RX_ID or len(frame.data) != _BYTES:
+    if frame.can_id - SDO_TX_ID != request.can_id - SDO_RX_ID or len(frame.data) != FRAME_BYTES:
         return False
     asked, answered = request.data[0] >> 5, frame.data[0] >> 5
     if asked not in _ANSWERS or answered not in (_ANSWERS[asked], ABORT >> 5):
@@ -72,9 +79,11 @@ def value(answer: Frame, entry: Entry) -> Any:
         raise Abort(int.from_bytes(data, "little"))
     if command == _DOWNLOADED:
         return None
-    return unpack(entry.data_type, data[: _EXPEDITED - (command >> 2 & 3)])
+    return unpack(entry.data_type, data[: EXPEDITED_BYTES - (command >> 2 & 3)])
 
 
 def _request(node_id: int, command: int, entry: Entry, data: bytes) -> Frame:
     address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
-    return Frame(SDO_RX_ID + node_id, bytes((command,)) + address + data.ljust(_EXPEDITED, b"\0"))
+    return Frame(
+        SDO_RX_ID + node_id, bytes((command,)) + address + data.ljust(EXPEDITED_BYTES, b"\0")
+    )

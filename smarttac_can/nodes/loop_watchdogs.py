@@ -11,7 +11,7 @@ from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import DETERMINANT_MIN
 from smarttac_can.control.vibration import AMPLITUDE_MIN
-from smarttac_can.nodes.cycle_input import Measured
+from smarttac_can.nodes.cycle_input import SENSORS, Measured
 from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
 from smarttac_can.nodes.settings import lateral_calibration
 from smarttac_can.nodes.watchdogs import (
@@ -48,6 +48,7 @@ _SILENCE: Final = 0.05
 _SILENCE_FROM: Final = 200e-9
 """Vibration of the model in m from which a plate that does not vibrate is noticed."""
 _NO_PLATE: Final = 0
+_THERMOMETER: Final = SENSORS.index("Temperature")
 _TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
 _BITS: Final = {watchdog: 1 << watchdog for watchdog in Watchdog}
 _VOLTAGE = _BITS[Watchdog.VOLTAGE]
@@ -181,7 +182,7 @@ class LoopWatchdogs:
             if same:
                 repeats[at] += 1
                 if repeats[at] >= STUCK_GAUGE_CYCLES - 1:
-                    stuck |= at < 8 or repeats[at] >= STUCK_THERMOMETER_CYCLES - 1
+                    stuck |= at != _THERMOMETER or repeats[at] >= STUCK_THERMOMETER_CYCLES - 1
             else:
                 repeats[at] = 0
         self._last = sensors

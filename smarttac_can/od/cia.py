@@ -241,9 +241,17 @@ HEARTBEAT_ID: Final = 0x700
 LSS_SLAVE_ID: Final = 0x7E4
 LSS_MASTER_ID: Final = 0x7E5
 
+LAST_NODE_ID: Final = 127
 UNCONFIGURED: Final = 255
 """Node-ID of a device that waits for one from LSS."""
 
+# What a frame holds.
+FRAME_BYTES: Final = 8
+EXPEDITED_BYTES: Final = 4
+EMCY_VENDOR_BYTES: Final = 5
+
+SYNC_COUNTER_LAST: Final = 240
+LAST_SUBINDEX: Final = 0xFE
 STRUCTURE_SUBINDEX: Final = 0xFF
 RECORD_TYPES: Final = (
     (IDENTITY, IDENTITY, 0x23),
@@ -254,14 +262,16 @@ RECORD_TYPES: Final = (
     (TPDO_MAPPING, TPDO_MAPPING + PDO_COUNT - 1, 0x21),
 )
 """First and last index of the records of CiA 301 and their complex data type."""
+_RESTRICTED_IDS: Final = (
+    (NMT_ID, 0x07F),
+    (0x101, 0x180),
+    (SDO_TX_ID + 1, 0x5FF),
+    (SDO_RX_ID + 1, 0x67F),
+    (0x6E0, CAN_ID_MASK),
+)
+"""First and last of the CAN-IDs of NMT, SDO and error control, and those kept free (table 39)."""
 
 
 def restricted(can_id: int) -> bool:
     """Tell whether no configurable object may have an 11-bit CAN-ID (CiA 301, table 39)."""
-    return (
-        can_id <= 0x07F
-        or 0x101 <= can_id <= 0x180
-        or 0x581 <= can_id <= 0x5FF
-        or 0x601 <= can_id <= 0x67F
-        or can_id >= 0x6E0
-    )
+    return any(first <= can_id <= last for first, last in _RESTRICTED_IDS)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Any, Final, TypeVar
 
-from smarttac_can.od.cia import DataType, ObjectType
+from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, DataType, ObjectType
 from smarttac_can.od.data_types import TEXT, bounds, zero
 from smarttac_can.od.dictionary import ACCESS, Entry, Object, ObjectDictionary
 from smarttac_can.od.eds_values import parse_integer, parse_value
@@ -51,7 +51,7 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
     ValueError
         `node_id` is out of range.
     """
-    if not 1 <= node_id <= 127:
+    if not 1 <= node_id <= LAST_NODE_ID:
         raise ValueError(f"node_id {node_id} is outside 1..127")
     warnings: list[str] = []
     sections = read_sections(text, warnings)
@@ -171,8 +171,8 @@ class _Reader:
         self, name: str, index: int, title: str, unit: Unit, count: int
     ) -> dict[int, Entry]:
         """Make the sub-indices of CompactSubObj, named and valued one by one (CiA 306, 4.6.3.4)."""
-        if count > 254:
-            raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..254")
+        if count > LAST_SUBINDEX:
+            raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..{LAST_SUBINDEX}")
         names = self.sections.get(f"{name}name", {})
         values = self.sections.get(f"{name}value", {})
         count_title = f"{title}.NrOfObjects"

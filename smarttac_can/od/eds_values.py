@@ -76,7 +76,7 @@ def _real(data_type: DataType, text: str, where: str) -> float:
     try:
         if text.lower().startswith("0x"):
             raw = int(text, 16).to_bytes(SIZES[data_type], "big")
-            value = float(struct.unpack(">f" if len(raw) == 4 else ">d", raw)[0])
+            value = float(struct.unpack(">f" if data_type == DataType.REAL32 else ">d", raw)[0])
         else:
             value = float(text)
     except (ValueError, OverflowError):

@@ -105,7 +105,7 @@ def _check_device(sections: Sections) -> Iterator[Finding]:
     section = sections.get("deviceinfo", {})
     if all(integer(section.get(rate.lower(), "")) in (0, None) for rate in _BAUD_RATES):
         yield Finding("deviceinfo", "no BaudRate is supported")
-    if (integer(section.get("granularity", "")) or 0) > 64:
+    if (integer(section.get("granularity", "")) or 0) > 8 * cia.FRAME_BYTES:
         yield Finding("deviceinfo", "Granularity is above 64")
     for key, subindex in (("VendorNumber", 1), ("ProductNumber", 2), ("RevisionNumber", 3)):
         stated = integer(section.get(key.lower(), ""))

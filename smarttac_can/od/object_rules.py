@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from smarttac_can.od.cia import DataType, ObjectType
+from smarttac_can.od.cia import LAST_SUBINDEX, DataType, ObjectType
 from smarttac_can.od.entry_rules import check_entry, check_keys, integer
 from smarttac_can.od.finding import MEMBER, OBJECT, Finding, Sections
 
@@ -94,7 +94,7 @@ def _check_highest(name: str, section: dict[str, str], highest: int) -> Iterator
 def _check_compact(name: str, sections: Sections, index: int) -> Iterator[Finding]:
     section = sections[name]
     count = integer(section["compactsubobj"])
-    if count is None or not 1 <= count <= 254:
+    if count is None or not 1 <= count <= LAST_SUBINDEX:
         yield Finding(name, f"CompactSubObj={section['compactsubobj']} is outside 1..254")
         return
     yield from check_entry(name, section, index, 1)

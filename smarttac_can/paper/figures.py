@@ -125,7 +125,7 @@ def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
         for row, (loops, (colour, marker, line, name)) in enumerate(RUNS.items()):
             trace = find(traces, f"fig5.{loops}")
             amplitude = from_switch_on(trace, trace.amplitude_um)
-            _plot_run(axes, amplitude, colour, marker, line, name, "default")
+            _plot_run(axes, amplitude, colour, marker, line, name, drawstyle="default")
             try:
                 entry = response_time(amplitude, AMPLITUDE_UM)
             except UndefinedError:
@@ -152,7 +152,7 @@ def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
         axes = figure.subplots()
         for loops, (colour, marker, line, name) in RUNS.items():
             voltage = from_switch_on(runs[loops], runs[loops].voltage_v)
-            _plot_run(axes, voltage, colour, marker, line, name, "steps-post")
+            _plot_run(axes, voltage, colour, marker, line, name, drawstyle="steps-post")
         at = 0.93 * until_ms
         axes.annotate("", (at, finals[0]), (at, finals[1]), arrowprops={"arrowstyle": "<->"})
         note = f"{percent:+.1f} %"
@@ -221,7 +221,7 @@ def _step_note(touches: Touches, mean: Step) -> str:
 
 
 def _plot_run(
-    axes: Axes, values: Floats, colour: str, marker: str, line: str, name: str, drawstyle: str
+    axes: Axes, values: Floats, colour: str, marker: str, line: str, name: str, *, drawstyle: str
 ) -> None:
     axes.plot(
         values,

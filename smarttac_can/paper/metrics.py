@@ -35,6 +35,10 @@ SETTLED_MS = 40
 """From here on after the switch a curve counts as static."""
 FINAL_MS = 20
 """The end of a run that counts as its steady state."""
+_RISING, _RISEN = 0.1, 0.9
+"""Shares of a step between which it rises."""
+_LEAST_SHARE = 0.5
+"""Share of the step asked for that a curve has to make to be one."""
 LOOPS = ("amplitude_only", "amplitude_and_frequency")
 """The two runs of Fig. 5 and 6."""
 
@@ -157,7 +161,7 @@ class Step(NamedTuple):
         """
         start, end = self.levels()
         share = (end - start) / (self.after - self.before)
-        if not share >= 0.5:
+        if not share >= _LEAST_SHARE:
             raise UndefinedError(f"mu moves by {100 * share:.0f} % of the step asked for")
         return (self.mu - start) / (end - start)
 
@@ -168,16 +172,16 @@ def rise_time(step: Step) -> float:
     From the last passage of 10 % ahead of the first passage of 90 % after the switch.
     """
     share = step.normalised()
-    passes = (share[:-1] < 0.9) & (share[1:] >= 0.9) & (step.time_ms[1:] > 0)
+    passes = (share[:-1] < _RISEN) & (share[1:] >= _RISEN) & (step.time_ms[1:] > 0)
     if not passes.any():
         raise UndefinedError("mu does not pass 90 % of the step")
     upper = int(np.flatnonzero(passes)[0])
-    below = np.flatnonzero(share[: upper + 1] < 0.1)
+    below = np.flatnonzero(share[: upper + 1] < _RISING)
     if not len(below):
         raise UndefinedError("mu is nowhere below 10 % of the step ahead of 90 %")
     lower = int(below[-1])
-    start = np.interp(0.1, share[lower : lower + 2], step.time_ms[lower : lower + 2])
-    end = np.interp(0.9, share[upper : upper + 2], step.time_ms[upper : upper + 2])
+    start = np.interp(_RISING, share[lower : lower + 2], step.time_ms[lower : lower + 2])
+    end = np.interp(_RISEN, share[upper : upper + 2], step.time_ms[upper : upper + 2])
     return float(end - start)
 
 

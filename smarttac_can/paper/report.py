@@ -34,6 +34,7 @@ CAPTIONS = {
     "position of the finger. Rise or fall from 10 to 90 % and overshoot are those of the mean "
     "curve, in % of the step between its own levels before the switch and from 40 ms on.",
 }
+_WHOLE_FROM = 1000
 STEP_COLUMNS = {
     "rise_time_ms": "Rise or fall (ms)",
     "overshoot_percent": "Overshoot (%)",
@@ -198,7 +199,7 @@ def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _number(value: float) -> str:
     """Show a number with four significant digits, or as a whole number from 1000 on."""
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:#.4g}".rstrip(".")
+    return f"{value:.0f}" if abs(value) >= _WHOLE_FROM else f"{value:#.4g}".rstrip(".")
 
 
 def _with_unit(value: float | None, item: Comparison) -> str:
@@ -207,16 +208,14 @@ def _with_unit(value: float | None, item: Comparison) -> str:
 
 def _paper_cells(item: Comparison) -> tuple[str, str]:
     published = item.published
-    paper = "-" if published.value is None else f"{published.value:g}"
-    if published.value is not None and published.value >= 1000:
-        paper = f"{published.value:.0f}"
+    paper = "-" if published.value is None else _plain(published.value)
     if published.low is None or published.high is None:
         return paper, ""
-    return paper, f"{_bound(published.low)} to {_bound(published.high)}"
+    return paper, f"{_plain(published.low)} to {_plain(published.high)}"
 
 
-def _bound(value: float) -> str:
-    return f"{value:.0f}" if value >= 1000 else f"{value:g}"
+def _plain(value: float) -> str:
+    return f"{value:.0f}" if value >= _WHOLE_FROM else f"{value:g}"
 
 
 def _headline(comparisons: Sequence[Comparison]) -> str:

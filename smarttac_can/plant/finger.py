@@ -12,6 +12,7 @@ import numpy as np
 from smarttac_can.plant.parameters import TWO_PI, require
 
 _STROKE_STREAM = 0x57
+_LEAST_SAMPLES = 2
 _RAMP_SHARE = 0.2
 """Length of the turning ramp of a pass, as a share of its travel at full speed."""
 
@@ -176,7 +177,7 @@ class Trajectory:
     __slots__ = ("_samples", "_times")
 
     def __init__(self, samples: Sequence[tuple[float, float, float]]) -> None:
-        if len(samples) < 2:
+        if len(samples) < _LEAST_SAMPLES:
             raise ValueError(f"{len(samples)} samples of a trajectory are fewer than 2")
         for number, (time, x, Fn) in enumerate(samples):
             require(f"sample {number} time", time, 0.0, 1e9)

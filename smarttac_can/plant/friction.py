@@ -74,6 +74,7 @@ def sliding_coefficient(
     v: Float,
     Fn: Float,
     occlusion: Float,
+    *,
     f0: float,
 ) -> Float:
     """Return the COF of a steady slide; the arguments are those of the functions above, Fn > 0."""
@@ -127,8 +128,8 @@ def check_reach(
         for by_force in share
         for occlusion in (0.0, 1.0)
     ]
-    lowest = max(sliding_coefficient(SCALAR, subject, W_max, *corner, f0) for corner in corners)
-    highest = min(sliding_coefficient(SCALAR, subject, 0.0, *corner, f0) for corner in corners)
+    lowest = max(sliding_coefficient(SCALAR, subject, W_max, *corner, f0=f0) for corner in corners)
+    highest = min(sliding_coefficient(SCALAR, subject, 0.0, *corner, f0=f0) for corner in corners)
     if not lowest < 0.95 * mu_low:
         raise ValueError(f"{subject.name}: COF {lowest:.3f} is not below 0.95 x {mu_low:g}")
     if not highest > 1.05 * mu_high:

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import random
+from typing import Final
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.control.cascade import Mode
 from smarttac_can.master.errors import HeartbeatLostError
-from smarttac_can.od.cia import Abort, NMTCommand
+from smarttac_can.od.cia import EXPEDITED_BYTES, Abort, NMTCommand
 from smarttac_can.trials.rig import Rig
+
+# Ends of the shares of a draw from 0 to 1; above the last one the master does nothing.
+_READ: Final = 0.10
+_SET_POINT: Final = 0.18
+_MODE: Final = 0.22
+_COMMAND: Final = 0.28
+_START: Final = 0.30
+_DELAY: Final = 0.32
 
 
 class MasterTraffic:
@@ -30,7 +39,9 @@ class MasterTraffic:
         self._random = random.Random(seed)
         od = rig.od
         self._setpoints = [entry for entry in od if entry.name.startswith("Setpoint.")]
-        self._readable = [entry for entry in od if entry.readable and 0 < entry.size <= 4]
+        self._readable = [
+            entry for entry in od if entry.readable and 0 < entry.size <= EXPEDITED_BYTES
+        ]
 
     def send(self) -> None:
         """Send something, or nothing; refusals and silence are the node's good right."""
@@ -38,19 +49,19 @@ class MasterTraffic:
         choice = draw.random()
         rig = self._rig
         try:
-            if choice < 0.10:
+            if choice < _READ:
                 rig.master.read(STIMULATOR_ID, draw.choice(self._readable))
-            elif choice < 0.18:
+            elif choice < _SET_POINT:
                 entry = draw.choice(self._setpoints)
                 raw = draw.randint(int(entry.low), int(entry.high))
                 rig.master.write(STIMULATOR_ID, entry, raw)
-            elif choice < 0.22:
+            elif choice < _MODE:
                 rig.write("Mode", draw.choice(tuple(Mode)))
-            elif choice < 0.28 and self._commands:
+            elif choice < _COMMAND and self._commands:
                 rig.write("Controlword", draw.choice((0, 1, 3, 1, 3, 4, 7)))
-            elif choice < 0.30:
+            elif choice < _START:
                 rig.nmt(NMTCommand.START, draw.choice((0, STIMULATOR_ID, PLATE_ID)))
-            elif choice < 0.32:
+            elif choice < _DELAY:
                 rig.write("Fault.Delay in cycles", draw.randrange(10))
         except (Abort, HeartbeatLostError):
             return

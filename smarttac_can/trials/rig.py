@@ -13,7 +13,7 @@ from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
 from smarttac_can.host.local_bus import Wire
 from smarttac_can.master import requests
-from smarttac_can.master.local_master import SYNC_OVERFLOW, LocalMaster
+from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS, TICK_US
 from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
@@ -23,9 +23,11 @@ from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import (
     EMCY_ID,
+    FRAME_BYTES,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER,
     SYNC_COUNTER,
+    SYNC_COUNTER_LAST,
     SYNC_PERIOD,
     NMTCommand,
 )
@@ -211,9 +213,9 @@ class Rig:
             period = od.entry(SYNC_PERIOD)
             before = int(period.value)
             self.master.write(node_id, period, 0)
-            self.master.write(node_id, od.entry(SYNC_COUNTER), SYNC_OVERFLOW)
+            self.master.write(node_id, od.entry(SYNC_COUNTER), SYNC_COUNTER_LAST)
             self.master.write(node_id, period, before)
-        self.master.sync_counter = SYNC_OVERFLOW
+        self.master.sync_counter = SYNC_COUNTER_LAST
 
     def _dictionaries(self) -> list[tuple[int, ObjectDictionary]]:
         nodes = [(STIMULATOR_ID, self.od)]
@@ -232,6 +234,6 @@ class Rig:
 
     def _hear(self, frame: Frame) -> None:
         can_id = frame.can_id
-        if can_id in self._emcy_ids and len(frame.data) == 8:
+        if can_id in self._emcy_ids and len(frame.data) == FRAME_BYTES:
             code = int.from_bytes(frame.data[:2], "little")
             self.emergencies.append(Emcy(self.cycles, can_id - EMCY_ID, code, frame.data[2]))

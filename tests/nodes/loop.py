@@ -10,11 +10,11 @@ from line import START, Line
 from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.master import requests
-from smarttac_can.master.local_master import SYNC_OVERFLOW
 from smarttac_can.nodes.analogue_input import ZERO
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import SYNC_COUNTER_LAST
 from smarttac_can.trials.rig import TARE_CYCLES
 
 OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY = DRIVING = range(1, 6)
@@ -35,13 +35,13 @@ class Loop:
         for node in (self.plate, self.node):
             node.receive = self._lossy(node.receive)  # type: ignore[method-assign]
         self.line = Line(self.plate, self.node, lockstep=False)
-        self.line.master.sync_counter = SYNC_OVERFLOW
+        self.line.master.sync_counter = SYNC_COUNTER_LAST
         self.mode = mode
         watched, deadline = self.node.od.entry(0x1016, 1), self.node.od.entry(0x1401, 5)
         assert self.line.write_entry(self.node, watched, MASTER << 16 | MASTER_LOST_MS) == 0
         assert self.line.write_entry(self.node, deadline, SETPOINT_DEADLINE_MS) == 0
         for each in (self.plate, self.node):
-            for index, raw in ((0x1006, 0), (0x1019, SYNC_OVERFLOW), (0x1006, 1000)):
+            for index, raw in ((0x1006, 0), (0x1019, SYNC_COUNTER_LAST), (0x1006, 1000)):
                 assert self.line.write_entry(each, each.od.entry(index), raw) == 0
         self.line.nmt(START)
         self.begin()

@@ -21,7 +21,7 @@ subjects = st.sampled_from([*SUBJECTS, *random_subjects(20, 3)])
 
 
 def coefficient(subject, W, v=0.06, Fn=0.5, occlusion=0.0):
-    return sliding_coefficient(SCALAR, subject, W, v, Fn, occlusion, F0)
+    return sliding_coefficient(SCALAR, subject, W, v, Fn, occlusion, f0=F0)
 
 
 @given(subject=subjects, W=st.floats(0.0, 5e-6), more=st.floats(1e-8, 1e-6), v=st.floats(0.0, 1.0))
@@ -76,10 +76,10 @@ def test_scalar_and_array_agree():
     v = rng.uniform(0, 0.3, len(members))
     Fn = rng.uniform(0.05, 2, len(members))
     h = rng.uniform(0, 1, len(members))
-    together = sliding_coefficient(ARRAY, stack(members), W, v, Fn, h, F0)
+    together = sliding_coefficient(ARRAY, stack(members), W, v, Fn, h, f0=F0)
     for k, member in enumerate(members):
         args = (float(x[k]) for x in (W, v, Fn, h))
-        alone = sliding_coefficient(SCALAR, member, *args, F0)
+        alone = sliding_coefficient(SCALAR, member, *args, f0=F0)
         assert together[k] == pytest.approx(alone, rel=1e-12, abs=0)
 
 
