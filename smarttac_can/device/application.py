@@ -24,10 +24,10 @@ class Application:
         """
 
     def on_sync(self) -> bool:
-        """Act at SYNC, in PRE-OPERATIONAL and OPERATIONAL; return whether there is what to sample.
+        """Act at SYNC, in PRE-OPERATIONAL and OPERATIONAL; return whether to sample TPDOs.
 
-        The values of synchronous RPDOs are in, the synchronous TPDOs are not yet sampled; where
-        there is nothing they miss this SYNC.
+        The values of synchronous RPDOs are in force by then. On False the synchronous TPDOs miss
+        this SYNC.
         """
         return True
 
@@ -35,9 +35,10 @@ class Application:
         """Act on an RPDO, from 1, whose values are in the object dictionary."""
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
-        """Act on an RPDO, from 1, that did not come before its deadline, or is late no more.
+        """Act on an RPDO, from 1, that is late, or is not late any more.
 
-        It is not late when it comes, before `on_rpdo`, and when nobody waits for it any more.
+        It is late from its deadline on, until it comes (then before `on_rpdo`) or is no longer
+        waited for.
         """
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
@@ -47,7 +48,7 @@ class Application:
         """
 
     def on_store(self) -> None:
-        """Refuse by raising `Abort` that parameters are stored, which may take a while."""
+        """Refuse, by raising `Abort`, to store parameters now: it may take a while."""
 
     def on_emergency(self, code: int) -> None:
         """Act on an emergency message of the node that the device listens to."""

@@ -52,10 +52,10 @@ class Service:
             self.begin()
 
     def configure(self) -> None:
-        """Read the parameters; the service is not alive."""
+        """Read the parameters from the object dictionary; the service is not alive."""
 
     def enter(self, state: NMTState | None) -> None:
-        """Follow the device into a state; None only to come to rest."""
+        """Begin or cease as the NMT state asks; None, no state, makes the service cease."""
         alive = state in self.states
         if alive != self.alive:
             self.alive = alive

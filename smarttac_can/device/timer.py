@@ -44,17 +44,17 @@ class Timer:
         self._set(now + delay)
 
     def follow(self, delay: int) -> None:
-        """Let one that runs expire after another delay in us, counted from its start."""
+        """Move the expiry of a running timer to another delay in us after its start."""
         if self.running:
             self._set(self._started + delay)
 
     def stop(self) -> None:
-        """Do not expire."""
+        """Stop the timer: it does not expire."""
         self.due = NEVER
 
     @property
     def running(self) -> bool:
-        """Whether it will expire."""
+        """Whether the timer will expire."""
         return self.due != NEVER
 
     def fire(self) -> None:

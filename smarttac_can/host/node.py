@@ -24,11 +24,11 @@ class Node(Protocol):
         ...
 
     def advance(self, microseconds: int) -> list[Frame]:
-        """Move the node's timers on; return what fell due, in order."""
+        """Let so many us pass for the node; return the frames that fell due, in order."""
         ...
 
     def segments(self, most: int) -> list[Frame]:
-        """Return the next frames, at most so many, of what goes on as fast as the bus takes it."""
+        """Return the next frames, at most so many, of transfers limited by the bus alone."""
         ...
 
     def shutdown(self) -> list[Frame]:
@@ -46,11 +46,14 @@ class HostedNode(Node, Protocol):
 
     @property
     def ids(self) -> Identifiers:
-        """CAN-IDs that matter now, another object whenever they have changed."""
+        """CAN-IDs that the node hears, and of its urgent frames; a new object if they change."""
         ...
 
     def overdue(self) -> list[Frame]:
-        """Act on what is due and must not wait for frames to be heard, the host being late."""
+        """Act on deadlines that have passed, before the frames that wait are heard.
+
+        The host calls it when it comes late.
+        """
         ...
 
     def transmit_failed(self) -> list[Frame]:
@@ -66,12 +69,12 @@ class ConnectedNode(Node, Protocol):
         ...
 
     def bus_recovered(self) -> list[Frame]:
-        """Take note that the bus is there again; return what there is to say of it."""
+        """Take note that the bus is there again; return what the node sends for it."""
         ...
 
 
 def without_queue(node: Node) -> Callable[[Frame], list[Frame]]:
-    """Make a `Node.receive` that has the segments among its answers: for a bus that takes all."""
+    """Make a `Node.receive` that answers with the segments as well, for a bus that takes all."""
     receive, segments = node.receive, node.segments
 
     def receive_all(frame: Frame) -> list[Frame]:

@@ -59,7 +59,7 @@ class Outbox:
             self._others.popleft()
 
     def hand_over(self) -> bool:
-        """Hand the next frame over; whether another one may follow at once."""
+        """Hand the next frame over; return whether another one may follow at once."""
         if self.empty:
             return False
         try:
@@ -77,7 +77,7 @@ class Outbox:
         return not self.empty
 
     def _give_up(self, reason: QueueFullError) -> None:
-        """Tell the node if an urgent frame is of no use any more."""
+        """Drop urgent frames whose cycle is over, but for emergencies, and tell the node."""
         if not self._urgent or self._urgent[0][0] > self._node.clock.now:
             return
         emcy_id = self._node.ids.emcy

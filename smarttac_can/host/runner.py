@@ -26,15 +26,15 @@ _LATE_US: Final = 2000
 _CATCH_UP_US: Final = 9000
 """For how long in us such a process hears frames before it acts on what is due."""
 _HEARD_US: Final = 1000
-"""How long frames are heard between two cycles by a node whose cycles take longer than a tick."""
+"""For how long in us a node hears frames between two cycles, if these take longer than a tick."""
 _SENDING_US: Final = 2000
-"""How long frames are handed over in a row."""
+"""Longest time in us for which frames are handed over in a row."""
 _SEGMENTS: Final = 8
 """Frames of an SDO transfer handed over before the bus is heard again."""
 _SEND_RETRY_US: Final = 200
 _STOP_POLL_US: Final = 50_000
 _SPARE_US: Final = 500
-"""Time before the next timer that is long enough for something else."""
+"""Time in us before the next timer that is long enough for other work."""
 _BUSY_US: Final = 10_000
 _REST_US: Final = 500
 """A process that never waits for a frame rests that long after so much work: at a real-time

@@ -43,7 +43,7 @@ class Pairing:
         self.start_run()
 
     def start_run(self) -> None:
-        """Take any tick next."""
+        """Accept any tick as the next one."""
         self._answered = _NOTHING
 
     def take(self, rpdo: int) -> bool:

@@ -168,7 +168,7 @@ class PlateNode(Application):
             self.block.bar()
 
     def _on_unanswered(self) -> None:
-        """Go to 0 V without an answer for the time of the deadline.
+        """Go to 0 V, as no drive was taken for the time of the deadline.
 
         The deadline of the RPDO begins anew with any values within their limits; this one with a
         drive that was taken.

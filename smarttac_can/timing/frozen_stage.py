@@ -20,7 +20,7 @@ class FrozenStage(NamedTuple):
     """
 
     deadline_ms: float
-    """Long enough for 5 %."""
+    """Deadline of the plate, long enough for 5 % of the final amplitude to be reached."""
     tau_ms: float
     """Time constant of the plate, above 0."""
     voltage_v: float
@@ -34,7 +34,7 @@ class FrozenStage(NamedTuple):
 
     @property
     def quiet_ms(self) -> float:
-        """When the amplitude of a plate at rest is below 5 % of the final one again."""
+        """Time in ms after which the amplitude of a plate at rest is below 5 % again."""
         return self.deadline_ms + self.tau_ms * log(self.reached / _QUIET)
 
     @property

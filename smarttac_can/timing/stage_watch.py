@@ -34,14 +34,14 @@ _NODES: Final = (PLATE_ID, STIMULATOR_ID)
 
 
 class Moment(NamedTuple):
-    """Something happened at some time between two, in s of the monotonic clock."""
+    """Bounds of the time at which something happened, in s of the monotonic clock."""
 
     begun: float
     over: float
 
 
 class Reading(NamedTuple):
-    """What an object was at some time between two, in s of the monotonic clock."""
+    """A value with bounds of the time at which it was read, in s of the monotonic clock."""
 
     asked: float
     answered: float

@@ -22,7 +22,7 @@ _FORK: Final = multiprocessing.get_context("fork")
 
 
 class Standstill(NamedTuple):
-    """A core did not run what it had to; times in s since the epoch."""
+    """A span in which a core did not run what it had to, in s since the epoch."""
 
     begin: float
     end: float
