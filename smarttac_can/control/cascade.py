@@ -250,10 +250,15 @@ class Cascade:
         V, f = 0.0, self._within_limits(setpoint.frequency)
         self.limited = 0
         if self.mode is Mode.OPEN_LOOP:
-            V = min(max(setpoint.voltage, 0.0), self._parameters.V_max)
-            self.W_ref = self.amplitude
+            p = self._parameters
+            V = min(max(setpoint.voltage, 0.0), p.V_max)
             if setpoint.voltage != V:
                 self.limited |= _VOLTAGE
+            # Nothing regulates here: the bare plate at its resonance is the worst case.
+            if self._model.gain * V > p.W_max:
+                V = p.W_max / self._model.gain
+                self.limited |= _AMPLITUDE
+            self.W_ref = self.amplitude
             if setpoint.frequency != f:
                 self.limited |= _FREQUENCY
         self.drive = Drive(V, f)

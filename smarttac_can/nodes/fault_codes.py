@@ -28,5 +28,6 @@ class FaultCode(IntEnum):
     DRIVE_LOST = 0x8253
     AMPLITUDE = 0xFF10
     RESONANCE = 0xFF11
+    UNSEEN = 0xFF12
     NORMAL_FORCE = 0xFF20
     LATERAL_FORCE = 0xFF21

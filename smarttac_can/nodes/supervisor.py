@@ -148,7 +148,7 @@ class Supervisor:
         drive = asked
         if self.machine.state is not State.RUNNING:
             drive = Drive(0.0, self._safe_frequency(asked.frequency, cascade))
-        watchdogs.note_voltage(drive.voltage)
+        watchdogs.vibration.note_voltage(drive.voltage)
         return drive
 
     def trip(self, watchdog: Watchdog) -> None:

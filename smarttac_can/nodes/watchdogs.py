@@ -18,6 +18,8 @@ AMPLITUDE_CYCLES: Final = 5
 GAUGE_CYCLES: Final = 5
 EXCESS_CYCLES: Final = 3
 SILENT_CYCLES: Final = 10
+LACK_CYCLES: Final = 20
+UNSEEN_CYCLES: Final = 5
 RESONANCE_CYCLES: Final = 100
 
 
@@ -56,6 +58,7 @@ class Watchdog(IntEnum):
     CONTROLLER = 19
     CALIBRATION = 20
     PLATE = 21
+    UNSEEN = 23
 
 
 class Row(NamedTuple):
@@ -167,9 +170,10 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     ),
     Watchdog.PICKUP: Row(
         "the vibration does not follow from the voltage",
-        FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, SILENT_CYCLES,
-        "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; with a "
-        "plate node as many more as its deadline is above 3 ms", "Model",
+        FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
+        "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
+        "than any finger explains: 20 cycles, until its force is felt as well; with a plate node as "
+        "many more as its deadline is above 3 ms", "Model",
     ),
     Watchdog.RESONANCE: Row(
         "the resonance is lost",
@@ -193,6 +197,12 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         "the plate says so, by 8253h, in the cycle after it did",
         "event timer of the plate's RPDO 1",
         lasting=False,
+    ),
+    Watchdog.UNSEEN: Row(
+        "the drive may make more vibration than its limit, whatever the pick-up reads",
+        FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
+        "a finger that arrives is felt that much later than it loads the plate",
+        "Limit.Amplitude by drive",
     ),
 }  # fmt: skip
 """Every watchdog."""

@@ -16,8 +16,8 @@ from smarttac_can.signals import Measurement
 
 _FAULT_STREAM: Final = 0x46
 GAUGES: Final = 6
-PICKUP_D, PICKUP_Q, THERMOMETER = 7, 8, 9
-"""Sensor numbers; 1..6 are the gauges S1..S6."""
+PICKUP_D, PICKUP_Q, THERMOMETER, PICKUP = 7, 8, 9, 10
+"""Sensor numbers; 1..6 are the gauges S1..S6, the last is the pick-up with both axes."""
 
 
 class FaultKind(IntEnum):
@@ -32,7 +32,7 @@ class FaultKind(IntEnum):
     OFFSET = 3
     """The sensor reads more by the value."""
     GAIN = 4
-    """The sensor reads its value in 0.1 %."""
+    """The sensor reads its value in 0.1 %; the pick-up loses or gains it before its converter."""
     DEAD = 5
     """The sensor reads 0."""
     NOISE = 6
@@ -75,13 +75,14 @@ class Fault(NamedTuple):
 
     kind: FaultKind
     sensor: int
-    """Number of the sensor, 1..9; of no meaning where no sensor breaks."""
+    """Number of the sensor, 1..10; of no meaning where no sensor breaks."""
     value: int
     """How much; the unit follows from kind and sensor."""
 
     def require_sense(self) -> None:
         """Raise ValueError if there is no such sensor, or the value makes no sense for the kind."""
-        require("sensor", self.sensor, 1, THERMOMETER)
+        gain = self.kind is FaultKind.GAIN
+        require("sensor", self.sensor, 1, PICKUP if gain else THERMOMETER)
         require(self.kind.name.lower(), self.value, *value_range(self.kind))
 
 
@@ -167,6 +168,14 @@ class SensorFault:
             rng = np.random.default_rng([self._seed, _FAULT_STREAM, tick])
             return sound + size * float(rng.standard_normal())
         return sound + (size if kind is FaultKind.OFFSET or tick == self._tick else 0.0)
+
+
+def pickup_gains(fault: Fault) -> tuple[float, float] | None:
+    """Return what a fault makes of the two axes of the pick-up; None if it is another fault."""
+    if fault.kind is not FaultKind.GAIN or fault.sensor not in (PICKUP_D, PICKUP_Q, PICKUP):
+        return None
+    gain = fault.value * 1e-3
+    return (1.0 if fault.sensor == PICKUP_Q else gain, 1.0 if fault.sensor == PICKUP_D else gain)
 
 
 class Slam:

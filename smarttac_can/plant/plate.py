@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import math
 
-from smarttac_can.plant.faults import SENSOR_KINDS, Fault, FaultKind, SensorFault, Slam, broken
+from smarttac_can.plant.faults import (
+    SENSOR_KINDS,
+    Fault,
+    FaultKind,
+    SensorFault,
+    Slam,
+    broken,
+    pickup_gains,
+)
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.force_path import ForcePath, Transition, transition
 from smarttac_can.plant.friction import bare_friction
@@ -75,6 +83,7 @@ class Plate:
         "_normal",
         "_normal_phi",
         "_parameters",
+        "_pickup",
         "_resonator",
         "_seed",
         "_segments",
@@ -110,6 +119,7 @@ class Plate:
         self._seed = seed
         self._sound = (parameters, finger, ambient)
         self._sensor_fault: SensorFault | None = None
+        self._pickup: tuple[float, float] | None = None
         self._resonator = Resonator(parameters.resonator.mass)
         self._skin = Skin(SCALAR, subject, parameters.resonator.f0)
         self._sensors = Sensors(parameters.sensors, seed)
@@ -164,9 +174,13 @@ class Plate:
 
     def sample(self) -> Measurement:
         """Return what the sensors report at the present tick, always the same for one tick."""
+        W = self._resonator.W
+        if self._pickup is not None:
+            d, q = self._pickup
+            W = complex(d * W.real, q * W.imag)
         measurement = self._sensors.measure(
             self.tick,
-            self._resonator.W,
+            W,
             self.temperature,
             self._tangential.y,
             self._normal.y,
@@ -191,8 +205,9 @@ class Plate:
             self.temperature = self._sound[2]
         self._parameters, self._finger, self._ambient = self._sound
         self._sensor_fault = None
+        self._pickup = pickup_gains(fault)
         kind = fault.kind
-        if kind in SENSOR_KINDS:
+        if kind in SENSOR_KINDS and self._pickup is None:
             self._sensor_fault = SensorFault(
                 fault, self._parameters.sensors, self._seed, self.tick + 1
             )

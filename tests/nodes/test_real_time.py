@@ -18,7 +18,7 @@ from line import (
     drive,
     measurement,
 )
-from loop import AMPLITUDE, Loop
+from loop import AMPLITUDE, OPEN_LOOP, Loop
 
 from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.master import requests
@@ -203,7 +203,7 @@ def test_drives_that_stay_away_are_the_cause_that_is_named(amplitude: int) -> No
 
 
 def test_a_pickup_that_is_silent_is_a_fault_soon_after_the_deadline() -> None:
-    loop = loop_that_may_be_late(AMPLITUDE)
+    loop = loop_that_may_be_late(OPEN_LOOP)
     loop.break_plate(FaultKind.RESONANCE_SHIFT, value=-20_000)
     loop.cycle(20)
     assert loop.state is State.RUNNING

@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import pytest
 
-from smarttac_can.plant.faults import PICKUP_D, PICKUP_Q, THERMOMETER, Fault, FaultKind, broken
+from smarttac_can.plant.faults import (
+    PICKUP,
+    PICKUP_D,
+    PICKUP_Q,
+    THERMOMETER,
+    Fault,
+    FaultKind,
+    broken,
+)
 from smarttac_can.plant.finger import Lifted, Stroke
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
@@ -184,3 +192,23 @@ def test_conversion_does_not_break() -> None:
     cracked = broken(whole, Fault(FaultKind.QUALITY, 1, 300))
     assert cracked.resonator.conversion == pytest.approx(whole.resonator.conversion)
     assert replace(cracked, resonator=whole.resonator) == whole
+
+
+@pytest.mark.parametrize(
+    ("sensor", "d", "q"), [(PICKUP, 0.1, 0.1), (PICKUP_D, 0.1, 1.0), (PICKUP_Q, 1.0, 0.1)]
+)
+def test_a_pickup_loses_gain_before_its_converter(sensor: int, d: float, q: float) -> None:
+    it = plate(finger=False)
+    it.inject(Fault(FaultKind.GAIN, sensor, 100))
+    for _ in range(30):
+        it.step(Drive(150.0, 43450.0), Drive(150.0, 43450.0))
+    assert abs(it.W) > 4e-6, "beyond the range of the converter"
+    reading = it.sample()
+    assert reading.W.real == pytest.approx(min(d * it.W.real, 3.2767e-6), abs=5e-9)
+    assert reading.W.imag == pytest.approx(max(q * it.W.imag, -3.2767e-6), abs=5e-9)
+    assert bool(reading.saturated) == (sensor != PICKUP)
+
+
+def test_only_the_gain_is_lost_on_both_axes_at_once() -> None:
+    with pytest.raises(ValueError, match=r"sensor 10 is outside 1\.\.9"):
+        plate().inject(Fault(FaultKind.STUCK, PICKUP, 0))

@@ -1,0 +1,203 @@
+"""The watchdogs of the vibration: what the pick-up reads, and what the drive says it must be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import exp
+from typing import Final
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.control.vibration import AMPLITUDE_MIN
+from smarttac_can.nodes.lapses import Lapses
+from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
+from smarttac_can.nodes.watchdogs import (
+    AMPLITUDE_CYCLES,
+    EXCESS_CYCLES,
+    LACK_CYCLES,
+    RESONANCE_CYCLES,
+    SILENT_CYCLES,
+    UNSEEN_CYCLES,
+    Watchdog,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.signals import TICK, Contact
+
+LEAST_LOAD: Final = 0.40
+MOST_LOAD: Final = 1.60
+"""Damping that a finger adds at 0.5 N, over that of the bare plate, at least and at most; an
+assumption wider than all fingertips of the simulation, 0.47 to 1.32."""
+_LOAD_FORCE: Final = 0.5
+_LOAD_GROWTH: Final = 2.0 / 3.0
+"""A Hertz contact grows so with the force, and its damping with it."""
+_FORCE_UNCERTAINTY: Final = 0.05
+"""Uncertainty of the normal force in N: noise, and drift since the tare."""
+_FORCE_TOLERANCE: Final = 0.1
+"""The same as a fraction: slope and bow of the gauges."""
+_EXCESS: Final = 1.5
+"""Largest ratio of the vibration to that of the model: fingers and detuning only lower it."""
+_EXCESS_UNIDENTIFIED: Final = 5.0
+"""Largest such ratio while the model is still to be identified."""
+_EXCESS_OFFSET: Final = 100e-9
+"""Vibration in m that needs no voltage: noise, and the tail of one that dies down."""
+_LACK: Final = 0.8
+"""Lowest ratio of the vibration to the least that model, phase and finger allow."""
+_LACK_TICKS: Final = 5
+"""Cycles a voltage has to last before the vibration has followed it: five time constants."""
+_SILENCE: Final = 0.05
+"""Lowest ratio of the vibration to that of the model; 0.2 at the ends of the frequency range."""
+_LOOKED_FOR: Final = 200e-9
+"""Vibration of the model in m from which its absence is looked for."""
+_PHASE_FROM: Final = 20e-9
+"""Vibration in m from which its phase tells the detuning: noise is 1 nm."""
+_PHASE_MIN: Final = 0.05
+"""Cosine of the phase, at least; at the ends of the frequency range it is 0.13."""
+_TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+_AMPLITUDE: Final = 1 << Watchdog.AMPLITUDE
+_PICKUP: Final = 1 << Watchdog.PICKUP
+_RESONANCE: Final = 1 << Watchdog.RESONANCE
+_UNSEEN: Final = 1 << Watchdog.UNSEEN
+
+
+class VibrationWatch:
+    """Compares the pick-up with its limit, and with the model of the plate under its voltage.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    deadlines
+        Event timers in ms of the measurements that come over a bus; empty with the plate inside.
+        By as much as they are above 3 ms a drive may be late, and what the vibration should follow
+        from is not in force.
+
+    Notes
+    -----
+    With the time constant ``tau`` and the gain K of the bare plate, a voltage V in force, a phase
+    phi of the vibration and a finger that presses with Fn, the vibration settles at
+    ``K V cos(phi)/(1 + c Fn^(2/3))``, where c is the finger's. The least c gives a bound from
+    above, whatever the pick-up reads, the largest one from below.
+    """
+
+    __slots__ = (
+        "_E",
+        "_V",
+        "_W_trip",
+        "_above",
+        "_bound",
+        "_bound_trip",
+        "_deadlines",
+        "_detuned",
+        "_excess",
+        "_gain",
+        "_lack",
+        "_od",
+        "_silent",
+        "_tau",
+        "_unseen",
+        "_voltages",
+    )
+
+    def __init__(self, od: ObjectDictionary, deadlines: Sequence[Entry]) -> None:
+        self._od = od
+        self._deadlines = deadlines
+        self.configure()
+        self.reset()
+
+    @property
+    def bound(self) -> float:
+        """Vibration in m peak-to-peak that the drive may have made of the plate, at most."""
+        return self._bound
+
+    def configure(self) -> None:
+        """Read limits and model."""
+        od = self._od
+        self._W_trip = od["Limit.Amplitude trip"].si_value
+        self._bound_trip = od["Limit.Amplitude by drive"].si_value
+        self._gain = od["Model.Gain per volt"].si_value
+        self._tau = od["Model.Tau"].si_value
+
+    def reset(self) -> None:
+        """Forget what was seen: the plate is at rest."""
+        self._E = self._bound = self._V = 0.0
+        self._voltages = (0.0,) * _LACK_TICKS
+        self._above = Lapses()
+        self._excess = Lapses()
+        self._unseen = Lapses()
+        self._silent = self._lack = self._detuned = 0
+
+    def note_voltage(self, voltage: float) -> None:
+        """Remember the voltage in V that is in force until the next measurement."""
+        self._V = voltage
+
+    def look(self, W: complex, contact: Contact, mode: int) -> int:
+        """Look at a cycle; return the faults that are present, as bits.
+
+        Parameters
+        ----------
+        W
+            What the pick-up reads, in m peak-to-peak.
+        contact
+            The finger in this cycle.
+        mode
+            Mode in which the controllers were asked.
+        """
+        amplitude = abs(W)
+        driven = self._gain * self._V
+        # No detuning and no finger makes the plate vibrate more than at its bare resonance.
+        self._E = driven + (self._E - driven) * exp(-TICK / self._tau)
+        late = self._late_cycles()
+        faults = 0
+        if self._above.count(amplitude > self._W_trip, AMPLITUDE_CYCLES):
+            faults = _AMPLITUDE
+        if self._implausible(W, amplitude, contact, mode, late):
+            faults |= _PICKUP
+        if self._unseen.count(self._bound > self._bound_trip, UNSEEN_CYCLES):
+            faults |= _UNSEEN
+        if mode not in _TRACKED:
+            self._detuned = 0
+        elif amplitude > AMPLITUDE_MIN:
+            # Without a vibration nobody knows: a friction loop that pauses hides nothing.
+            self._detuned = self._detuned + 1 if abs(W.imag) > W.real else 0
+        if self._detuned >= RESONANCE_CYCLES:
+            faults |= _RESONANCE
+        return faults
+
+    def _implausible(
+        self, W: complex, amplitude: float, contact: Contact, mode: int, late: int
+    ) -> bool:
+        """Compare the reading with the model, and bring the bound from above up to date."""
+        E = self._E
+        least = self._bounds(W, amplitude, contact)
+        identifying = mode == Mode.IDENTIFY
+        most = _EXCESS_UNIDENTIFIED if identifying else _EXCESS
+        excess = self._excess.count(amplitude > most * E + _EXCESS_OFFSET, EXCESS_CYCLES + late)
+        silent = E > _LOOKED_FOR and amplitude < _SILENCE * E
+        self._silent = self._silent + 1 if silent else 0
+        lacking = least > _LOOKED_FOR and amplitude < _LACK * least and not identifying
+        self._lack = self._lack + 1 if lacking else 0
+        return excess or self._silent >= SILENT_CYCLES + late or self._lack >= LACK_CYCLES + late
+
+    def _bounds(self, W: complex, amplitude: float, contact: Contact) -> float:
+        """Bring the bound from above up to date, and return that from below."""
+        cosine = 1.0
+        if amplitude > _PHASE_FROM and W.real > _PHASE_MIN * amplitude:
+            cosine = W.real / amplitude
+        Fn = contact.Fn if contact.Fn > 0.0 else 0.0
+        pressing = (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY if contact.touching else 0.0
+        damping = 1.0 + LEAST_LOAD * _load(pressing)
+        driven = self._gain * self._V * cosine / damping
+        self._bound = driven + (self._bound - driven) * exp(-TICK * damping / self._tau)
+        self._voltages = voltages = (*self._voltages[1:], self._V)
+        most = 1.0 + MOST_LOAD * _load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
+        return self._gain * min(voltages) * cosine / most
+
+    def _late_cycles(self) -> int:
+        if not self._deadlines:
+            return 0
+        shortest = int(min(entry.value for entry in self._deadlines))
+        return max(0, shortest - SHORT_DEADLINE_MS)
+
+
+def _load(force: float) -> float:
+    """Load on the plate of a finger that presses, over that at 0.5 N."""
+    return float((force / _LOAD_FORCE) ** _LOAD_GROWTH) if force > 0.0 else 0.0

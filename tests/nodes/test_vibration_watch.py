@@ -1,0 +1,185 @@
+"""The vibration against the drive: a pick-up that reads too little, and drives that come in bursts."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from line import START, Line, plate_inside
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.analogue_input import ZERO
+from smarttac_can.nodes.read_back import Status
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.nodes.vibration_watch import LEAST_LOAD, MOST_LOAD
+from smarttac_can.plant.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
+from smarttac_can.plant.parameters import ResonatorParameters
+from smarttac_can.plant.subjects import SUBJECTS, random_subjects
+
+OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION = range(1, 5)
+LIFTED, STROKE = 0, 1
+
+
+def driving(mode: int, *, finger: int = LIFTED, **setpoints: int) -> tuple[Line, StimulatorNode]:
+    """A stimulator that drives a plate inside, tared without a finger."""
+    line, node = plate_inside(lockstep=True)
+    line.nmt(START)
+    line.sync(70)
+    assert line.write(node, "AI auto-zero.AI auto-zero normal force", ZERO) == 0
+    assert line.write(node, "Finger.Motion", finger) == 0
+    assert line.write(node, "Simulation.Start run", 1) == 0
+    for name, raw in {"Amplitude": 1000, **setpoints}.items():
+        assert line.write(node, f"Setpoint.{name.replace('_', ' ')}", raw) == 0
+    line.sync(100)
+    line.run(node, mode)
+    return line, node
+
+
+def true_um(node: StimulatorNode) -> float:
+    plate = node.block._plate
+    assert plate is not None
+    return abs(plate.plate.W) * 1e6
+
+
+def lose_gain(line: Line, node: StimulatorNode, sensor: int, per_mille: int) -> None:
+    for name, raw in (("Sensor", sensor), ("Value", per_mille), ("Kind", FaultKind.GAIN)):
+        assert line.write(node, f"Fault.{name}", raw) == 0
+
+
+def most_um(line: Line, node: StimulatorNode, cycles: int) -> float:
+    """Largest true vibration until the plate is at 0 V, or so many cycles have passed."""
+    most = 0.0
+    for _ in range(cycles):
+        line.sync()
+        most = max(most, true_um(node))
+        if node.block.state is State.FAULT:
+            break
+    return most
+
+
+@pytest.mark.parametrize("sensor", [PICKUP, PICKUP_D])
+@pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE])
+@pytest.mark.parametrize(
+    ("gain", "most"), [(50, 7.5), (100, 7.5), (200, 5.0), (300, 3.4), (500, 2.1)]
+)
+def test_a_pickup_that_reads_too_little_is_a_fault(
+    gain: int, most: float, mode: int, sensor: int
+) -> None:
+    line, node = driving(mode, Voltage=2000)
+    line.sync(60)
+    lose_gain(line, node, sensor, gain)
+    reached = most_um(line, node, 200)
+    assert node.block.state is State.FAULT
+    assert reached < (1.01 if mode == OPEN_LOOP else most)
+
+
+@pytest.mark.parametrize("mode", [AMPLITUDE, AMPLITUDE_RESONANCE])
+def test_a_large_vibration_that_the_pickup_hides_ends_within_10_cycles(mode: int) -> None:
+    line, node = driving(mode, Amplitude=3000)
+    line.sync(60)
+    lose_gain(line, node, PICKUP, 100)
+    most_um(line, node, 20)
+    assert node.block.state is State.FAULT
+    assert "whatever the pick-up reads" in node.od["Message"].value
+
+
+@pytest.mark.parametrize("gain", [600, 700, 800, 900])
+def test_what_is_not_seen_makes_no_more_than_the_setpoint_over_the_gain(gain: int) -> None:
+    line, node = driving(AMPLITUDE_RESONANCE)
+    line.sync(60)
+    lose_gain(line, node, PICKUP, gain)
+    assert most_um(line, node, 500) < 1.01 * 1000 / gain
+    assert node.block.state is State.RUNNING
+
+
+def test_under_a_finger_as_well() -> None:
+    line, node = driving(AMPLITUDE_RESONANCE, finger=STROKE)
+    line.sync(300)
+    lose_gain(line, node, PICKUP, 300)
+    assert most_um(line, node, 60) < 3.5
+    assert node.block.state is State.FAULT
+
+
+def test_a_loss_across_the_vibration_alone_changes_nothing() -> None:
+    line, node = driving(AMPLITUDE_RESONANCE)
+    line.sync(60)
+    lose_gain(line, node, PICKUP_Q, 50)
+    assert most_um(line, node, 500) < 1.01
+
+
+@pytest.mark.parametrize("subject", range(1, 6))
+@pytest.mark.parametrize("force", [100, 500, 1000])
+def test_the_bound_by_the_drive_holds_and_leaves_the_paper_its_room(
+    subject: int, force: int
+) -> None:
+    lower = (2000, 3000, 4000, 5000, 5000)[subject - 1]
+    line, node = driving(FRICTION, finger=LIFTED, COF_left=lower, COF_right=lower + 1000)
+    for name, raw in (("Simulation.Subject", subject), ("Finger.Force", force),
+                      ("Finger.Motion", STROKE), ("Finger.Range", 2000),
+                      ("Simulation.Start run", 1)):  # fmt: skip
+        assert line.write(node, name, raw) == 0
+    line.sync(100)
+    line.run(node, FRICTION)
+    vibration = node.block.supervisor.watchdogs.vibration
+    bounds = []
+    for _ in range(1500):
+        line.sync()
+        assert true_um(node) < vibration.bound * 1e6 + 0.01
+        bounds.append(vibration.bound * 1e6)
+    assert node.block.state is State.RUNNING
+    assert max(bounds) < 4.5, "the default limit is 5 um"
+
+
+def test_the_loads_of_the_watch_contain_those_of_the_simulation() -> None:
+    damping = ResonatorParameters().damping
+    loads = [s.load_damping / damping for s in (*SUBJECTS, *random_subjects(2000, 1))]
+    assert 1.1 * LEAST_LOAD < min(loads)
+    assert max(loads) < MOST_LOAD / 1.1
+
+
+@pytest.mark.parametrize("frequency", [4_272_000, 4_339_000, 4_399_000])
+def test_the_way_to_the_resonance_is_no_fault(frequency: int) -> None:
+    line, node = driving(AMPLITUDE_RESONANCE, Frequency=frequency, Amplitude=2000)
+    line.sync(300)
+    assert node.block.state is State.RUNNING
+    assert true_um(node) == pytest.approx(2.0, rel=0.02)
+
+
+@pytest.mark.parametrize("by_rpdo", [False, True])
+def test_open_loop_is_cut_to_what_the_bare_plate_may_reach(by_rpdo: bool) -> None:
+    line, node = driving(OPEN_LOOP, Voltage=1000)
+    if by_rpdo:
+        line.send(Frame(0x300 + 0x20, struct.pack("<HI", 15_000, 4_339_000)))
+    else:
+        assert line.write(node, "Setpoint.Voltage", 15_000) == 0
+    line.sync(50)
+    assert node.od["Drive.Voltage"].value == 6000, "3 um at 50 nm/V"
+    assert node.od["Statusword"].value & Status.LIMITED
+    assert true_um(node) < 3.01
+    assert node.block.state is State.RUNNING
+
+
+@pytest.mark.parametrize("pattern", [(150, 0, 0), (150, 0), (150, 150, 0, 0), (150, 0, 0, 0, 0)])
+def test_bursts_of_voltage_stay_within_the_limit(pattern: tuple[int, ...]) -> None:
+    line, node = driving(OPEN_LOOP)
+    most = 0.0
+    for cycle in range(1000):
+        volts = pattern[cycle % len(pattern)]
+        line.send(Frame(0x300 + 0x20, struct.pack("<HI", 100 * volts, 4_339_000)))
+        line.sync()
+        most = max(most, true_um(node))
+    assert most < 3.0
+
+
+def test_excess_in_one_cycle_of_three_is_a_fault() -> None:
+    line, node = driving(AMPLITUDE, Amplitude=1000)
+    line.sync(60)
+    assert line.write(node, "Limit.Amplitude trip", 1500) == 0
+    for cycle in range(60):
+        if node.block.state is State.FAULT:
+            break
+        assert line.write(node, "Setpoint.Amplitude", 1900 if cycle % 3 == 0 else 100) == 0
+        line.sync()
+    assert node.block.state is State.FAULT
+    assert node.od["Diagnosis.Code"].value == 0xFF10
