@@ -206,7 +206,7 @@ def test_a_pickup_loses_gain_before_its_converter(sensor: int, d: float, q: floa
     reading = it.sample()
     assert reading.W.real == pytest.approx(min(d * it.W.real, 3.2767e-6), abs=5e-9)
     assert reading.W.imag == pytest.approx(max(q * it.W.imag, -3.2767e-6), abs=5e-9)
-    assert bool(reading.saturated) == (sensor != PICKUP)
+    assert bool(reading.saturated) == (sensor == PICKUP_Q)
 
 
 def test_only_the_gain_is_lost_on_both_axes_at_once() -> None:
