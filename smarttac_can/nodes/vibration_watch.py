@@ -151,7 +151,7 @@ class VibrationWatch:
             faults = _AMPLITUDE
         if self._implausible(W, amplitude, contact, mode, late):
             faults |= _PICKUP
-        if self._unseen.count(self._bound > self._bound_trip, UNSEEN_CYCLES):
+        if self._unseen.count(self._bound > self._bound_trip, UNSEEN_CYCLES + late):
             faults |= _UNSEEN
         if mode not in _TRACKED:
             self._detuned = 0

@@ -172,8 +172,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
         "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
-        "than any finger explains: 20 cycles, until its force is felt as well; with a plate node as "
-        "many more as its deadline is above 3 ms", "Model",
+        "than any finger explains: 20 cycles, until its force is felt as well; with a plate node "
+        "as many more as its deadline is above 3 ms", "Model",
     ),
     Watchdog.RESONANCE: Row(
         "the resonance is lost",
@@ -201,7 +201,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.UNSEEN: Row(
         "the drive may make more vibration than its limit, whatever the pick-up reads",
         FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
-        "a finger that arrives is felt that much later than it loads the plate",
+        "a step of the friction loop asks for more, but not for longer; with a plate node as many "
+        "more as its deadline is above 3 ms",
         "Limit.Amplitude by drive",
     ),
 }  # fmt: skip
