@@ -15,10 +15,10 @@ class SimulatedFinger:
     Parameters
     ----------
     write
-        Writes an object by name in its displayed unit, `Stimulator.set`.
+        Writes an object by name, `Stimulator.set`.
     """
 
-    def __init__(self, write: Callable[[str, float], None]) -> None:
+    def __init__(self, write: Callable[[str, float | str], None]) -> None:
         self._write = write
 
     def lift(self) -> None:
@@ -54,14 +54,13 @@ class SimulatedFinger:
         force_variation, speed_variation
             How far they vary from pass to pass, as a fraction, 0..0.5.
         """
-        write = self._write
-        write("Simulation.Subject", subject)
-        write("Finger.Force", force * 1e3)
-        write("Finger.Speed", speed)
-        write("Finger.Range", travel * 1e3)
-        write("Finger.Force variation", force_variation * 1e2)
-        write("Finger.Speed variation", speed_variation * 1e2)
-        write("Finger.Motion", STROKE)
+        self._write("Simulation.Subject", subject)
+        self._write("Finger.Force", f"{force} N")
+        self._write("Finger.Speed", f"{speed} mm/s")
+        self._write("Finger.Range", f"{travel} mm")
+        self._write("Finger.Force variation", f"{force_variation}")
+        self._write("Finger.Speed variation", f"{speed_variation}")
+        self._write("Finger.Motion", STROKE)
 
     def surroundings(self, *, seed: int, temperature: float = 20.0, dead_time: float = 0.0) -> None:
         """Set what else a run depends on.
@@ -75,7 +74,6 @@ class SimulatedFinger:
         dead_time
             Time from the tick to the new drive in us, 0..999.
         """
-        write = self._write
-        write("Simulation.Seed", seed)
-        write("Simulation.Ambient temperature", temperature)
-        write("Simulation.Dead time", dead_time)
+        self._write("Simulation.Seed", seed)
+        self._write("Simulation.Ambient temperature", f"{temperature} degC")
+        self._write("Simulation.Dead time", f"{dead_time} us")

@@ -45,19 +45,35 @@ class NamedObjects:
         self._link = link
         self._od = od
 
-    def get(self, name: str) -> float:
-        """Read an object of the stimulator or the simulation by name, in its displayed unit.
+    def get(self, name: str, unit: str = "") -> float:
+        """Read an object of the stimulator or the simulation by name.
+
+        Parameters
+        ----------
+        name
+            Name of the object.
+        unit
+            Such as ``V``; its displayed unit if empty.
 
         Raises
         ------
         BenchError
             If there is no such object, or it is no number.
+        ValueError
+            If the unit is of another kind.
         """
         entry = self._number(name)
-        return self._link.read(name) * entry.factor
+        return self._link.read(name) * entry.unit.in_unit(unit or entry.unit.symbol)
 
-    def set(self, name: str, value: float) -> None:
-        """Write an object by name, in its displayed unit; refused, not clipped, outside its limits.
+    def set(self, name: str, value: float | str) -> None:
+        """Write an object by name; refused, not clipped, outside its limits.
+
+        Parameters
+        ----------
+        name
+            Name of the object.
+        value
+            A number of its displayed unit, or a text with any unit of that kind: ``80 V``.
 
         Raises
         ------
@@ -66,10 +82,11 @@ class NamedObjects:
         BenchError
             If there is no such object, or it is no number.
         ValueError
-            If the value is not finite.
+            If the value is not finite, or its unit of another kind.
         """
         entry = self._number(name)
-        self._link.write(name, round(finite(name, value) / entry.factor))
+        text = value if isinstance(value, str) else f"{finite(name, value)} {entry.unit.symbol}"
+        self._link.write(name, entry.counts(text))
 
     def _number(self, name: str) -> Entry:
         entry = self._od.find(name)

@@ -49,23 +49,26 @@ class Reading:
             If a value has not been published yet.
         """
         raw, age = snapshot
-        try:
-            value = {name: raw[name] * od[name].si for name in PUBLISHED}
-        except KeyError as error:
-            raise NotRunningError(
-                f"{error} has not been published yet: run() first, or wait for its TPDO's event "
-                "timer, 0.1 s by default"
-            ) from None
+        for name in PUBLISHED:
+            if name not in raw:
+                raise NotRunningError(
+                    f"{name!r} has not been published yet: run() first, or wait for its TPDO's "
+                    "event timer, 0.1 s by default"
+                )
+
+        def value(name: str, unit: str) -> float:
+            return raw[name] * od[name].unit.in_unit(unit)
+
         return cls(
             age=age,
             mode=Mode(raw["Mode display"]),
             status=Status(raw["Statusword"]),
-            tangential_force=value["Contact.Tangential force"],
-            normal_force=value["Contact.Normal force"],
-            cof=value["Contact.COF"] or None,
-            amplitude=value["Vibration.Amplitude"] * 1e6,
-            voltage=value["Vibration.Voltage"],
-            frequency=value["Vibration.Frequency"],
-            temperature=value["Plate temperature"],
-            position=value["Contact.Position"] * 1e3,
+            tangential_force=value("Contact.Tangential force", "N"),
+            normal_force=value("Contact.Normal force", "N"),
+            cof=value("Contact.COF", "") or None,
+            amplitude=value("Vibration.Amplitude", "um"),
+            voltage=value("Vibration.Voltage", "V"),
+            frequency=value("Vibration.Frequency", "Hz"),
+            temperature=value("Plate temperature", "degC"),
+            position=value("Contact.Position", "mm"),
         )

@@ -27,8 +27,8 @@ def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
 
 
 def _shown(entry: Entry, raw: float) -> str:
-    return f"{_number(entry, raw)} {entry.unit}".rstrip()
+    return f"{_number(entry, raw)} {entry.unit.symbol}".rstrip()
 
 
 def _number(entry: Entry, raw: float) -> str:
-    return f"{raw * entry.factor:.12g}"
+    return f"{raw * float(entry.unit.number):.12g}"

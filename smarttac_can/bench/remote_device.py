@@ -84,7 +84,8 @@ class RemoteDevice:
                 f"node {od.node_id} on {where} has product code {found:08X}, "
                 f"a {self._name} has {expected.default:08X}: give the node-ID of the right one"
             )
-        self._heartbeat_s = self.read(od.entry(HEARTBEAT_PRODUCER)) * 1e-3
+        period = od.entry(HEARTBEAT_PRODUCER)
+        self._heartbeat_s = self.read(period) * period.si
 
     def read(self, entry: Entry) -> Any:
         """Read an entry over SDO."""

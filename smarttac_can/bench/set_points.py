@@ -12,10 +12,40 @@ from smarttac_can.control.friction import Law
 _SIDES: Final = 2
 
 
+class InUnit:
+    """A property that is one object of a stimulator, in a unit of its own.
+
+    Parameters
+    ----------
+    name
+        Name of the object.
+    unit
+        Unit of the property.
+    text
+        What the property is.
+    """
+
+    def __init__(self, name: str, unit: str, text: str) -> None:
+        self._name, self._unit, self.__doc__ = name, unit, text
+
+    def __get__(self, bench: NamedObjects, _owner: type) -> float:
+        return bench.get(self._name, self._unit)
+
+    def __set__(self, bench: NamedObjects, value: float) -> None:
+        bench.set(self._name, f"{finite(self._name, value)} {self._unit}")
+
+
 class SetPoints(NamedObjects):
     """Friction law and set-points of a stimulator over a link."""
 
     __slots__ = ()
+
+    voltage = InUnit("Setpoint.Voltage", "V", "Set-point of mode OPEN_LOOP in V.")
+    frequency = InUnit(
+        "Setpoint.Frequency", "Hz", "Excitation frequency in Hz: fixed, or where its loop starts."
+    )
+    amplitude = InUnit("Setpoint.Amplitude", "um", "Set-point of the amplitude in um peak-to-peak.")
+    boundary = InUnit("Setpoint.Boundary", "mm", "Boundary in mm from the middle of the plate.")
 
     @property
     def law(self) -> Law:
@@ -25,33 +55,6 @@ class SetPoints(NamedObjects):
     @law.setter
     def law(self, law: Law | str) -> None:
         self._link.write("Friction law", by_name(Law, law))
-
-    @property
-    def voltage(self) -> float:
-        """Set-point of mode OPEN_LOOP in V."""
-        return self.get("Setpoint.Voltage") * 1e-3
-
-    @voltage.setter
-    def voltage(self, volts: float) -> None:
-        self.set("Setpoint.Voltage", finite("voltage", volts) * 1e3)
-
-    @property
-    def frequency(self) -> float:
-        """Excitation frequency in Hz: fixed, or where the resonance loop starts from."""
-        return self.get("Setpoint.Frequency")
-
-    @frequency.setter
-    def frequency(self, hertz: float) -> None:
-        self.set("Setpoint.Frequency", finite("frequency", hertz))
-
-    @property
-    def amplitude(self) -> float:
-        """Set-point of the amplitude in um peak-to-peak."""
-        return self.get("Setpoint.Amplitude") * 1e-3
-
-    @amplitude.setter
-    def amplitude(self, micrometres: float) -> None:
-        self.set("Setpoint.Amplitude", finite("amplitude", micrometres) * 1e3)
 
     @property
     def cof(self) -> tuple[float, float]:
@@ -66,15 +69,6 @@ class SetPoints(NamedObjects):
         left, right = (finite("cof", one) for one in pair)
         self.set("Setpoint.COF left", left)
         self.set("Setpoint.COF right", right)
-
-    @property
-    def boundary(self) -> float:
-        """Position of the boundary in mm from the middle of the plate."""
-        return self.get("Setpoint.Boundary") * 1e-3
-
-    @boundary.setter
-    def boundary(self, millimetres: float) -> None:
-        self.set("Setpoint.Boundary", finite("boundary", millimetres) * 1e3)
 
 
 def by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:

@@ -361,9 +361,9 @@ class Stimulator(SetPoints):
                 "the finger, tare, and set the frequency within 300 Hz of the resonance"
             )
         return PlateModel(
-            gain=self.get("Model.Gain per volt") * 1e-12,
-            tau=self.get("Model.Tau") * 1e-6,
-            f0=self.get("Model.Resonance"),
+            gain=self.get("Model.Gain per volt", "m"),
+            tau=self.get("Model.Tau", "s"),
+            f0=self.get("Model.Resonance", "Hz"),
         )
 
 

@@ -11,12 +11,15 @@ import hashlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
 import numpy as np
 import numpy.typing as npt
+
+from smarttac_can.od.units import Quantity
 
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -109,7 +112,7 @@ class Trace:
     @property
     def time_s(self) -> Floats:
         """Time of each row in s of the simulation run or the node's start, not of the recording."""
-        return np.asarray(self.tick * 1e-3, dtype=np.float64)
+        return self._in_unit("tick", "s")
 
     @property
     def lost(self) -> int:
@@ -119,37 +122,42 @@ class Trace:
     @property
     def cof(self) -> Floats:
         """Coefficient of friction; NaN while the finger does not touch."""
-        return np.where(self.mu == 0, np.nan, self.mu * 1e-4)
+        return np.where(self.mu == 0, np.nan, self._in_unit("mu", ""))
 
     @property
     def cof_reference(self) -> Floats:
         """Reference of the friction loop; NaN while there is none."""
-        return np.where(self.mu_ref == 0, np.nan, self.mu_ref * 1e-4)
+        return np.where(self.mu_ref == 0, np.nan, self._in_unit("mu_ref", ""))
 
     @property
     def amplitude_um(self) -> Floats:
         """Vibration amplitude peak-to-peak in um."""
-        return np.asarray(self.W * 1e-4, dtype=np.float64)
+        return self._in_unit("W", "um")
 
     @property
     def voltage_v(self) -> Floats:
         """Voltage in V."""
-        return np.asarray(self.V * 1e-2, dtype=np.float64)
+        return self._in_unit("V", "V")
 
     @property
     def frequency_hz(self) -> Floats:
         """Excitation frequency in Hz."""
-        return np.asarray(self.f * 1e-2, dtype=np.float64)
+        return self._in_unit("f", "Hz")
 
     @property
     def tangential_force_n(self) -> Floats:
         """Tangential force in N."""
-        return np.asarray(self.Ft * 1e-3, dtype=np.float64)
+        return self._in_unit("Ft", "N")
 
     @property
     def normal_force_n(self) -> Floats:
         """Normal force in N."""
-        return np.asarray(self.Fn * 1e-3, dtype=np.float64)
+        return self._in_unit("Fn", "N")
+
+    def _in_unit(self, name: str, unit: str) -> Floats:
+        (column,) = (column for column in COLUMNS if column.name == name)
+        last_decimal = Quantity.parse(f"1e-{column.decimals} {column.unit}")
+        return np.asarray(getattr(self, name) * last_decimal.in_unit(unit), dtype=np.float64)
 
 
 def write_csv(path: Path | str, traces: Iterable[Trace]) -> None:
@@ -198,13 +206,7 @@ def sha256(path: Path | str) -> str:
 
 def _decimals(values: Integers, decimals: int) -> list[str]:
     """Write integers as decimals with the point ``decimals`` digits from the right, no float."""
-    if decimals == 0:
-        return [str(value) for value in values.tolist()]
-    unit = 10**decimals
-    return [
-        f"{'-' if value < 0 else ''}{abs(value) // unit}.{abs(value) % unit:0{decimals}d}"
-        for value in values.tolist()
-    ]
+    return [f"{Decimal(value).scaleb(-decimals):f}" for value in values.tolist()]
 
 
 def _rows(file: TextIO) -> Iterator[tuple[str, str, list[int]]]:

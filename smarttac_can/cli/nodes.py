@@ -32,8 +32,6 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.plant.finger import Trajectory
 
-SLOW_STROKE_MM_S = 20
-
 
 def _finger(
     _ctx: click.Context, _param: click.Parameter, value: str
@@ -219,7 +217,7 @@ def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) 
     ):
         (presets if _given(option) else defaults)[name] = raw
     if motion == STROKE:
-        defaults["Finger.Speed"] = SLOW_STROKE_MM_S * 10
+        defaults["Finger.Speed"] = od["Finger.Speed"].counts("20 mm/s")
     for name, raw in defaults.items():
         entry = od[name]
         entry.check(raw)

@@ -114,18 +114,18 @@ def _signal(entry: Entry, name: str, start: int, bits: int, receivers: list[str]
         start,
         bits,
         is_signed=entry.data_type in SIGNED,
-        conversion=BaseConversion.factory(scale=entry.factor, is_float=real),
-        minimum=_scaled(entry.low, entry.factor) if ordered else None,
-        maximum=_scaled(entry.high, entry.factor) if ordered else None,
-        unit=entry.unit or None,
+        conversion=BaseConversion.factory(scale=float(entry.unit.number), is_float=real),
+        minimum=_scaled(entry.low, entry.unit.number) if ordered else None,
+        maximum=_scaled(entry.high, entry.unit.number) if ordered else None,
+        unit=entry.unit.symbol or None,
         comment=entry.name,
         receivers=receivers,
     )
 
 
-def _scaled(raw: float, factor: float) -> float:
+def _scaled(raw: float, size: Decimal) -> float:
     """Scale a limit without the rounding of binary fractions; a whole number stays one."""
-    value = Decimal(raw) * Decimal(repr(factor))
+    value = Decimal(raw) * size
     return int(value) if value == value.to_integral_value() else float(value)
 
 

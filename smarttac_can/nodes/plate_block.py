@@ -228,7 +228,7 @@ class PlateBlock:
             return
         if self._fault.kind is FaultKind.STAGE_STUCK:
             # At 0 V the output is disconnected, so that much a stuck stage obeys.
-            self._stuck_voltage = self._fault.value * 1e-2 or self._new.voltage
+            self._stuck_voltage = self._fault.value * self._voltage.si or self._new.voltage
             if self._new.voltage:
                 self._new = Drive(self._stuck_voltage, self._new.frequency)
                 self._show_stage()

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from smarttac_can.od.cia import RECORD_TYPES, Abort, AbortCode, DataType, ObjectType
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, UNSIGNED, bounds, pack, unpack
-from smarttac_can.od.units import PLAIN, Unit
+from smarttac_can.od.units import ONE, Quantity
 
 ACCESS: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
 MAX_BYTES: Final = 1 << 20
@@ -38,15 +38,14 @@ class Entry:
         Bytes on the wire, 0 for a type of variable length.
     per_node
         Which of `default`, `low` and `high` hold the node-ID plus something (``$NODEID``).
-    unit, factor, si
-        Displayed unit, displayed units per count and SI base units per count.
+    unit, si
+        What one count stands for, with the displayed unit, and in SI base units.
     """
 
     __slots__ = (
         "access",
         "data_type",
         "default",
-        "factor",
         "high",
         "index",
         "low",
@@ -74,7 +73,7 @@ class Entry:
         high: float | None = None,
         default: Any = 0,
         pdo: bool = False,
-        unit: Unit = PLAIN,
+        unit: Quantity = ONE,
     ) -> None:
         least, most = bounds(data_type)
         self.index = index
@@ -89,7 +88,7 @@ class Entry:
         self.pdo = pdo
         self.per_node: tuple[str, ...] = ()
         self.size = SIZES.get(data_type, 0)
-        self.unit, self.factor, self.si = unit
+        self.unit, self.si = unit, unit.si
         self.readable = access != "wo"
         self.writable = access not in ("ro", "const")
 
@@ -110,6 +109,20 @@ class Entry:
     def si_value(self) -> float:
         """Value in SI base units."""
         return float(self.value * self.si)
+
+    def counts(self, text: str) -> int:
+        """Nearest raw value to a quantity such as ``80 V``, ties to even, whatever the limits.
+
+        Raises
+        ------
+        ValueError
+            The text is not a number with a unit of this kind.
+        """
+        try:
+            return round(Quantity.parse(text).over(self.unit))
+        except (ValueError, OverflowError):
+            like = self.unit.symbol and f" with a unit like {self.unit.symbol}"
+            raise ValueError(f"{self.name} {text!r} is not a number{like}") from None
 
     def quantise(self, si: float) -> int:
         """Return the raw value nearest to a quantity in SI base units, within the limits.

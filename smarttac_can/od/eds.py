@@ -14,7 +14,7 @@ from smarttac_can.od.data_types import TEXT, bounds, zero
 from smarttac_can.od.dictionary import ACCESS, Entry, Object, ObjectDictionary
 from smarttac_can.od.eds_values import parse_integer, parse_value
 from smarttac_can.od.ini import EDSError, read_sections
-from smarttac_can.od.units import PLAIN, Unit, split_name
+from smarttac_can.od.units import ONE, Quantity, split_name
 
 _OBJECT: Final = re.compile(r"^[0-9a-f]{4}$")
 _MEMBER: Final = re.compile(r"^([0-9a-f]{4})sub([0-9a-f]{1,2})$")
@@ -123,7 +123,7 @@ class _Reader:
         if stated != count and not compact:
             self.warnings.append(f"[{name}] says SubNumber={stated} but has {count}")
 
-    def _title(self, section: str, absent: str) -> tuple[str, Unit]:
+    def _title(self, section: str, absent: str) -> tuple[str, Quantity]:
         title = self.sections[section].get("parametername", "")
         if not title:
             self.warnings.append(f"[{section}] has no ParameterName")
@@ -131,9 +131,9 @@ class _Reader:
             return split_name(title or absent)
         except ValueError as error:
             self.warnings.append(f"[{section}] {error}, taken as part of the name")
-            return title, PLAIN
+            return title, ONE
 
-    def _entry(self, name: str, index: int, subindex: int, title: str, unit: Unit) -> Entry:
+    def _entry(self, name: str, index: int, subindex: int, title: str, unit: Quantity) -> Entry:
         section = self.sections[name]
         domain = self._integer(name, "objecttype", ObjectType.VAR) == ObjectType.DOMAIN
         if domain and not section.get("datatype"):
@@ -168,7 +168,7 @@ class _Reader:
         return entry
 
     def _compact(
-        self, name: str, index: int, title: str, unit: Unit, count: int
+        self, name: str, index: int, title: str, unit: Quantity, count: int
     ) -> dict[int, Entry]:
         """Make the sub-indices of CompactSubObj, named and valued one by one (CiA 306, 4.6.3.4)."""
         if count > LAST_SUBINDEX:

@@ -98,7 +98,7 @@ def _rows(objects: Iterable[Object], other: ObjectDictionary) -> Iterator[tuple[
                 "yes" if entry.pdo else "",
                 _limits(entry),
                 _default(entry, other.entry(entry.index, entry.subindex)),
-                one_count(entry),
+                str(entry.unit),
             )
 
 
@@ -146,7 +146,7 @@ def _number(entry: Entry) -> str:
     value = entry.default
     if isinstance(value, bytes):
         return value.hex(" ").upper()
-    plain = entry.unit or entry.data_type is not cia.DataType.UNSIGNED32
+    plain = entry.unit.symbol or entry.data_type is not cia.DataType.UNSIGNED32
     if plain or (value < _HEXADECIMAL_FROM and "COB-ID" not in entry.name):
         return str(value)
     return f"{value:X}h"
@@ -155,10 +155,3 @@ def _number(entry: Entry) -> str:
 def _limits(entry: Entry) -> str:
     whole = (entry.low, entry.high) == bounds(entry.data_type)
     return "" if whole else f"{entry.low}..{entry.high}"
-
-
-def one_count(entry: Entry) -> str:
-    """Return what a count stands for, such as ``0.1 nm``; empty for a plain number."""
-    if not entry.unit:
-        return "" if entry.factor == 1 else f"{entry.factor:g}"
-    return entry.unit if entry.factor == 1 else f"{entry.factor:g} {entry.unit}"

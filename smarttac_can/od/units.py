@@ -1,43 +1,72 @@
-"""The unit in brackets that ends a parameter name, such as ``Voltage [10 mV]``."""
+"""Quantities: what a count stands for, as in ``Voltage [10 mV]``, and what a person writes."""
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from decimal import Decimal
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
-_PREFIX: Final = {"G": 9, "M": 6, "k": 3, "": 0, "m": -3, "u": -6, "n": -9, "p": -12}
-_BASE: Final = {
-    # Exponents of ten to the SI unit; degC counts as a unit of its own.
-    **dict.fromkeys(("m", "s", "V", "A", "N", "Hz", "K", "degC", "W", "J", "Pa", "Ohm", "rad"), 0),
-    "g": -3,
-    "1": 0,
-    "%": -2,
-    "ppm": -6,
-}
+_SYMBOLS: Final = {
+    prefix + base: (base, ten - 3 * (base == "g"))
+    for prefix, ten in {"G": 9, "M": 6, "k": 3, "": 0, "m": -3, "u": -6, "n": -9, "p": -12}.items()
+    for base in ("m", "s", "V", "A", "N", "Hz", "K", "W", "J", "Pa", "Ohm", "rad", "g")
+} | {"degC": ("degC", 0), "1": ("", 0), "%": ("", -2), "ppm": ("", -6)}
+"""What a symbol measures, nothing for a pure number, and its power of ten to the SI unit."""
 _NAME: Final = re.compile(r"^(?P<name>.*?)\s*\[(?P<inside>[^\[\]]*)\]$")
-_INSIDE: Final = re.compile(r"^(?P<factor>\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)?\s*(?P<unit>.*)$")
-_TERM: Final = re.compile(r"^(?P<symbol>[A-Za-z%1]+)(?:\^(?P<power>[1-9]))?$")
+_QUANTITY: Final = re.compile(r"([+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)\s*(.*)", re.ASCII)
+_TERM: Final = re.compile(r"(?P<symbol>[A-Za-z%1]+)(?:\^(?P<power>[1-9]))?")
 
 
-class Unit(NamedTuple):
-    """What one count of an integer entry stands for."""
+class Quantity(NamedTuple):
+    """A number with a unit, exact as it was written."""
 
-    text: str
-    """Displayed unit, such as ``mV``; empty for a pure number."""
-    factor: float
-    """Displayed units per count."""
-    si: float
-    """SI base units (V, m, s, N, degC ...) per count."""
+    number: Decimal
+    symbol: str
+    """Of the unit, such as ``mV`` or ``mm/s``; empty for a pure number."""
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read such as ``80 V``, ``0.5um``, ``35 %`` or ``0.35``; ValueError if it is no such."""
+        found = _QUANTITY.fullmatch(text.strip())
+        if found is None:
+            raise ValueError(f"{text!r} is not a number with a unit")
+        _meaning(found[2])
+        return cls(Decimal(found[1]), found[2])
+
+    def __str__(self) -> str:
+        """Return it as brackets have it: ``10 mV``, or ``mV`` for one of them."""
+        return self.symbol if self.number == 1 else f"{self.number:f} {self.symbol}".rstrip()
+
+    @property
+    def si(self) -> float:
+        """Number of SI base units (V, m, s, N, degC ...)."""
+        return float(self.number.scaleb(_meaning(self.symbol)[0]))
+
+    def over(self, other: Quantity) -> float:
+        """Ratio to another quantity, the nearest float.
+
+        Raises
+        ------
+        ValueError
+            If they measure different things.
+        """
+        ten, kind = _meaning(self.symbol)
+        other_ten, other_kind = _meaning(other.symbol)
+        if kind != other_kind:
+            raise ValueError(f"{other.symbol!r} is not a unit like {self.symbol or 1}")
+        return float((self.number / other.number).scaleb(ten - other_ten))
+
+    def in_unit(self, symbol: str) -> float:
+        """Return the number of another unit, the nearest float; raises ValueError as `over`."""
+        return self.over(Quantity(Decimal(1), symbol))
 
 
-PLAIN: Final = Unit("", 1.0, 1.0)
+ONE: Final = Quantity(Decimal(1), "")
 
 
-def split_name(parameter_name: str) -> tuple[str, Unit]:
-    """Part a parameter name from its unit.
-
-    A name without brackets is a plain number: unit ``""``, factor 1.
+def split_name(parameter_name: str) -> tuple[str, Quantity]:
+    """Part a parameter name from what one count stands for; without brackets that is `ONE`.
 
     Raises
     ------
@@ -46,37 +75,26 @@ def split_name(parameter_name: str) -> tuple[str, Unit]:
     """
     found = _NAME.match(parameter_name)
     if found is None:
-        return parameter_name, PLAIN
-    inside = _INSIDE.match(found["inside"].strip())
+        return parameter_name, ONE
+    inside = found["inside"].strip()
+    unit = Quantity.parse(inside if inside[:1].isdigit() else f"1 {inside}")
     # A name that ends in "[1]" or "[3]" counts array elements in many foreign EDS files.
-    if inside is None or (not inside["unit"] and "." not in (inside["factor"] or "")):
+    if not unit.number or not (unit.symbol or "." in inside):
         raise ValueError(f"unit [{found['inside']}] of {parameter_name!r} is not known")
-    factor = Decimal(inside["factor"] or "1")
-    exponent = _exponent(inside["unit"]) if inside["unit"] else 0
-    if exponent is None or not factor:
-        raise ValueError(f"unit [{found['inside']}] of {parameter_name!r} is not known")
-    # Decimal, so that 0.1 us is the float nearest to 1e-7.
-    return found["name"], Unit(inside["unit"], float(factor), float(factor.scaleb(exponent)))
+    return found["name"], unit
 
 
-def _exponent(unit: str) -> int | None:
-    """Power of ten from a unit such as ``N s/m`` to SI base units; None where it is not known."""
-    numerator, _, denominator = unit.partition("/")
+def _meaning(unit: str) -> tuple[int, Counter[str]]:
+    """Power of ten from a unit such as ``N s/m`` to SI base units, and the powers of those."""
     total = 0
-    for side, sign in ((numerator, 1), (denominator, -1)):
+    powers: Counter[str] = Counter()
+    for side, sign in zip(unit.split("/", 1), (1, -1), strict=False):
         for term in side.split():
-            found = _TERM.match(term)
-            exponent = _symbol(found["symbol"]) if found else None
-            if found is None or exponent is None:
-                return None
-            total += sign * int(found["power"] or 1) * exponent
-    return total
-
-
-def _symbol(symbol: str) -> int | None:
-    if symbol in _BASE:
-        return _BASE[symbol]
-    prefix, base = symbol[:1], symbol[1:]
-    if prefix in _PREFIX and base in _BASE and base not in ("1", "%", "ppm", "degC"):
-        return _PREFIX[prefix] + _BASE[base]
-    return None
+            found = _TERM.fullmatch(term)
+            if found is None or found["symbol"] not in _SYMBOLS:
+                raise ValueError(f"unit {unit!r} is not known")
+            base, ten = _SYMBOLS[found["symbol"]]
+            power = sign * int(found["power"] or 1)
+            total += power * ten
+            powers[base] += power if base else 0
+    return total, powers

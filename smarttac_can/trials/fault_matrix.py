@@ -157,7 +157,7 @@ def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) 
     rig = driving_rig(case, mode, log, wire)
     log.on = True
     rig.cycle(_LOGGED_CYCLES)
-    before = rig.stage.value * 1e-2
+    before = rig.stage.si_value
     seen = len(rig.emergencies)
     case.inject(rig)
     injected = log.time

@@ -66,18 +66,18 @@ class Invariants:
     def check(self) -> None:
         """Check all that can be checked in one cycle."""
         rig = self._rig
-        volts = rig.stage.value * rig.stage.si
-        most = self._limit.value * self._limit.si
+        volts = rig.stage.si_value
+        most = self._limit.si_value
         if not 0.0 <= volts <= most and not self.stage_is_broken:
             self.violate(f"{volts:g} V at the power stage, limit {most:g} V")
-        asked = self._drive.value * self._drive.si
+        asked = self._drive.si_value
         if not 0.0 <= asked <= most:
             self.violate(f"a drive of {asked:g} V, limit {most:g} V")
         plate = self._plate_block.plate
         W = abs(plate.W)
         if not isfinite(W + plate.temperature + plate.Ft + plate.Fn):
             self.violate("a state of the plate is not finite")
-        self._high_for = self._high_for + 1 if self._trip.value * self._trip.si < W else 0
+        self._high_for = self._high_for + 1 if self._trip.si_value < W else 0
         if self._high_for > AMPLITUDE_CYCLES + AFTERGLOW_CYCLES:
             self.violate(f"an amplitude of {W * 1e6:.2f} um for {self._high_for} cycles")
         if self._machine.state is State.RUNNING or self.deaf or not rig.stage.value:

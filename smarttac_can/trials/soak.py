@@ -200,7 +200,7 @@ class Soak:
         case.inject(self._rig)
         self._wait(case)
         if self._rig.stage.value:
-            invariants.violate(f"{case.name}: {self._rig.stage.value * 1e-2:g} V too late")
+            invariants.violate(f"{case.name}: {self._rig.stage.si_value:g} V too late")
         self._cycle(self._random.randint(20, 400), traffic=0.2)
         if self._rig.state is State.FAULT:
             self._report.latched += 1
@@ -216,7 +216,7 @@ class Soak:
             if not left or rig.state is not State.RUNNING:
                 return
             self._cycle(1)
-            left -= rig.stage.value * rig.stage.si >= _SHOWING_V
+            left -= rig.stage.si_value >= _SHOWING_V
 
     def _mend(self, case: FaultCase) -> None:
         case.remove(self._rig)

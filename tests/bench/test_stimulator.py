@@ -50,6 +50,54 @@ def test_set_points(bench: Stimulator, name: str, value: float, raw: tuple[str, 
     assert bench.get(raw[0]) == pytest.approx(raw[1])
 
 
+@pytest.mark.parametrize(
+    ("name", "texts", "displayed"),
+    [
+        ("Setpoint.Voltage", ("80 V", "80000 mV", "0.08kV"), 80_000),
+        ("Setpoint.Amplitude", ("0.5 um", "500 nm", "5e-7 m"), 500),
+        ("Setpoint.COF left", ("0.35", "35 %"), 0.35),
+        ("Finger.Speed", ("60 mm/s", "0.06 m/s"), 60),
+        ("Mode", ("2",), 2),
+    ],
+)
+def test_a_text_has_a_unit_and_a_number_the_displayed_one(
+    bench: Stimulator, name: str, texts: tuple[str, ...], displayed: float
+) -> None:
+    before = bench.get(name)
+    for value in (*texts, displayed):
+        bench.set(name, value)
+        assert bench.get(name) == pytest.approx(displayed)
+        bench.set(name, before)
+
+
+def test_a_number_may_be_read_in_any_unit_of_its_kind(bench: Stimulator) -> None:
+    bench.voltage = 12.34
+    assert bench.get("Setpoint.Voltage") == 12_340
+    assert bench.get("Setpoint.Voltage", "V") == bench.voltage == 12.34
+    assert bench.get("Setpoint.Voltage", "kV") == pytest.approx(0.01234)
+    with pytest.raises(ValueError, match=r"^'N' is not a unit like mV$"):
+        bench.get("Setpoint.Voltage", "N")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("Setpoint.Voltage", "80 N", " with a unit like mV"),
+        ("Setpoint.Voltage", "80", " with a unit like mV"),
+        ("Setpoint.Amplitude", "half a um", " with a unit like nm"),
+        ("Setpoint.COF left", "0.3 N", ""),
+        ("Mode", "off", ""),
+    ],
+)
+def test_another_unit_is_refused_with_the_one_expected(
+    bench: Stimulator, name: str, text: str, expected: str
+) -> None:
+    before = bench.get(name)
+    with pytest.raises(ValueError, match=f"^{name} '{text}' is not a number{expected}$"):
+        bench.set(name, text)
+    assert bench.get(name) == before
+
+
 def test_cof_of_both_sides_or_each(bench: Stimulator) -> None:
     bench.cof = 0.35
     assert bench.cof == pytest.approx((0.35, 0.35))
@@ -107,6 +155,7 @@ def test_names_that_do_not_exist() -> None:
     [
         ("Setpoint.Voltage", 200_010, "06090031: value written too high: 0 to 200000 mV"),
         ("Setpoint.Voltage", 1e9, "06090031: value written too high"),
+        ("Setpoint.Voltage", "201 V", "06090031: value written too high: 0 to 200000 mV"),
         ("Setpoint.Voltage", -10, "06090032: value written too low"),
         ("Setpoint.COF left", 0.0499, "06090032: value written too low"),
         ("Limit.Lowest frequency", 44_500, "06090030: invalid value for parameter"),
@@ -115,7 +164,7 @@ def test_names_that_do_not_exist() -> None:
     ],
 )
 def test_refused_with_the_reason_and_nothing_changed(
-    bench: Stimulator, name: str, value: float, text: str
+    bench: Stimulator, name: str, value: float | str, text: str
 ) -> None:
     before = bench.get(name)
     with pytest.raises(RefusedError, match=f"cannot write .* to {name}: abort {text}"):
@@ -503,8 +552,8 @@ def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
     [
         (lambda bench: bench.run(float("nan")), "seconds nan is not a finite number"),
         (lambda bench: bench.run("1"), "seconds '1' is not a finite number"),
-        (lambda bench: setattr(bench, "voltage", "20"), "voltage '20' is not a finite number"),
-        (lambda bench: setattr(bench, "voltage", None), "voltage None is not a finite number"),
+        (lambda bench: setattr(bench, "voltage", "20"), "Voltage '20' is not a finite number"),
+        (lambda bench: setattr(bench, "voltage", None), "Voltage None is not a finite number"),
         (lambda bench: setattr(bench, "cof", None), "cof None is not a finite number"),
         (lambda bench: setattr(bench, "cof", (0.2, "x")), "cof 'x' is not a finite number"),
         (

@@ -1,18 +1,20 @@
+from decimal import Decimal
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.od.cia import Abort, AbortCode, DataType, ObjectType
 from smarttac_can.od.dictionary import MAX_BYTES, Entry, Object, ObjectDictionary
-from smarttac_can.od.units import Unit
+from smarttac_can.od.units import ONE, Quantity, split_name
 
-MILLIVOLT = Unit("mV", 10.0, 0.01)
+TEN_MILLIVOLTS = Quantity(Decimal(10), "mV")
 
 
 def voltage() -> Entry:
     return Entry(
         0x2100, 1, "Setpoint.Voltage", DataType.UNSIGNED16, "rww",
-        low=5, high=20000, default=100, pdo=True, unit=MILLIVOLT,
+        low=5, high=20000, default=100, pdo=True, unit=TEN_MILLIVOLTS,
     )  # fmt: skip
 
 
@@ -24,7 +26,48 @@ def dictionary(*entries: Entry) -> ObjectDictionary:
 def test_value_in_si() -> None:
     entry = voltage()
     assert entry.si_value == 1.0
-    assert (entry.unit, entry.factor, entry.si) == ("mV", 10.0, 0.01)
+    assert (entry.unit, entry.si) == (TEN_MILLIVOLTS, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "raw"),
+    [
+        *(("1 V", 100), ("0.025 V", 2), ("0.035 V", 4), ("35000 uV", 4)),
+        *(("-0.5kV", -50_000), ("1e3 kV", 100_000_000), ("0 mV", 0)),
+    ],
+)
+def test_counts_of_a_quantity_round_half_to_even_and_do_not_clip(text: str, raw: int) -> None:
+    assert voltage().counts(text) == raw
+
+
+@given(
+    st.decimals(-(10**9), 10**9, places=7),
+    st.sampled_from(["V", "mV", "uV", "nV", "kV"]),
+    st.sampled_from(["mV", "10 mV", "0.1 uV", "V", "3 mV"]),
+)
+def test_any_unit_of_a_kind_gives_the_same_counts(volts: Decimal, symbol: str, count: str) -> None:
+    entry = voltage()
+    entry.unit = split_name(f"Voltage [{count}]")[1]
+    exponent = {"kV": -3, "V": 0, "mV": 3, "uV": 6, "nV": 9}[symbol]
+    assert entry.counts(f"{volts.scaleb(exponent)} {symbol}") == entry.counts(f"{volts} V")
+
+
+@pytest.mark.parametrize(
+    ("unit", "text", "expected"),
+    [
+        (TEN_MILLIVOLTS, "80 N", " with a unit like mV"),
+        (TEN_MILLIVOLTS, "80", " with a unit like mV"),
+        (TEN_MILLIVOLTS, "nan V", " with a unit like mV"),
+        (TEN_MILLIVOLTS, "1" + "0" * 400 + " V", " with a unit like mV"),
+        (ONE, "80 V", ""),
+        (ONE, "eighty", ""),
+    ],
+)
+def test_counts_refuse_another_unit(unit: Quantity, text: str, expected: str) -> None:
+    entry = voltage()
+    entry.unit = unit
+    with pytest.raises(ValueError, match=f"^Setpoint.Voltage '{text}' is not a number{expected}$"):
+        entry.counts(text)
 
 
 @pytest.mark.parametrize(

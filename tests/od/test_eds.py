@@ -12,6 +12,7 @@ from smarttac_can.od.cia import DataType, ObjectType
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.ini import EDSError
+from smarttac_can.od.units import ONE
 
 RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
 
@@ -162,8 +163,8 @@ def test_unlisted_object_gives_a_warning() -> None:
 
 def test_unknown_unit_gives_a_warning_and_stays_in_the_name() -> None:
     od = load_eds(var().replace("=X", "=Word [low byte]"), 1)
-    assert od["Word [low byte]"].unit == ""
-    assert "unit [low byte]" in od.warnings[0]
+    assert od["Word [low byte]"].unit == ONE
+    assert "unit 'low byte' is not known" in od.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -192,7 +193,8 @@ def test_node_id_out_of_range(node_id: int) -> None:
 def test_units_and_names() -> None:
     od = load_eds(RICH, 1)
     entry = od["Setpoint.Voltage"]
-    assert (entry.index, entry.subindex, entry.unit, entry.si) == (0x2100, 1, "mV", 0.01)
+    assert (entry.index, entry.subindex, entry.si) == (0x2100, 1, 0.01)
+    assert str(entry.unit) == "10 mV"
     assert (entry.low, entry.high, entry.access, entry.pdo) == (0, 20000, "rww", True)
     assert od["Mode"].index == 0x2110
 

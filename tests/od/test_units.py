@@ -1,32 +1,111 @@
-import pytest
+import re
+from decimal import Decimal
 
-from smarttac_can.od.units import PLAIN, Unit, split_name
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from smarttac_can.od.units import ONE, Quantity, split_name
+
+VOLTAGES = ["V", "mV", "uV", "kV"]
+SPEEDS = ["m/s", "mm/s", "um/ms", "km/s"]
+PURE = ["", "%", "ppm", "1", "mm/m"]
+KINDS = [VOLTAGES, SPEEDS, PURE, ["N s/m", "mN s/m", "N s/km"], ["m/s^2", "mm/s^2"]]
+
+
+def quantity(number: str, symbol: str) -> Quantity:
+    return Quantity(Decimal(number), symbol)
 
 
 @pytest.mark.parametrize(
-    ("parameter_name", "name", "unit"),
+    ("parameter_name", "name", "unit", "si"),
     [
-        ("Voltage [10 mV]", "Voltage", Unit("mV", 10.0, 0.01)),
-        ("COF [0.0001]", "COF", Unit("", 0.0001, 0.0001)),
-        ("Tau [0.1 us]", "Tau", Unit("us", 0.1, 1e-7)),
-        ("Temperature [0.01 degC]", "Temperature", Unit("degC", 0.01, 0.01)),
-        ("Amplitude [nm]", "Amplitude", Unit("nm", 1.0, 1e-9)),
-        ("Frequency [0.01 Hz]", "Frequency", Unit("Hz", 0.01, 0.01)),
-        ("Speed [0.1 mm/s]", "Speed", Unit("mm/s", 0.1, 1e-4)),
-        ("Damping [N s/m]", "Damping", Unit("N s/m", 1.0, 1.0)),
-        ("Mass [g]", "Mass", Unit("g", 1.0, 1e-3)),
-        ("Load [0.1 %]", "Load", Unit("%", 0.1, 1e-3)),
-        ("Acceleration [mm/s^2]", "Acceleration", Unit("mm/s^2", 1.0, 1e-3)),
-        ("Mode", "Mode", PLAIN),
+        ("Voltage [10 mV]", "Voltage", quantity("10", "mV"), 0.01),
+        ("COF [0.0001]", "COF", quantity("0.0001", ""), 0.0001),
+        ("Tau [0.1 us]", "Tau", quantity("0.1", "us"), 1e-7),
+        ("Temperature [0.01 degC]", "Temperature", quantity("0.01", "degC"), 0.01),
+        ("Amplitude [nm]", "Amplitude", quantity("1", "nm"), 1e-9),
+        ("Frequency [0.01 Hz]", "Frequency", quantity("0.01", "Hz"), 0.01),
+        ("Speed [0.1 mm/s]", "Speed", quantity("0.1", "mm/s"), 1e-4),
+        ("Damping [N s/m]", "Damping", quantity("1", "N s/m"), 1.0),
+        ("Mass [g]", "Mass", quantity("1", "g"), 1e-3),
+        ("Load [0.1 %]", "Load", quantity("0.1", "%"), 1e-3),
+        ("Acceleration [mm/s^2]", "Acceleration", quantity("1", "mm/s^2"), 1e-3),
+        ("Mode", "Mode", ONE, 1.0),
     ],
 )
-def test_unit_is_parted_from_the_name(parameter_name: str, name: str, unit: Unit) -> None:
+def test_unit_is_parted_from_the_name(
+    parameter_name: str, name: str, unit: Quantity, si: float
+) -> None:
     assert split_name(parameter_name) == (name, unit)
+    assert unit.si == si
 
 
 @pytest.mark.parametrize(
-    "parameter_name", ["X [reserved]", "X [1]", "X []", "X [0.0 mV]", "X [mmm]"]
+    "parameter_name",
+    ["X [reserved]", "X [1]", "X []", "X [0.0 mV]", "X [mmm]", "X [low.byte]", "X [-1 mV]"],
 )
 def test_what_is_no_unit_is_refused(parameter_name: str) -> None:
     with pytest.raises(ValueError, match="is not known"):
         split_name(parameter_name)
+
+
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [
+        ("80 V", quantity("80", "V")),
+        (" 0.5um ", quantity("0.5", "um")),
+        ("-3.21 mm", quantity("-3.21", "mm")),
+        ("+1e-07 N s/m", quantity("1e-7", "N s/m")),
+        ("35 %", quantity("35", "%")),
+        ("0.35", quantity("0.35", "")),
+    ],
+)
+def test_what_a_person_writes(text: str, read: Quantity) -> None:
+    assert Quantity.parse(text) == read
+
+
+@pytest.mark.parametrize(
+    "text", ["", "V", "mV 80", "nan V", "inf V", "80 volts", "1,5 V", "0x10", "1e9999 V", "8\n0 V"]
+)
+def test_what_a_person_does_not_write(text: str) -> None:
+    with pytest.raises(ValueError, match="is not"):
+        Quantity.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("unit", "text"),
+    [
+        (ONE, ""),
+        (quantity("1", "nm"), "nm"),
+        (quantity("10", "mV"), "10 mV"),
+        (quantity("0.0001", ""), "0.0001"),
+        (quantity("1e-5", "V"), "0.00001 V"),
+    ],
+)
+def test_a_quantity_reads_as_in_brackets(unit: Quantity, text: str) -> None:
+    assert str(unit) == text
+
+
+def test_a_count_in_another_unit_is_the_nearest_float() -> None:
+    assert quantity("0.1", "nm").in_unit("um") == 1e-4
+    assert quantity("0.1", "us").in_unit("s") == 1e-7
+    assert quantity("0.1", "%").in_unit("") == 1e-3
+    assert quantity("10", "um").in_unit("mm") == 0.01
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_units_of_one_kind_convert_and_others_do_not(kind: list[str]) -> None:
+    for one in kind:
+        for other in ["N", "degC", "K", "V s", *(each[0] for each in KINDS if each is not kind)]:
+            message = f"^'{re.escape(other)}' is not a unit like {re.escape(one or '1')}$"
+            with pytest.raises(ValueError, match=message):
+                quantity("1", one).in_unit(other)
+
+
+@given(st.data())
+def test_there_and_back_is_where_one_was(data: st.DataObject) -> None:
+    kind = data.draw(st.sampled_from(KINDS))
+    one, other = data.draw(st.sampled_from(kind)), data.draw(st.sampled_from(kind))
+    there, back = quantity("1", one).in_unit(other), quantity("1", other).in_unit(one)
+    assert there * back == pytest.approx(1.0, rel=1e-15)
