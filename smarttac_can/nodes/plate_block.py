@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
+from smarttac_can.nodes.hard_caps import PLATE_CAPS, require_caps
 from smarttac_can.nodes.stage_state import StageEvent, StageState, follow
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
@@ -50,6 +51,11 @@ class PlateBlock:
     recording
         The finger of motion 2; without one, that motion is refused.
 
+    Raises
+    ------
+    ValueError
+        If the object dictionary goes beyond the hard caps.
+
     Attributes
     ----------
     plate
@@ -59,6 +65,7 @@ class PlateBlock:
     """
 
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
+        require_caps(od, PLATE_CAPS)
         self.od = od
         self._recording = recording
         self.state = StageState.WAITING

@@ -10,6 +10,7 @@ from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
 from smarttac_can.nodes.drive_output import DriveOutput
+from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps
 from smarttac_can.nodes.loop_frames import (
     MEASUREMENT_RPDOS,
     received_drive,
@@ -51,6 +52,12 @@ class StimulatorBlock:
     plate
         The plate inside; None if it is a node of its own.
 
+    Raises
+    ------
+    ValueError
+        If the object dictionary goes beyond the hard caps, or the PDOs of the two EDS files do not
+        carry the same.
+
     Attributes
     ----------
     cascade
@@ -60,6 +67,7 @@ class StimulatorBlock:
     """
 
     def __init__(self, od: ObjectDictionary, plate: PlateBlock | None = None) -> None:
+        require_caps(od, STIMULATOR_CAPS)
         self.od = od
         self._plate = plate
         self._inbox = MeasurementInput(od)

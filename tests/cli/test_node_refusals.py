@@ -95,6 +95,33 @@ def test_the_eds_of_another_device(tmp_path: Path) -> None:
     assert "is not in the EDS" in refusal("plate", *VIRTUAL, "--eds", str(path))
 
 
+HIGHEST = "HighLimit=20000"
+
+
+@pytest.mark.parametrize("command", ["node", "node --plate-node 33", "plate"])
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (HIGHEST, "HighLimit=50000", "Voltage has the HighLimit 500000 mV, outside the hard cap"),
+        (HIGHEST, "", "Voltage has the HighLimit 655350 mV, outside the hard cap 0..200000 mV"),
+        ("DefaultValue=15000", "DefaultValue=20001", "has the DefaultValue 200010 mV"),
+        ("HighLimit=8000", "HighLimit=8001", "Temperature has the HighLimit 80.01 degC"),
+        ("Voltage [10 mV]", "Voltage [0.1 V]", "has the unit [0.1 V], not [10 mV]"),
+        ("Voltage [10 mV]", "Tension [10 mV]", "Voltage' is not in the EDS"),
+    ],
+)
+def test_an_eds_beyond_the_hard_caps(
+    command: str, old: str, new: str, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "beyond.eds"
+    text = read_eds("plate.eds" if command == "plate" else "stimulator.eds")
+    assert old in text
+    path.write_text(text.replace(old, new))
+    said = refusal(*command.split(), *VIRTUAL, "--eds", str(path))
+    assert said.startswith(f"{path} does not suit the device: ")
+    assert message in said
+
+
 def test_an_eds_whose_loop_carries_something_else(tmp_path: Path) -> None:
     path = tmp_path / "permuted.eds"
     text = read_eds("stimulator.eds")

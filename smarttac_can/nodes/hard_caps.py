@@ -1,0 +1,113 @@
+"""What no EDS, no master and no controller can go beyond: voltage, amplitude, temperature."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from math import inf
+from typing import Final, NamedTuple
+
+from smarttac_can.od.data_types import SIGNED, UNSIGNED
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.units import Quantity
+
+VOLTAGE_MAX: Final = 200.0
+"""Of the power stage in V. An assumption, as the paper has no absolute voltage: the 150 V of the
+default limit make 7.5 um at resonance, more than twice what the pick-up can follow; the rest is
+reserve for a plate with a lower gain."""
+AMPLITUDE_MAX: Final = 3e-6
+"""Of the vibration that is asked for in m, peak-to-peak: what the loop overshoots is still seen by
+the pick-up. The paper goes to 2 um."""
+AMPLITUDE_TRIP_MAX: Final = 3.27e-6
+"""Of the vibration that ends a run in m, peak-to-peak: the pick-up ends at 3.2767 um."""
+AMPLITUDE_BY_DRIVE_MAX: Final = 6e-6
+"""Of the vibration that follows from the drive and ends a run in m, peak-to-peak: under the paper's
+references the five simulated subjects need up to 4.65 um."""
+TEMPERATURE_MAX: Final = 80.0
+"""Of the plate in degC: the gauges, FSS1500, may be used to 85 degC by their data sheet. It keeps
+the plate whole; what a fingertip bears is less."""
+
+_VOLTAGE: Final = Quantity(Decimal("10"), "mV")
+_AMPLITUDE: Final = Quantity(Decimal("1"), "nm")
+_PICKUP: Final = Quantity(Decimal("0.1"), "nm")
+_GAIN: Final = Quantity(Decimal("1"), "pm")
+_TEMPERATURE: Final = Quantity(Decimal("0.01"), "degC")
+
+
+class Cap(NamedTuple):
+    """An object that has to be there, in a unit, from 0 to a cap."""
+
+    name: str
+    unit: Quantity
+    most: float = inf
+    """In SI units; inf for what is only compared with a limit, or makes what is."""
+
+
+STIMULATOR_CAPS: Final = (
+    Cap("Setpoint.Voltage", _VOLTAGE, VOLTAGE_MAX),
+    Cap("Setpoint.Amplitude", _AMPLITUDE, AMPLITUDE_MAX),
+    Cap("Limit.Voltage", _VOLTAGE, VOLTAGE_MAX),
+    Cap("Limit.Amplitude", _AMPLITUDE, AMPLITUDE_MAX),
+    Cap("Limit.Amplitude trip", _AMPLITUDE, AMPLITUDE_TRIP_MAX),
+    Cap("Limit.Amplitude by drive", _AMPLITUDE, AMPLITUDE_BY_DRIVE_MAX),
+    Cap("Limit.Temperature", _TEMPERATURE, TEMPERATURE_MAX),
+    Cap("Drive.Voltage", _VOLTAGE, VOLTAGE_MAX),
+    Cap("Vibration.Voltage", _VOLTAGE, VOLTAGE_MAX),
+    Cap("Plate input.W_d", _PICKUP),
+    Cap("Plate input.W_q", _PICKUP),
+    Cap("Plate input.Temperature", _TEMPERATURE),
+    Cap("Model.Gain per volt", _GAIN),
+)
+"""Of ``stimulator.eds``."""
+PLATE_CAPS: Final = (
+    Cap("Drive.Voltage", _VOLTAGE, VOLTAGE_MAX),
+    Cap("Stage.Voltage", _VOLTAGE, VOLTAGE_MAX),
+    Cap("Limit.Voltage", _VOLTAGE, VOLTAGE_MAX),
+    Cap("Limit.Temperature", _TEMPERATURE, TEMPERATURE_MAX),
+    Cap("Vibration.W_d", _PICKUP),
+    Cap("Vibration.W_q", _PICKUP),
+    Cap("Vibration.Temperature", _TEMPERATURE),
+)
+"""Of ``plate.eds``."""
+
+
+def require_caps(od: ObjectDictionary, caps: tuple[Cap, ...]) -> None:
+    """Refuse an object dictionary with which the device could leave its caps.
+
+    Raises
+    ------
+    ValueError
+        An object is missing, no integer, of another unit, or its limits or its default are outside
+        0..cap for some node-ID; one line that names it, the value and the cap.
+    """
+    for cap in caps:
+        try:
+            entry = od[cap.name]
+        except KeyError as error:
+            raise ValueError(error.args[0]) from error
+        _require_unit(entry, cap.unit)
+        if cap.most < inf:
+            _require_range(entry, cap)
+
+
+def _require_unit(entry: Entry, unit: Quantity) -> None:
+    if entry.data_type not in SIGNED and entry.data_type not in UNSIGNED:
+        raise ValueError(f"{entry.name} is {entry.data_type.name}, not an integer")
+    if entry.unit != unit:
+        raise ValueError(f"{entry.name} has the unit [{entry.unit}], not [{unit}]")
+
+
+def _require_range(entry: Entry, cap: Cap) -> None:
+    if entry.per_node:
+        raise ValueError(f"{entry.name} is capped, so it cannot depend on the node-ID")
+    most = round(cap.most / entry.si)
+    for what, raw in (
+        ("LowLimit", entry.low),
+        ("HighLimit", entry.high),
+        ("DefaultValue", entry.default),
+    ):
+        if not 0 <= raw <= most:
+            shown, highest = (count * cap.unit.number for count in (int(raw), most))
+            raise ValueError(
+                f"{entry.name} has the {what} {shown:f} {cap.unit.symbol}"
+                f", outside the hard cap 0..{highest:f} {cap.unit.symbol}"
+            )
