@@ -12,13 +12,15 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from io import TextIOWrapper
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.od.units import Quantity
 
 Integers = npt.NDArray[np.int64]
@@ -44,6 +46,7 @@ COLUMNS = (
     Column("Fn", 3, "N"),
 )
 HEADER = ("experiment", "subject", *(column.name for column in COLUMNS))
+_LONGEST_LINE = 1000
 _LABEL = re.compile(r"[a-z0-9_.]+")
 
 
@@ -190,11 +193,15 @@ def read_csv(path: Path | str) -> list[Trace]:
     ------
     ValueError
         If the header, a number or a label is not as `write_csv` writes it; names the line.
+    OSError
+        If it is no regular file, or cannot be read.
     """
-    with Path(path).open(encoding="ascii", newline="") as file:
+    with TextIOWrapper(open_regular(Path(path)), encoding="ascii", newline="") as file:
+        # A line that is too long is none of a trace, and is not read as a whole.
+        lines = iter(lambda: file.readline(_LONGEST_LINE), "")
         return [
             Trace.from_rows(experiment, int(subject), [row for _, _, row in rows])
-            for (experiment, subject), rows in groupby(_rows(file), key=lambda row: row[:2])
+            for (experiment, subject), rows in groupby(_rows(lines), key=lambda row: row[:2])
         ]
 
 
@@ -209,9 +216,9 @@ def _decimals(values: Integers, decimals: int) -> list[str]:
     return [f"{Decimal(value).scaleb(-decimals):f}" for value in values.tolist()]
 
 
-def _rows(file: TextIO) -> Iterator[tuple[str, str, list[int]]]:
+def _rows(lines: Iterator[str]) -> Iterator[tuple[str, str, list[int]]]:
     """Yield (experiment, subject, scaled integers) for each line after the header."""
-    reader = csv.reader(file, strict=True)
+    reader = csv.reader(lines, quoting=csv.QUOTE_NONE)
     if tuple(next(reader, ())) != HEADER:
         raise ValueError(f"line 1 is not {','.join(HEADER)}")
     number = [

@@ -17,6 +17,7 @@ from smarttac_can.conformance.report import as_json, line, markdown, summary
 from smarttac_can.conformance.run import failed, run_cases
 from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.conformance.table import CASES
+from smarttac_can.host.eds_files import read_eds_file
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -80,7 +81,7 @@ def conform(
     """
     with plain_errors():
         with naming(eds):
-            sheet = Sheet(eds.read_text(encoding="latin-1"), node_id)
+            sheet = Sheet(read_eds_file(eds), node_id)
         with closing(bus.open()) as connection:
             probe = Probe(connection, sheet, timeout=time_out)
             results = run_cases(probe, cases, lambda result: click.echo(line(result)))

@@ -11,10 +11,11 @@ from smarttac_can.cli.options import (
     BusChoice,
     bus_options,
     own_node_id,
+    storage_option,
     unconfigured_option,
 )
 from smarttac_can.cli.process import Pace, lockstep_option, run_in_process
-from smarttac_can.cli.refusal import naming, plain_errors
+from smarttac_can.cli.refusal import naming, plain_errors, warn
 from smarttac_can.device.device import Device
 from smarttac_can.host.eds_files import read_eds_file
 from smarttac_can.host.storage_file import StorageFile
@@ -30,7 +31,8 @@ _DEFAULT_ID = 1
 )
 @click.option(
     "--eds",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=click.Path(exists=True, path_type=Path),
+    metavar="FILE",
     required=True,
     help="Data sheet or DCF that says what the device has.",
 )
@@ -41,11 +43,7 @@ _DEFAULT_ID = 1
 @bus_options
 @click.option("--autostart", is_flag=True, help="OPERATIONAL without waiting for a master.")
 @lockstep_option
-@click.option(
-    "--storage",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="File for stored parameters; without it they end with the command.",
-)
+@storage_option("File for stored parameters; without it they end with the command.")
 def device(
     *,
     eds: Path,
@@ -54,7 +52,7 @@ def device(
     bus: BusChoice,
     autostart: bool,
     lockstep: bool,
-    storage: Path | None,
+    storage: StorageFile | None,
 ) -> None:
     """Run a device of any EDS, with its values in memory, until Ctrl-C or SIGTERM.
 
@@ -65,8 +63,6 @@ def device(
         fixed = own_node_id(node_id, unconfigured)
         with naming(eds):
             od = load_eds(read_eds_file(eds), _DEFAULT_ID if node_id is None else node_id)
-        for warning in od.warnings:
-            click.echo(f"{eds}: {warning}", err=True)
-        file = None if storage is None else StorageFile(storage)
-        node = PlainNode(Device(od, autostart=autostart, storage=file, node_id=fixed))
+        warn(eds, od.warnings)
+        node = PlainNode(Device(od, autostart=autostart, storage=storage, node_id=fixed))
         run_in_process("device", node, bus, Pace(lockstep))

@@ -19,7 +19,7 @@ from smarttac_can.cli.options import (
     json_option,
     timeout_option,
 )
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.refusal import one_line, plain_errors
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
 from smarttac_can.host.eds_files import read_eds_file
@@ -84,7 +84,7 @@ def check(
         click.echo(json.dumps({"file": str(file), "findings": rows}, indent=2))
     else:
         for finding in findings:
-            click.echo(f"{file}: {finding}")
+            click.echo(one_line(f"{file}: {finding}"))
     if any(finding.error for finding in findings):
         raise SystemExit(1)
 
@@ -175,7 +175,7 @@ def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
     try:
         return make(read_eds_file(file))
     except ValueError as error:
-        raise click.ClickException(f"{file}: {error}") from error
+        raise click.ClickException(one_line(f"{file}: {error}")) from error
 
 
 def _write(text: str, output: Path | None) -> None:

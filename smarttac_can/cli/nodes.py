@@ -16,11 +16,12 @@ from smarttac_can.cli.options import (
     Command,
     bus_options,
     own_node_id,
+    storage_option,
     unconfigured_option,
     with_options,
 )
 from smarttac_can.cli.process import Pace, pace_options, run_in_process
-from smarttac_can.cli.refusal import naming, plain_errors
+from smarttac_can.cli.refusal import naming, one_line, plain_errors, warn
 from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.storage_file import StorageFile
@@ -41,24 +42,14 @@ def _finger(
         return LIFTED, None
     if value == "stroke":
         return STROKE, None
-    try:
-        return RECORDED, read_finger(Path(value))
-    except OSError as error:
-        reason = f"{value!r} is neither none, stroke nor a file: {error.strerror}"
-        raise click.BadParameter(reason) from error
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
-
-
-def _storage(
-    _ctx: click.Context, _param: click.Parameter, value: Path | None
-) -> StorageFile | None:
-    if value is None:
-        return None
-    file = StorageFile(value)
-    if not file.path.parent.is_dir():
-        raise click.BadParameter(f"{str(file.path.parent)!r} is no directory")
-    return file
+    with plain_errors():
+        try:
+            return RECORDED, read_finger(Path(value))
+        except FileNotFoundError as error:
+            reason = f"{value!r} is neither none, stroke nor a file: {error.strerror}"
+            raise click.BadParameter(reason) from error
+        except ValueError as error:
+            raise click.ClickException(one_line(error)) from error
 
 
 def node_options(node_id: int) -> Callable[[Command], Command]:
@@ -96,15 +87,13 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
         ),
         click.option(
             "--eds",
-            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            type=click.Path(exists=True, path_type=Path),
+            metavar="FILE",
             help="EDS with other default values than the packaged one.",
         ),
-        click.option(
-            "--storage",
-            type=click.Path(dir_okay=False, path_type=Path),
-            callback=_storage,
-            help="File for what is stored by 1010h and LSS; without, it is forgotten at the end."
-            " What is stored wins over defaults of options, not over options given.",
+        storage_option(
+            "File for what is stored by 1010h and LSS; without, it is forgotten at the end."
+            " What is stored wins over defaults of options, not over options given."
         ),
     )
 
@@ -229,8 +218,7 @@ def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
     text = read_eds(packaged) if other is None else read_eds_file(other)
     with naming(other or packaged):
         od = load_eds(text, node_id)
-    for warning in od.warnings:
-        click.echo(f"{other or packaged}: {warning}", err=True)
+    warn(other or packaged, od.warnings)
     return od
 
 
@@ -243,4 +231,5 @@ def _blaming(eds: Path | None) -> Iterator[None]:
         if eds is None:
             raise
         reason = error.args[0] if isinstance(error, KeyError) else error
-        raise click.ClickException(f"{eds} does not suit the device: {reason}") from error
+        said = one_line(f"{eds} does not suit the device: {reason}")
+        raise click.ClickException(said) from error

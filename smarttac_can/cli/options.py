@@ -7,13 +7,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import reduce, wraps
 from math import isfinite
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import canopen
 import click
 
+from smarttac_can.cli.refusal import plain_errors
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.od.cia import UNCONFIGURED
 
 Command = Callable[..., Any]
@@ -72,6 +75,26 @@ def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
     if unconfigured and node_id is not None:
         raise click.UsageError(f"--unconfigured has no --node-id, but {node_id} is given")
     return UNCONFIGURED if unconfigured else node_id
+
+
+def _storage(
+    _ctx: click.Context, _param: click.Parameter, value: Path | None
+) -> StorageFile | None:
+    """Refuse at once what could not be read at power-on."""
+    if value is None:
+        return None
+    file = StorageFile(value)
+    if not file.path.parent.is_dir():
+        raise click.BadParameter(f"{str(file.path.parent)!r} is no directory")
+    with plain_errors():
+        file.read()
+    return file
+
+
+def storage_option(text: str) -> Callable[[Command], Command]:
+    """Option of a file for what a device stores, with this help."""
+    kind = click.Path(path_type=Path)
+    return click.option("--storage", type=kind, metavar="FILE", callback=_storage, help=text)
 
 
 class BusChoice(NamedTuple):

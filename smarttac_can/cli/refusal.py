@@ -1,17 +1,21 @@
-"""What a person did wrong, in one line on stderr and a non-zero exit."""
+"""What a person did wrong, in one line on stderr and a non-zero exit; and what is only odd."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Final
 
 import click
 
 from smarttac_can.host.bus import BusError
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.ini import EDSError
+
+_LONGEST_LINE: Final = 500
+_MOST_WARNINGS: Final = 20
 
 
 @contextmanager
@@ -20,10 +24,10 @@ def plain_errors() -> Iterator[None]:
     try:
         yield
     except (BenchError, BusError, EDSError) as error:
-        raise click.ClickException(_one_line(error)) from error
+        raise click.ClickException(one_line(error)) from error
     except OSError as error:
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        raise click.ClickException(what) from error
+        raise click.ClickException(one_line(what)) from error
 
 
 @contextmanager
@@ -32,7 +36,15 @@ def naming(file: str | Path) -> Iterator[None]:
     try:
         yield
     except EDSError as error:
-        raise click.ClickException(f"{file}: {_one_line(error)}") from error
+        raise click.ClickException(one_line(f"{file}: {error}")) from error
+
+
+def warn(file: str | Path, warnings: Sequence[str]) -> None:
+    """Say on stderr what is odd about a file; beyond 20 lines only how many more there are."""
+    for warning in warnings[:_MOST_WARNINGS]:
+        click.echo(one_line(f"{file}: {warning}"), err=True)
+    if more := len(warnings[_MOST_WARNINGS:]):
+        click.echo(one_line(f"{file}: {more} more warnings"), err=True)
 
 
 def need_matplotlib() -> None:
@@ -43,5 +55,9 @@ def need_matplotlib() -> None:
         )
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+def one_line(text: object) -> str:
+    """Make a line of at most 500 characters that a terminal only shows, whatever a file holds."""
+    line = " ".join(str(text).split())
+    if len(line) > _LONGEST_LINE:
+        line = f"{line[:_LONGEST_LINE]}..."
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)

@@ -14,8 +14,9 @@ import click
 
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.cli.refusal import need_matplotlib, plain_errors
+from smarttac_can.cli.refusal import need_matplotlib, one_line, plain_errors
 from smarttac_can.control.friction import Law
+from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.provenance import EMERGES, FITTED
@@ -32,6 +33,8 @@ from smarttac_can.paper.reproduce import reproduce as run_reproduction
 _DEAD_TIME_MAX_US = 999.0
 BIT_RATE = 1_000_000
 """Bit rate in bit/s of ``--dead-time auto``."""
+_RESULTS_MAX_BYTES = 4 << 20
+"""Of results.json: those of all experiments take 20 KB."""
 _VIBRATION = frozenset({"fig5", "fig6"})
 
 
@@ -164,13 +167,13 @@ def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
     """Read what ``reproduce --output`` wrote."""
     file = folder / RESULTS
     try:
-        results = json.loads(file.read_text(encoding="utf-8"))
+        results = json.loads(read_bounded(file, _RESULTS_MAX_BYTES))
         if not isinstance(results, dict) or "trace_sha256" not in results:
             raise ValueError("it holds no results of reproduce")
         file = folder / TRACES
         return read_csv(file), results
-    except ValueError as error:
-        raise click.ClickException(f"{file}: {error}") from error
+    except (ValueError, RecursionError) as error:
+        raise click.ClickException(one_line(f"{file}: {error}")) from error
 
 
 def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:

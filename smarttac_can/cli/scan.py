@@ -14,7 +14,7 @@ from smarttac_can.cli.options import (
     json_option,
     timeout_option,
 )
-from smarttac_can.cli.refusal import naming, plain_errors
+from smarttac_can.cli.refusal import naming, one_line, plain_errors
 from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
 from smarttac_can.host.eds_files import read_eds, read_eds_file
@@ -78,7 +78,7 @@ def _cells(device: FoundDevice) -> tuple[str, ...]:
     return (
         "-" if device.node_id is None else f"{device.node_id}",
         device.state,
-        device.name or "-",
+        one_line(device.name) or "-",
         *(("-",) * 4 if numbers is None else [f"{number:08X}" for number in numbers]),
         device.eds or "-",
     )

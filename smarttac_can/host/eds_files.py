@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
+from typing import Final
+
+from smarttac_can.host.bounded_file import read_bounded
+
+MAX_BYTES: Final = 4 << 20
+"""Of an EDS: those of our own have 57 KB at most."""
 
 
 def read_eds(name: str) -> str:
@@ -28,15 +34,15 @@ def read_eds(name: str) -> str:
 
 
 def read_eds_file(path: Path) -> str:
-    """Return the text of an EDS or DCF of any maker: ASCII by rule, UTF-8 or Latin-1 in practice.
+    """Return the text of an EDS or DCF of any maker: ASCII by rule, UTF-8 or Windows' in practice.
 
     Raises
     ------
     OSError
-        If the file cannot be read.
+        If it is no regular file, longer than `MAX_BYTES`, or cannot be read.
     """
-    data = path.read_bytes()
+    data = read_bounded(path, MAX_BYTES)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return data.decode("latin-1")
+        return data.decode("cp1252", errors="replace")

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import csv
+from io import StringIO
 from pathlib import Path
+from typing import Final
 
+from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.plant.finger import Trajectory
 
-HEADER = ["t_s", "x_mm", "Fn_N"]
+HEADER: Final = ["t_s", "x_mm", "Fn_N"]
+MAX_BYTES: Final = 8 << 20
+MAX_ROWS: Final = 100_000
+"""Of a recording: 100 s at 1 kHz."""
 
 
 def read_finger(path: Path) -> Trajectory:
@@ -22,22 +28,30 @@ def read_finger(path: Path) -> Trajectory:
     Raises
     ------
     ValueError
-        If the header or a number is not as it should be; names file and line.
+        If the header or a number is not as it should be, or there are more than `MAX_ROWS`; names
+        file and line.
     OSError
-        If the file cannot be read.
+        If it is no regular file, longer than `MAX_BYTES`, or cannot be read.
     """
-    samples = []
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = csv.reader(file)
-        if next(rows, None) != HEADER:
-            raise ValueError(f"{path} line 1: the header is not {','.join(HEADER)}")
-        for row in rows:
-            try:
-                time, x, Fn = map(float, row)
-            except ValueError as error:
-                raise ValueError(f"{path} line {rows.line_num}: {error}") from error
-            samples.append((time, x * 1e-3, Fn))
+    data = read_bounded(path, MAX_BYTES)
     try:
-        return Trajectory(samples)
+        return Trajectory(_samples(data.decode("utf-8")))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _samples(text: str) -> list[tuple[float, float, float]]:
+    """Time in s, x in m and Fn in N of each row."""
+    samples: list[tuple[float, float, float]] = []
+    rows = csv.reader(StringIO(text, newline=""))
+    try:
+        if next(rows, None) != HEADER:
+            raise ValueError(f"the header is not {','.join(HEADER)}")
+        for row in rows:
+            if len(samples) == MAX_ROWS:
+                raise ValueError(f"there are more than {MAX_ROWS} rows")
+            time, x, Fn = map(float, row)
+            samples.append((time, x * 1e-3, Fn))
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"line {rows.line_num}: {error}") from error
+    return samples

@@ -5,6 +5,12 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
+
+from smarttac_can.host.bounded_file import read_bounded, too_large
+
+MAX_BYTES: Final = 4 << 20
+"""Of what a device stores; a DOMAIN takes up to 1 MiB of it."""
 
 
 class StorageFile:
@@ -34,17 +40,19 @@ class StorageFile:
         Raises
         ------
         OSError
-            If it is there and cannot be read.
+            If it is no regular file, longer than `MAX_BYTES`, or cannot be read.
         """
         with suppress(OSError):
             self._new.unlink()
         try:
-            return self.path.read_bytes()
+            return read_bounded(self.path, MAX_BYTES)
         except FileNotFoundError:
             return None
 
     def write(self, data: bytes) -> None:
         """Replace the file as a whole; on `OSError` the old one is still there."""
+        if len(data) > MAX_BYTES:
+            raise too_large(self.path, MAX_BYTES)
         with self._new.open("wb") as file:
             file.write(data)
             file.flush()

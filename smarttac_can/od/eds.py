@@ -13,6 +13,7 @@ from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, DataType, ObjectTyp
 from smarttac_can.od.data_types import TEXT, bounds, zero
 from smarttac_can.od.dictionary import ACCESS, Entry, Object, ObjectDictionary
 from smarttac_can.od.eds_values import parse_integer, parse_value
+from smarttac_can.od.entry_rules import LONGEST_NAME
 from smarttac_can.od.ini import EDSError, read_sections
 from smarttac_can.od.units import ONE, Quantity, split_name
 
@@ -24,6 +25,9 @@ _OTHER: Final = re.compile(
     r"|(mandatory|optional|manufacturer)objects|supportedmodules|tools?\d*)$"
 )
 _LISTS: Final = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
+
+MAX_ENTRIES: Final = 65_536
+"""Sub-indices of a device; a line with CompactSubObj makes 254."""
 
 Section = dict[str, str]
 _Kind = TypeVar("_Kind", DataType, ObjectType)
@@ -76,6 +80,7 @@ class _Reader:
         self.sections = sections
         self.node_id = node_id
         self.warnings = warnings
+        self.entries = 0
         self.members: dict[int, dict[int, str]] = {}
         for name in sections:
             if found := _MEMBER.match(name):
@@ -127,6 +132,7 @@ class _Reader:
         title = self.sections[section].get("parametername", "")
         if not title:
             self.warnings.append(f"[{section}] has no ParameterName")
+        _require_short(title, f"[{section}] ParameterName")
         try:
             return split_name(title or absent)
         except ValueError as error:
@@ -134,6 +140,9 @@ class _Reader:
             return title, ONE
 
     def _entry(self, name: str, index: int, subindex: int, title: str, unit: Quantity) -> Entry:
+        self.entries += 1
+        if self.entries > MAX_ENTRIES:
+            raise EDSError(f"there are more than {MAX_ENTRIES} sub-indices")
         section = self.sections[name]
         domain = self._integer(name, "objecttype", ObjectType.VAR) == ObjectType.DOMAIN
         if domain and not section.get("datatype"):
@@ -179,6 +188,7 @@ class _Reader:
         entries = {0: Entry(index, 0, count_title, DataType.UNSIGNED8, "ro", default=count)}
         for subindex in range(1, count + 1):
             member = names.get(str(subindex), f"{title}{subindex}")
+            _require_short(member, f"[{name}name] {subindex}")
             entry = self._entry(name, index, subindex, f"{title}.{member}", unit)
             if text := values.get(str(subindex)):
                 entry.default = entry.value = self._value(name, entry.data_type, text)
@@ -226,6 +236,11 @@ class _Reader:
 
     def _value(self, section: str, data_type: DataType, text: str) -> Any:
         return parse_value(data_type, text, self.node_id, f"[{section}] value {text!r}")
+
+
+def _require_short(name: str, what: str) -> None:
+    if len(name) > LONGEST_NAME:
+        raise EDSError(f"{what} is longer than {LONGEST_NAME} characters")
 
 
 def _per_node(text: str) -> bool:

@@ -10,7 +10,7 @@ from smarttac_can.od.cia import DataType
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, bounds
 from smarttac_can.od.ini import EDSError
 
-_NUMBER: Final = re.compile(r"^([+-]?)(0x[0-9a-f]+|[0-9]+)$")
+_NUMBER: Final = re.compile(r"^([+-]?)(0x[0-9a-f]{1,32}|[0-9]{1,32})$")
 _NODE_ID: Final = re.compile(r"^(?:\$nodeid\+)(.+)$|^(.+)\+\$nodeid$|^\$nodeid()$")
 
 

@@ -164,7 +164,7 @@ def check_lists(sections: Sections) -> Iterator[Finding]:
 
 
 def _check_count(name: str, section: dict[str, str]) -> Iterator[Finding]:
-    numbers = sorted(int(key) for key in section if key.isdigit())
+    numbers = sorted(int(key) for key in section if re.fullmatch(r"[0-9]{1,9}", key))
     text = section.get("supportedobjects", "")
     if integer(text) != len(numbers):
         yield Finding(name, f"SupportedObjects={text}, but {len(numbers)} are listed")

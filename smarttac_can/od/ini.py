@@ -5,7 +5,11 @@ from __future__ import annotations
 import re
 from typing import Final
 
+MAX_LINES: Final = 100_000
+"""Lines of a file; those of our own have 3 774 at most."""
+
 _COMMENT: Final = re.compile(r"(?:^|\s);.*$")
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
 
 
 class EDSError(ValueError):
@@ -21,7 +25,8 @@ def read_sections(text: str, warnings: list[str]) -> dict[str, dict[str, str]]:
     Raises
     ------
     EDSError
-        A key has two different values.
+        A key has two different values, a line has a control character, or there are more than
+        `MAX_LINES`.
     """
     sections: dict[str, dict[str, str]] = {}
     current: dict[str, str] | None = None
@@ -30,6 +35,11 @@ def read_sections(text: str, warnings: list[str]) -> dict[str, dict[str, str]]:
         line = _COMMENT.sub("", raw).strip()
         if not line:
             continue
+        if number > MAX_LINES:
+            raise EDSError(f"there are more than {MAX_LINES} lines")
+        # A name is shown on terminals, which obey such characters.
+        if found := _CONTROL.search(line):
+            raise EDSError(f"line {number}: {found[0]!r} is a control character")
         if line.startswith("[") and line.endswith("]"):
             name = line[1:-1].strip().lower()
             if name in sections:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from decimal import Decimal
+from math import inf
 from typing import Final, NamedTuple, Self
 
 _SYMBOLS: Final = {
@@ -13,7 +14,8 @@ _SYMBOLS: Final = {
     for base in ("m", "s", "V", "A", "N", "Hz", "K", "W", "J", "Pa", "Ohm", "rad", "g")
 } | {"degC": ("degC", 0), "1": ("", 0), "%": ("", -2), "ppm": ("", -6)}
 """What a symbol measures, nothing for a pure number, and its power of ten to the SI unit."""
-_NAME: Final = re.compile(r"^(?P<name>.*?)\s*\[(?P<inside>[^\[\]]*)\]$")
+_LONGEST: Final = 40
+"""Characters of what stands in the brackets."""
 _QUANTITY: Final = re.compile(r"([+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)\s*(.*)", re.ASCII)
 _TERM: Final = re.compile(r"(?P<symbol>[A-Za-z%1]+)(?:\^(?P<power>[1-9]))?")
 
@@ -73,15 +75,19 @@ def split_name(parameter_name: str) -> tuple[str, Quantity]:
     ValueError
         The brackets hold something that is no unit.
     """
-    found = _NAME.match(parameter_name)
-    if found is None:
+    name, opened, brackets = parameter_name.rpartition("[")
+    inside = brackets.removesuffix("]")
+    if not opened or inside == brackets or "]" in inside:
         return parameter_name, ONE
-    inside = found["inside"].strip()
+    unknown = ValueError(f"unit [{inside}] of {parameter_name!r} is not known")
+    if len(inside) > _LONGEST:
+        raise unknown
+    inside = inside.strip()
     unit = Quantity.parse(inside if inside[:1].isdigit() else f"1 {inside}")
     # A name that ends in "[1]" or "[3]" counts array elements in many foreign EDS files.
-    if not unit.number or not (unit.symbol or "." in inside):
-        raise ValueError(f"unit [{found['inside']}] of {parameter_name!r} is not known")
-    return found["name"], unit
+    if not (unit.symbol or "." in inside) or not 0.0 < unit.si < inf:
+        raise unknown
+    return name.rstrip(), unit
 
 
 def _meaning(unit: str) -> tuple[int, Counter[str]]:

@@ -15,6 +15,8 @@ _STROKE_STREAM = 0x57
 _LEAST_SAMPLES = 2
 _RAMP_SHARE = 0.2
 """Length of the turning ramp of a pass, as a share of its travel at full speed."""
+_RANGES = (("time", 0.0, 1e9), ("x", -38e-3, 38e-3), ("Fn", 0.0, 10.0))
+"""Of the columns of a recording."""
 
 
 class FingerState(NamedTuple):
@@ -179,12 +181,17 @@ class Trajectory:
     def __init__(self, samples: Sequence[tuple[float, float, float]]) -> None:
         if len(samples) < _LEAST_SAMPLES:
             raise ValueError(f"{len(samples)} samples of a trajectory are fewer than 2")
-        for number, (time, x, Fn) in enumerate(samples):
-            require(f"sample {number} time", time, 0.0, 1e9)
-            require(f"sample {number} x", x, -38e-3, 38e-3)
-            require(f"sample {number} Fn", Fn, 0.0, 10.0)
-            if number and time <= samples[number - 1][0]:
-                raise ValueError(f"sample {number} time {time} is not after the one before")
+        table = np.asarray(samples, dtype=np.float64)
+        for column, (name, low, high) in zip(table.T, _RANGES, strict=True):
+            sound = (column >= low) & (column <= high)
+            if not sound.all():
+                number = int(sound.argmin())
+                require(f"sample {number} {name}", column[number], low, high)
+        late = np.flatnonzero(np.diff(table[:, 0]) <= 0.0) + 1
+        if late.size:
+            number = int(late[0])
+            time = samples[number][0]
+            raise ValueError(f"sample {number} time {time} is not after the one before")
         self._samples = tuple(samples)
         self._times = [sample[0] for sample in samples]
 

@@ -74,6 +74,14 @@ def test_scan_tells_state_identity_and_eds() -> None:
     }  # fmt: skip
 
 
+def test_the_name_of_a_device_does_nothing_to_a_terminal() -> None:
+    node = rich(5)
+    node.device.od.entry(0x1008).default = "\x1b[31mred"
+    with running("scan", node) as bus:
+        result = run("scan", *bus)
+    assert result.stdout.splitlines()[1].split()[2] == "\\x1b[31mred"
+
+
 def test_nobody_there() -> None:
     result = run("scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05")
     assert result.exit_code == 1

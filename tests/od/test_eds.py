@@ -240,3 +240,55 @@ def test_any_damage_gives_a_dictionary_or_one_line(noise: str, line: int) -> Non
         assert "\n" not in str(error)
     else:
         assert isinstance(od, ObjectDictionary)
+
+
+def test_a_file_has_an_end() -> None:
+    load_eds(var(*[";"] * 99_992, "PDOMapping=0"), 1)
+    with pytest.raises(EDSError, match="there are more than 100000 lines"):
+        load_eds(var(*[";"] * 99_993, "PDOMapping=0"), 1)
+
+
+def test_a_device_has_at_most_65536_sub_indices() -> None:
+    """CompactSubObj makes 254 of them in a line, beside the one that counts them."""
+    array = ("ParameterName=X", "ObjectType=8", "DataType=5", "AccessType=ro")
+    lines = [f"[{0x3000 + i:X}]\n" + "\n".join((*array, "CompactSubObj=254")) for i in range(258)]
+    lines += ["[4000]", *array]
+    assert sum(1 for _ in load_eds(eds(*lines, "CompactSubObj=4"), 1)) == 65_536 + 259
+    with pytest.raises(EDSError, match="there are more than 65536 sub-indices"):
+        load_eds(eds(*lines, "CompactSubObj=5"), 1)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (
+            [
+                "ObjectType=8",
+                "SubNumber=0x" + "F" * 5000,
+                "[2000sub0]",
+                "DataType=5",
+                "AccessType=ro",
+            ],
+            r"\[2000\] subnumber is no integer",
+        ),
+        (["ObjectType=8", "CompactSubObj=" + "9" * 5000], r"\[2000\] compactsubobj is no integer"),
+        (["DefaultValue=" + "9" * 5000], "is no integer"),
+        (["ParameterName=" + "n" * 242], "ParameterName is longer than 241 characters"),
+        (
+            ["ObjectType=8", "CompactSubObj=1", "[2000Name]", "1=" + "n" * 242],
+            r"\[2000name\] 1 is longer than 241 characters",
+        ),
+        (["DefaultValue=\x1b"], r"line 8: '\\x1b' is a control character"),
+        (["[20\x9b]"], r"line 8: '\\x9b' is a control character"),
+    ],
+)
+def test_what_no_data_sheet_needs_is_refused(lines: list[str], message: str) -> None:
+    body = ["ParameterName=X"] if not lines[0].startswith("ParameterName") else []
+    text = eds("[2000]", *body, "DataType=7", "AccessType=rw", *lines)
+    with pytest.raises(EDSError, match=message) as caught:
+        load_eds(text, 1)
+    assert "\x1b" not in str(caught.value)
+
+
+def test_a_comment_may_hold_anything() -> None:
+    assert load_eds(var("; \x1b[31m", "DefaultValue=3 ;\0"), 1)["X"].value == 3

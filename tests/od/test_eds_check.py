@@ -58,6 +58,8 @@ def test_files_without_fault(path: Path) -> None:
         ("DeviceInfo", ["ProductNumber=8"], "ProductNumber 0x8 is not the 0x7 of [1018sub2]"),
         ("DummyUsage", ["Dummy0002=yes"], "[DummyUsage] Dummy0002=yes is not in the form"),
         ("Comments", ["Lines=1"], "[Comments] Lines=1, but there are 0"),
+        ("OptionalObjects", ["²=0x1003"], "[OptionalObjects] ²=0x1003 is listed twice"),
+        ("OptionalObjects", [f"{'9' * 5000}=0x1003"], "=0x1003 is listed twice"),
         ("MandatoryObjects", ["SupportedObjects=2"], "SupportedObjects=2, but 3 are listed"),
         ("MandatoryObjects", ["3=0x1001"], "3=0x1001 is listed twice"),
         ("MandatoryObjects", ["3=x"], "[MandatoryObjects] 3=x is no index"),

@@ -41,6 +41,32 @@ def test_unit_is_parted_from_the_name(
     assert unit.si == si
 
 
+def test_a_name_of_any_length_takes_no_time_to_speak_of() -> None:
+    for name in (f"X{' ' * 1_000_000}x]", "[" * 1_000_000, "X [" + "m " * 1_000_000):
+        assert split_name(name) == (name, ONE)
+
+
+@pytest.mark.parametrize("parameter_name", ["X [a]b]", "X]", "X [", "[", "]", ""])
+def test_brackets_that_hold_no_end_are_part_of_the_name(parameter_name: str) -> None:
+    assert split_name(parameter_name) == (parameter_name, ONE)
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        "1e999999999999999999999 V",
+        "1e99999 V",
+        f"{'9' * 5000} V",
+        "1e-400 V",
+        "Gm^9 " * 8,
+        "Gm^9 " * 100_000,
+    ],
+)
+def test_a_factor_that_no_float_holds_is_refused(inside: str) -> None:
+    with pytest.raises(ValueError, match="is not known"):
+        split_name(f"X [{inside}]")
+
+
 @pytest.mark.parametrize(
     "parameter_name",
     ["X [reserved]", "X [1]", "X []", "X [0.0 mV]", "X [mmm]", "X [low.byte]", "X [-1 mV]"],

@@ -1,0 +1,268 @@
+"""Files that are none, or made to take all there is: one line, exit 1, and a bounded work."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from nodes_on_a_bus import processes
+
+from smarttac_can.cli import main
+from smarttac_can.host.eds_files import read_eds
+
+VIRTUAL = ("--interface", "virtual", "--channel", "hostile")
+MIB = 1 << 20
+SLACK = MIB // 4
+"""Bytes that are read besides the hostile file: our own EDS files, and what the system tells."""
+GUARD_S = 20.0
+LIMITED = """
+import resource, sys
+from smarttac_can.cli import main
+
+def number(file, key):
+    lines = open(f"/proc/self/{file}").read().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(key))
+
+resource.setrlimit(resource.RLIMIT_AS, (600 << 20, 600 << 20))
+before = number("io", "rchar")
+try:
+    main(sys.argv[1:])
+finally:
+    print(number("io", "rchar") - before, number("status", "VmHWM"))
+"""
+STIMULATOR = read_eds("stimulator.eds")
+HEADER = "t_s,x_mm,Fn_N\n"
+
+
+def fifo(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def sparse(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(8 << 30)
+
+
+def text(content: str) -> Callable[[Path], object]:
+    return lambda path: path.write_text(content)
+
+
+def objects(count: int) -> str:
+    """The stimulator with as many arrays of 254 objects more."""
+    array = "ParameterName=x\nObjectType=8\nDataType=5\nAccessType=ro\nCompactSubObj=254\n"
+    return STIMULATOR + "".join(f"[{0xA000 + i:X}]\n{array}" for i in range(count))
+
+
+NO_FILE = "is no regular file"
+SOME = ("node", *VIRTUAL)
+CASES: dict[str, tuple[tuple[str, ...], Callable[[Path], object], int, str]] = {
+    "a pipe as EDS": ((*SOME, "--eds"), fifo, 0, NO_FILE),
+    "zeros as EDS": ((*SOME, "--eds"), device, 0, NO_FILE),
+    "a directory as EDS": ((*SOME, "--eds"), Path.mkdir, 0, NO_FILE),
+    "8 GiB as EDS": ((*SOME, "--eds"), sparse, 4 * MIB, "is larger than 4194304 bytes"),
+    "a million sections": (
+        (*SOME, "--eds"),
+        text("".join(f"[{i:x}]\n" for i in range(1_000_000))),
+        4 * MIB,
+        "is larger than 4194304 bytes",
+    ),
+    "a million lines": (
+        (*SOME, "--eds"),
+        text("[x]\n" * 1_000_000),
+        4 * MIB,
+        "there are more than 100000 lines",
+    ),
+    "a million objects": (
+        (*SOME, "--eds"),
+        text(objects(4000)),
+        MIB,
+        "there are more than 65536 sub-indices",
+    ),
+    "a name of 3 MiB": (
+        (*SOME, "--eds"),
+        text(STIMULATOR.replace("=Mode\n", f"=Mode{' ' * 3 * MIB}x\n")),
+        4 * MIB,
+        "ParameterName is longer than 241 characters",
+    ),
+    "a pipe as storage": ((*SOME, "--storage"), fifo, 0, NO_FILE),
+    "zeros as storage": ((*SOME, "--storage"), device, 0, NO_FILE),
+    "a directory as storage": ((*SOME, "--storage"), Path.mkdir, 0, NO_FILE),
+    "8 GiB as storage": ((*SOME, "--storage"), sparse, 4 * MIB, "is larger than 4194304 bytes"),
+    "a pipe as finger": ((*SOME, "--finger"), fifo, 0, NO_FILE),
+    "zeros as finger": ((*SOME, "--finger"), device, 0, NO_FILE),
+    "a directory as finger": ((*SOME, "--finger"), Path.mkdir, 0, NO_FILE),
+    "8 GiB as finger": ((*SOME, "--finger"), sparse, 8 * MIB, "is larger than 8388608 bytes"),
+    "a field of 7 MB": (
+        (*SOME, "--finger"),
+        text(f"{HEADER}0,0,{'1' * 7_000_000}\n"),
+        8 * MIB,
+        "line 2: field larger than field limit (131072)",
+    ),
+    "7 million fields": (
+        (*SOME, "--finger"),
+        text(f"{HEADER}{',' * 7_000_000}\n"),
+        8 * MIB,
+        "line 2: could not convert string to float: ''",
+    ),
+    "a million rows": (
+        (*SOME, "--finger"),
+        text(HEADER + "".join(f"{i},0,0\n" for i in range(700_000))),
+        8 * MIB,
+        "line 100002: there are more than 100000 rows",
+    ),
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="bytes and memory are read from /proc")
+@pytest.mark.parametrize(("arguments", "make", "most", "message"), CASES.values(), ids=CASES)
+def test_one_line_and_no_more_read_than_the_bound(
+    arguments: tuple[str, ...],
+    make: Callable[[Path], object],
+    most: int,
+    message: str,
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "hostile"
+    make(path)
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, *arguments, str(path)],
+        capture_output=True,
+        text=True,
+        timeout=GUARD_S,
+        check=False,
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    # The link to a device is followed before its name is told.
+    assert line.startswith((f"Error: {path}: ", "Error: /dev/zero: "))
+    assert line.endswith(message)
+    read, peak_kib = map(int, done.stdout.split())
+    assert read <= most + SLACK
+    assert peak_kib < 300 * 1024
+
+
+OTHERS = [
+    ("plate", *VIRTUAL, "--eds"),
+    ("plate", *VIRTUAL, "--storage"),
+    ("plate", *VIRTUAL, "--finger"),
+    ("device", *VIRTUAL, "--eds"),
+    ("device", *VIRTUAL, "--eds", "{eds}", "--storage"),
+    ("scan", *VIRTUAL, "--eds"),
+    ("conform", *VIRTUAL, "--node-id", "5", "--eds"),
+    ("eds", "check"),
+    ("eds", "doc"),
+    ("eds", "dbc"),
+    ("eds", "dcf", "--node-id", "5", "--bitrate", "1000000"),
+]
+
+
+def refusal(*arguments: str) -> str:
+    result = CliRunner().invoke(main, arguments)
+    assert isinstance(result.exception, SystemExit), result.exception
+    assert (result.exit_code, result.stdout) == (1, "")
+    (line,) = result.stderr.splitlines()
+    return line.removeprefix("Error: ")
+
+
+@pytest.mark.parametrize("arguments", OTHERS, ids=" ".join)
+def test_no_command_waits_for_a_pipe(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    path, eds = tmp_path / "pipe", tmp_path / "some.eds"
+    os.mkfifo(path)
+    eds.write_text(read_eds("plate.eds"))
+    given = [argument.format(eds=eds) for argument in arguments]
+    assert refusal(*given, str(path)) == f"{path}: is no regular file"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (text("[" * MIB), "maximum recursion depth exceeded"),
+        (text('{"a":' * (MIB // 2)), "maximum recursion depth exceeded"),
+        (fifo, "is no regular file"),
+        (sparse, "is larger than 4194304 bytes"),
+    ],
+    ids=["arrays", "objects", "pipe", "8 GiB"],
+)
+def test_results_that_are_none(
+    make: Callable[[Path], object], message: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    make(tmp_path / "results.json")
+    assert message in refusal("report", str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"), [(fifo, "is no regular file"), (sparse, "line 1 is not experiment")]
+)
+def test_traces_that_are_none(make: Callable[[Path], object], message: str, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    (tmp_path / "results.json").write_text(json.dumps({"trace_sha256": ""}))
+    make(tmp_path / "traces.csv")
+    assert message in refusal("report", str(tmp_path))
+
+
+COLOUR = "\x1b[31m"
+
+
+@pytest.mark.parametrize("character", ["\0", "\x07", "\x1b", "\x7f", "\x9b"])
+@pytest.mark.parametrize("arguments", [(*SOME, "--eds"), ("eds", "doc")])
+def test_control_characters_in_a_name_are_refused(
+    arguments: tuple[str, ...], character: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "some.eds"
+    before, name, after = STIMULATOR.partition("=Mode\n")
+    assert name
+    path.write_text(f"{before}=Mo{character}de\n{after}", encoding="utf-8")
+    number = 1 + before.count("\n")
+    said = refusal(*arguments, str(path))
+    assert said == f"{path}: line {number}: {character!r} is a control character"
+
+
+def test_nothing_that_a_terminal_obeys_reaches_it(tmp_path: Path) -> None:
+    path = tmp_path / f"{COLOUR}.eds"
+    backwards = "\u202e"
+    odd = "".join(f"[{backwards}{number}]\n" for number in range(50))
+    path.write_text(odd + read_eds("plate.eds"), encoding="utf-8")
+    result = CliRunner().invoke(main, (*SOME, "--eds", str(path)))
+    assert result.exit_code == 1
+    *warnings, error = result.stderr.splitlines()
+    assert result.stderr.replace("\n", "").isprintable()
+    assert "\\x1b[31m.eds: section [\\u202e0] is not known, ignored" in warnings[0]
+    assert len(warnings) == 21
+    assert warnings[-1].endswith(": 30 more warnings")
+    assert "does not suit the device" in error
+    finger = tmp_path / "finger.csv"
+    finger.write_text(f"{HEADER}0,0,{COLOUR}\n")
+    assert refusal(*SOME, "--finger", str(finger)).endswith("to float: '\\x1b[31m'")
+
+
+def test_a_value_of_3_mb_is_told_in_500_characters(tmp_path: Path) -> None:
+    path = tmp_path / "long.eds"
+    path.write_text(STIMULATOR.replace("DefaultValue=15000", f"DefaultValue={'1' * 3_000_000}"))
+    said = refusal(*SOME, "--eds", str(path))
+    assert said.endswith("1...")
+    assert len(said) == 503
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_the_largest_files_that_are_taken_leave_signals_alone(
+    number: int, multicast: dict[str, Any], tmp_path: Path
+) -> None:
+    finger, eds = tmp_path / "finger.csv", tmp_path / "large.eds"
+    finger.write_text(HEADER + "".join(f"{i},0,0\n" for i in range(100_000)))
+    comments = "; nothing\n" * (99_990 - STIMULATOR.count("\n"))
+    eds.write_text(STIMULATOR + comments)
+    with processes(multicast, f"node --finger {finger} --eds {eds}") as (node,):
+        status, lines, complaints = node.end(number)
+    assert (status, complaints) == (0, "")
+    assert lines[-1] == "stimulator 32 stopped at 0 V"
