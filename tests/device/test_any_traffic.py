@@ -2,7 +2,7 @@
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from transcript import started
+from one_device import started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame

@@ -1,5 +1,5 @@
 import pytest
-from transcript import download, play, started
+from one_device import download, play, started
 
 from smarttac_can.device.error_behaviour import ErrorClass
 from smarttac_can.device.nmt import NMTState

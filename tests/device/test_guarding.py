@@ -1,5 +1,5 @@
 import pytest
-from transcript import download, make_device, play, started
+from one_device import download, make_device, play, started
 
 from smarttac_can.device.nmt import NMTState
 

@@ -1,5 +1,5 @@
 import pytest
-from transcript import download, make_device, play, started
+from one_device import download, make_device, play, started
 
 from smarttac_can.device.nmt import NMTState
 
@@ -18,16 +18,16 @@ def test_producer_sends_the_state_every_period_and_nothing_between() -> None:
         + 2999us
         + 1us
         < 720 7F
-        + 2x 1ms
+        2x + 1ms
         + 1ms
         < 720 7F
         > 000 01 20                       # a change of state is no heartbeat
-        + 2x 1ms
+        2x + 1ms
         + 1ms
         < 720 05
         > 620 2B 17 10 00 00 00 00 00     # off
         < 5A0 60 17 10 00 00 00 00 00
-        + 10x 1ms
+        10x + 1ms
         """,
     )
 

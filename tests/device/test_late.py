@@ -8,7 +8,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
-from transcript import play, started
+from one_device import play, started
 
 from smarttac_can.device.frame import Frame
 

@@ -4,7 +4,7 @@ import canopen
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from transcript import RICH, make_device, play, started
+from one_device import RICH, make_device, play, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame

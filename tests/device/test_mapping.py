@@ -1,5 +1,5 @@
 import pytest
-from transcript import RICH, download, play, started
+from one_device import RICH, download, play, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.od.eds import load_eds

@@ -1,5 +1,6 @@
 import pytest
-from transcript import NODE_ID, frame, make_device, play, started
+from one_device import NODE_ID, make_device, play, started
+from transcript import frame
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.frame import Frame
@@ -36,7 +37,7 @@ def test_boot_up_once_at_power_on_and_after_both_resets() -> None:
         """
         power
         < 720 00
-        + 5x 1000ms
+        5x + 1000ms
         > 000 81 20
         < 720 00
         > 000 82 20

@@ -1,5 +1,5 @@
 import pytest
-from transcript import download, play, started
+from one_device import download, play, started
 
 from smarttac_can.device.application import Application
 

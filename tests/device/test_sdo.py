@@ -1,5 +1,5 @@
 import pytest
-from transcript import download, play, started, upload
+from one_device import download, play, started, upload
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device

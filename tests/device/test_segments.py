@@ -6,7 +6,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
-from transcript import download, play, started
+from one_device import download, play, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame

@@ -1,5 +1,5 @@
 import pytest
-from transcript import NODE_ID, RICH, download, play, upload
+from one_device import NODE_ID, RICH, download, play, upload
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device

@@ -1,5 +1,5 @@
 import pytest
-from transcript import download, play, started
+from one_device import download, play, started
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
@@ -74,7 +74,7 @@ def test_producer_counts_from_1_to_the_overflow_and_from_1_after_stopped() -> No
     assert download(device, 0x1019, 0, 3, 1) == 0
     assert download(device, 0x1006, 0, 1000, 4) == 0
     assert download(device, 0x1005, 0, 0x40000080, 4) == 0
-    play(device, "+ 4x 1ms\n< 080 01\n< 080 02\n< 080 03\n< 080 01")
+    play(device, "4x + 1ms\n< 080 01\n< 080 02\n< 080 03\n< 080 01")
     play(device, "> 000 02 20\n> 000 80 20\n+ 1ms\n< 080 01")
 
 

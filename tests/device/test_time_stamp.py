@@ -1,4 +1,4 @@
-from transcript import download, play, started
+from one_device import download, play, started
 
 from smarttac_can.device.frame import Frame
 

@@ -1,5 +1,5 @@
 import pytest
-from transcript import download, play, started
+from one_device import download, play, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -103,10 +103,10 @@ def test_event_timer(transmission: int) -> None:
     play(
         device,
         """
-        + 4x 1ms
+        4x + 1ms
         + 1ms
         < 3A0 00 00 00 00
-        + 4x 1ms
+        4x + 1ms
         + 1ms
         < 3A0 00 00 00 00
         + 12ms                 # late: once, the phase is kept

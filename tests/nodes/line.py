@@ -1,10 +1,10 @@
-"""A master and nodes on a local bus, and transcripts of what passes there."""
+"""A master and nodes on a local bus, and the frames that pass there."""
 
 from __future__ import annotations
 
-import re
 import struct
-from dataclasses import dataclass, field
+
+from transcript import frame, microseconds
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
@@ -47,8 +47,18 @@ class Line:
         return [frame for _ in range(count) for frame in self.master.sync()]
 
     def advance(self, milliseconds: int) -> list[Frame]:
+        return self._pass_time(1000 * milliseconds)
+
+    def act(self, sign: str, what: str) -> list[Frame]:
+        """Let an event of a transcript happen: the master sends, or time passes without SYNC."""
+        if sign == "+":
+            return self._pass_time(microseconds(what))
+        assert sign == ">", f"{sign} is no event of a bus"
+        return self.send(frame(what))
+
+    def _pass_time(self, us: int) -> list[Frame]:
         before = len(self.frames)
-        self.bus.advance(1000 * milliseconds)
+        self.bus.advance(us)
         return self.frames[before:]
 
     def write(self, node: PlateNode | StimulatorNode, name: str, raw: int) -> int:
@@ -125,46 +135,3 @@ def measurement(tick: int, gauge_tick: int | None = None, W: int = 0) -> list[Fr
 
 def ids(frames: list[Frame]) -> list[int]:
     return [frame.can_id for frame in frames]
-
-
-_EVENT = re.compile(r"(?:(\d+)x )?([>+]) ([^#]*)")
-
-
-@dataclass
-class Transcript:
-    """A text of events, with what the nodes answered to each.
-
-    ``> 000 01 20``     the master sends a frame; ``5x > 080`` five times
-    ``+ 1ms``           time passes without SYNC
-    ``< 720 05``        a node sent this because of the event above: written, never read
-    ``# ...``           a remark
-    """
-
-    line: Line
-    written: list[str] = field(default_factory=list)
-
-    def play(self, text: str) -> str:
-        self._write(self.line.frames)
-        for raw in text.splitlines():
-            if not raw or raw.startswith("<"):
-                continue
-            self.written.append(raw)
-            if raw.startswith("#"):
-                continue
-            event = _EVENT.match(raw)
-            assert event is not None, f"{raw!r} is no event"
-            count, kind, what = int(event[1] or 1), event[2], event[3].strip()
-            for _ in range(count):
-                self._write(self._act(kind, what))
-        return "\n".join(self.written) + "\n"
-
-    def _act(self, kind: str, what: str) -> list[Frame]:
-        if kind == "+":
-            return self.line.advance(int(what.removesuffix("ms")))
-        can_id, *data = what.split()
-        return self.line.send(Frame(int(can_id, 16), bytes.fromhex("".join(data))))
-
-    def _write(self, frames: list[Frame]) -> None:
-        for frame in frames:
-            data = f" {frame.data.hex(' ').upper()}" if frame.data else ""
-            self.written.append(f"< {frame.can_id:03X}{data}")

@@ -1,19 +1,11 @@
-"""Transcripts of frames, one event a line; everything that is not written must not happen.
-
-``power``               power on
-``> 000 01 20``         a frame arrives; ``> 1A0 rtr`` is a remote frame
-``+ 1000us``            time passes in one step; ``+ 3x 1ms`` in three
-``! 2``                 the application triggers a TPDO
-``? 3``                 the bus takes up to three segments; only if it does not take all at once
-``< 720 05``            the device has sent this, in this order, because of what stands above
-``< 720 00 ..``         the same with any data from there on
-``# ...``               a remark, also at the end of a line
-"""
+"""A device of ``rich.eds`` alone: transcripts of it, and objects read and written by SDO."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
+
+import transcript
+from transcript import frame, microseconds
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
@@ -22,7 +14,6 @@ from smarttac_can.od.eds import load_eds
 
 NODE_ID = 0x20
 RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
-_TIME = re.compile(r"(?:(\d+)x )?(\d+)(us|ms)")
 
 
 def make_device(application: Application | None = None, *, autostart: bool = False) -> Device:
@@ -46,59 +37,21 @@ def receive(device: Device, request: Frame) -> list[Frame]:
 
 
 def play(device: Device, text: str, *, at_once: bool = True) -> None:
-    sent: list[Frame] = []
-    since = "the beginning"
-    for number, raw in enumerate(text.splitlines(), 1):
-        line = raw.partition("#")[0].strip()
-        if not line:
-            continue
-        what, _, rest = line.partition(" ")
-        where = f"line {number}: {line}"
-        if what == "<":
-            assert sent, f"{where}: nothing was sent"
-            _compare(sent.pop(0), rest, where)
-            continue
-        assert not sent, f"after {since}: also sent {sent}"
-        since = where
-        if what == ">" and at_once:
-            sent += receive(device, frame(rest))
-        else:
-            sent += _act(device, what, rest)
-    assert not sent, f"after {since}: also sent {sent}"
+    """Play a transcript; with `at_once` the bus takes all segments without being asked by ``?``."""
 
+    def act(sign: str, what: str) -> list[Frame]:
+        if sign == "power":
+            return device.start()
+        if sign == ">":
+            return receive(device, frame(what)) if at_once else device.receive(frame(what))
+        if sign == "+":
+            return device.advance(microseconds(what))
+        if sign == "!":
+            device.trigger(int(what))
+            return device.take()
+        return device.segments(int(what))
 
-def _act(device: Device, what: str, rest: str) -> list[Frame]:
-    if what == "power":
-        return device.start()
-    if what == ">":
-        return device.receive(frame(rest))
-    if what == "!":
-        device.trigger(int(rest))
-        return device.take()
-    if what == "?":
-        return device.segments(int(rest))
-    found = _TIME.fullmatch(rest)
-    assert what == "+" and found is not None, f"{what} {rest} is no event"
-    step = int(found[2]) * (1000 if found[3] == "ms" else 1)
-    return [sent for _ in range(int(found[1] or 1)) for sent in device.advance(step)]
-
-
-def _compare(sent: Frame, rest: str, where: str) -> None:
-    expected = frame(rest.removesuffix(".."))
-    if rest.endswith(".."):
-        sent = sent._replace(data=sent.data[: len(expected.data)])
-    assert sent == expected, f"{where}: sent {show(sent)}"
-
-
-def frame(text: str) -> Frame:
-    can_id, *data = text.split()
-    if data == ["rtr"]:
-        return Frame(int(can_id, 16), rtr=True)
-    return Frame(int(can_id, 16), bytes.fromhex("".join(data)))
-
-
-def show(sent: Frame) -> str:
-    return f"{sent.can_id:03X} {sent.data.hex(' ')}"
+    transcript.play(act, text)
 
 
 def download(device: Device, index: int, subindex: int, value: int, size: int) -> int:
