@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
@@ -16,6 +18,7 @@ from smarttac_can.nodes.watchdogs import (
     SILENT_CYCLES,
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
+    Watchdog,
     sync_window,
 )
 from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
@@ -84,9 +87,13 @@ class FaultCase(NamedTuple):
     name: str
     bound: int
     """Cycles from the injection to the detection."""
+    watchdog: Watchdog | None
+    """What trips first in the stimulator; None where it has no power, or no process, or no fault."""
     inject: Act
     remove: Act
     modes: tuple[Mode, ...] = DRIVING
+    instead: Mapping[Mode, Watchdog] = MappingProxyType({})
+    """What trips before `watchdog` in some modes, whose loops answer a wrong reading otherwise."""
     prepare: Act | None = None
     """What the fault needs before the run."""
     plate_inside: bool = False
@@ -101,10 +108,15 @@ class FaultCase(NamedTuple):
     needs_voltage: bool = False
     """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
 
+    def trips(self, mode: Mode) -> Watchdog | None:
+        """Return what trips first in a mode."""
+        return self.instead.get(mode, self.watchdog)
+
 
 def _broken(
     name: str,
     bound: int,
+    watchdog: Watchdog,
     kind: FaultKind,
     sensor: int = 1,
     value: int = 0,
@@ -113,129 +125,148 @@ def _broken(
     def inject(rig: Rig) -> None:
         rig.inject(kind, sensor, value)
 
-    return FaultCase(name, bound, inject, Rig.mend, **more)
+    return FaultCase(name, bound, watchdog, inject, Rig.mend, **more)
 
 
-def _nmt(name: str, command: int, node_id: int, bound: int, inside: bool = False) -> FaultCase:
-    return FaultCase(
-        name, bound, lambda rig: rig.nmt(command, node_id), nothing, plate_inside=inside
-    )
+def _nmt(
+    name: str, command: int, bound: int, *, of_plate: bool = False, inside: bool = False
+) -> FaultCase:
+    node_id = PLATE_ID if of_plate else STIMULATOR_ID
+    watchdog = Watchdog.MEASUREMENT if of_plate else Watchdog.NMT
+
+    def inject(rig: Rig) -> None:
+        rig.nmt(command, node_id)
+
+    return FaultCase(name, bound, watchdog, inject, nothing, plate_inside=inside)
 
 
-def _gauges() -> list[FaultCase]:
-    cases = []
-    for number in range(1, 7):
-        cases += [
-            _broken(f"S{number} stuck", STUCK_GAUGE_CYCLES, FaultKind.STUCK, number),
-            _broken(f"S{number} dead", STUCK_GAUGE_CYCLES, FaultKind.DEAD, number),
-            _broken(f"S{number} saturated", SATURATED_CYCLES, FaultKind.SATURATED, number),
-        ]
-    for number in range(3, 7):
-        cases.append(_broken(f"S{number} jumps", GAUGE_CYCLES, FaultKind.OFFSET, number, 600))
-    return cases
-
-
-def _pickup() -> list[FaultCase]:
-    cases = []
-    for name, sensor in (("d", PICKUP_D), ("q", PICKUP_Q)):
-        cases += [
-            _broken(f"pick-up {name} stuck", STUCK_GAUGE_CYCLES, FaultKind.STUCK, sensor),
-            _broken(f"pick-up {name} dead", STUCK_GAUGE_CYCLES, FaultKind.DEAD, sensor),
-            _broken(f"pick-up {name} saturated", SATURATED_CYCLES, FaultKind.SATURATED, sensor),
-        ]
-    return cases
+def _sensor(
+    name: str,
+    sensor: int,
+    dead: Watchdog,
+    saturated: Watchdog,
+    instead: Mapping[Mode, Watchdog] = MappingProxyType({}),
+) -> list[FaultCase]:
+    """Return the ways in which any sensor fails; `instead` is of a dead one."""
+    return [
+        _broken(f"{name} stuck", STUCK_GAUGE_CYCLES, Watchdog.STUCK, FaultKind.STUCK, sensor),
+        _broken(f"{name} dead", STUCK_GAUGE_CYCLES, dead, FaultKind.DEAD, sensor, instead=instead),
+        _broken(f"{name} saturated", SATURATED_CYCLES, saturated, FaultKind.SATURATED, sensor),
+    ]
 
 
 CASES: Final[tuple[FaultCase, ...]] = (
-    _nmt("NMT stop", NMTCommand.STOP, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT pre-operational", NMTCommand.ENTER_PRE_OPERATIONAL, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT reset node", NMTCommand.RESET_NODE, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT reset communication", NMTCommand.RESET_COMMUNICATION, STIMULATOR_ID, PDO_DEADLINE_MS),
-    _nmt("NMT stop of the plate", NMTCommand.STOP, PLATE_ID, AT_ONCE),
-    _nmt("NMT reset of the plate", NMTCommand.RESET_NODE, PLATE_ID, AT_ONCE),
-    _nmt("NMT stop, plate inside", NMTCommand.STOP, STIMULATOR_ID, AT_ONCE, inside=True),
-    FaultCase(
-        "heartbeat of the master lost", NODE_LOST_MS, put("heartbeat", False),
-        put("heartbeat", True),
-    ),
-    FaultCase(
-        "heartbeat of the master lost, plate inside", NODE_LOST_MS, put("heartbeat", False),
-        put("heartbeat", True), plate_inside=True,
-    ),
-    FaultCase("heartbeat of the plate lost", NODE_LOST_MS,
+    _nmt("NMT stop", NMTCommand.STOP, PDO_DEADLINE_MS),
+    _nmt("NMT pre-operational", NMTCommand.ENTER_PRE_OPERATIONAL, PDO_DEADLINE_MS),
+    _nmt("NMT reset node", NMTCommand.RESET_NODE, PDO_DEADLINE_MS),
+    _nmt("NMT reset communication", NMTCommand.RESET_COMMUNICATION, PDO_DEADLINE_MS),
+    _nmt("NMT stop of the plate", NMTCommand.STOP, AT_ONCE, of_plate=True),
+    _nmt("NMT reset of the plate", NMTCommand.RESET_NODE, AT_ONCE, of_plate=True),
+    _nmt("NMT stop, plate inside", NMTCommand.STOP, AT_ONCE, inside=True),
+    FaultCase("heartbeat of the master lost", NODE_LOST_MS, Watchdog.HEARTBEAT,
+              put("heartbeat", False), put("heartbeat", True)),
+    FaultCase("heartbeat of the master lost, plate inside", NODE_LOST_MS, Watchdog.HEARTBEAT,
+              put("heartbeat", False), put("heartbeat", True), plate_inside=True),
+    FaultCase("heartbeat of the plate lost", NODE_LOST_MS, Watchdog.HEARTBEAT,
               befall(Mishap.LOSS, HEARTBEAT_ID + PLATE_ID), calm),
-    FaultCase(
-        "measurements lost", PDO_DEADLINE_MS, befall(Mishap.LOSS, *MEASUREMENTS), calm
-    ),
-    FaultCase("drives lost", PDO_DEADLINE_MS, befall(Mishap.LOSS, DRIVE), calm),
-    FaultCase(
-        "set-points lost", SETPOINT_DEADLINE_MS, lambda rig: rig.each_cycle.clear(),
-        send_setpoints, prepare=send_setpoints,
-    ),
-    FaultCase("SYNC lost", PDO_DEADLINE_MS, put("syncs", 0), put("syncs", 1)),
-    FaultCase("SYNC twice a cycle", SYNC_IRREGULAR_CYCLES, put("syncs", 2), put("syncs", 1)),
-    FaultCase("SYNC counter jumps", AT_ONCE, skip_syncs, nothing, prepare=Rig.count_syncs),
-    FaultCase("bus-off", AT_ONCE, bus_off, bus_recovered),
-    FaultCase("transmit queue full", AT_ONCE, transmit_failed, nothing),
-    FaultCase("controller asks for 999 V", AT_ONCE, control_wrongly(999.0), control_rightly,
-              breaks_controller=True),
-    FaultCase("controller gives NaN", AT_ONCE, control_wrongly(float("nan")), control_rightly,
-              breaks_controller=True),
-    FaultCase("another plate", AT_ONCE, another_plate(2), another_plate(1)),
-    FaultCase("plate without a serial number", AT_ONCE, another_plate(0), another_plate(1)),
-    *_gauges(),
-    *_pickup(),
-    _broken("S3 saturated, plate inside", SATURATED_CYCLES, FaultKind.SATURATED, 3,
-            plate_inside=True),
-    _broken("pick-up reads too much", HUNTING_CYCLES, FaultKind.GAIN, PICKUP_D, 6000),
-    _broken("thermometer stuck", STUCK_THERMOMETER_CYCLES, FaultKind.STUCK, THERMOMETER),
-    _broken("thermometer jumps", AT_ONCE, FaultKind.OFFSET, THERMOMETER, 6000),
-    _broken("plate too hot", AT_ONCE, FaultKind.TEMPERATURE, 1, 7500),
-    _broken("finger slams", FORCE_PATH_CYCLES, FaultKind.SLAM, 1, 9000),
-    _broken("lateral force", AT_ONCE, FaultKind.OFFSET, 1, 2000, prepare=lower_force_limit),
-    _broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES,
+    FaultCase("measurements lost", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
+              befall(Mishap.LOSS, *MEASUREMENTS), calm),
+    FaultCase("drives lost", PDO_DEADLINE_MS, Watchdog.PLATE, befall(Mishap.LOSS, DRIVE), calm),
+    FaultCase("set-points lost", SETPOINT_DEADLINE_MS, Watchdog.SETPOINT,
+              lambda rig: rig.each_cycle.clear(), send_setpoints, prepare=send_setpoints),
+    FaultCase("SYNC lost", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, put("syncs", 0), put("syncs", 1)),
+    FaultCase("SYNC twice a cycle", SYNC_IRREGULAR_CYCLES, Watchdog.SYNC_IRREGULAR,
+              put("syncs", 2), put("syncs", 1)),
+    FaultCase("SYNC counter jumps", AT_ONCE, Watchdog.SYNC_COUNTER, skip_syncs, nothing,
+              prepare=Rig.count_syncs),
+    FaultCase("bus-off", AT_ONCE, Watchdog.BUS_OFF, bus_off, bus_recovered),
+    FaultCase("transmit queue full", AT_ONCE, Watchdog.TRANSMIT_QUEUE, transmit_failed, nothing),
+    FaultCase("controller asks for 999 V", AT_ONCE, Watchdog.VOLTAGE,
+              control_wrongly(999.0), control_rightly, breaks_controller=True),
+    FaultCase("controller gives NaN", AT_ONCE, Watchdog.CONTROLLER,
+              control_wrongly(float("nan")), control_rightly, breaks_controller=True),
+    FaultCase("another plate", AT_ONCE, Watchdog.CALIBRATION, another_plate(2), another_plate(1)),
+    FaultCase("plate without a serial number", AT_ONCE, Watchdog.CALIBRATION,
+              another_plate(0), another_plate(1)),
+    # Without a finger a lateral force contradicts the other gauges before its gauge is stuck.
+    *_sensor("S1", 1, Watchdog.STUCK, Watchdog.SATURATED, {Mode.IDENTIFY: Watchdog.GAUGES}),
+    *_sensor("S2", 2, Watchdog.STUCK, Watchdog.SATURATED, {Mode.IDENTIFY: Watchdog.GAUGES}),
+    # A zero far from the end of the range makes a force above its limit of that end.
+    *_sensor("S3", 3, Watchdog.GAUGES, Watchdog.NORMAL_FORCE),
+    *_sensor("S4", 4, Watchdog.GAUGES, Watchdog.SATURATED),
+    *_sensor("S5", 5, Watchdog.GAUGES, Watchdog.NORMAL_FORCE),
+    *_sensor("S6", 6, Watchdog.GAUGES, Watchdog.NORMAL_FORCE),
+    *(_broken(f"S{number} jumps", GAUGE_CYCLES, Watchdog.GAUGES, FaultKind.OFFSET, number, 600)
+      for number in range(3, 7)),
+    *_sensor("pick-up d", PICKUP_D, Watchdog.PICKUP, Watchdog.SATURATED, {
+        Mode.AMPLITUDE: Watchdog.SATURATED, Mode.AMPLITUDE_RESONANCE: Watchdog.SATURATED,
+        Mode.IDENTIFY: Watchdog.STUCK,
+    }),
+    *_sensor("pick-up q", PICKUP_Q, Watchdog.STUCK, Watchdog.SATURATED),
+    _broken("S3 saturated, plate inside", SATURATED_CYCLES, Watchdog.NORMAL_FORCE,
+            FaultKind.SATURATED, 3, plate_inside=True),
+    _broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.PICKUP,
+            FaultKind.GAIN, PICKUP_D, 6000, instead={
+                Mode.OPEN_LOOP: Watchdog.SATURATED, Mode.FRICTION: Watchdog.SATURATED,
+            }),
+    _broken("thermometer stuck", STUCK_THERMOMETER_CYCLES, Watchdog.STUCK,
+            FaultKind.STUCK, THERMOMETER),
+    _broken("thermometer jumps", AT_ONCE, Watchdog.TEMPERATURE,
+            FaultKind.OFFSET, THERMOMETER, 6000),
+    _broken("plate too hot", AT_ONCE, Watchdog.TEMPERATURE, FaultKind.TEMPERATURE, 1, 7500),
+    _broken("finger slams", FORCE_PATH_CYCLES, Watchdog.NORMAL_FORCE, FaultKind.SLAM, 1, 9000),
+    _broken("lateral force", AT_ONCE, Watchdog.LATERAL_FORCE,
+            FaultKind.OFFSET, 1, 2000, prepare=lower_force_limit),
+    _broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES, Watchdog.RESONANCE,
             FaultKind.RESONANCE_SHIFT, 1, -1500, modes=TRACKED, needs_voltage=True),
-    _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, FaultKind.RESONANCE_SHIFT, 1,
-            -9000, needs_voltage=True),
-    FaultCase("vibration above its limit", AMPLITUDE_CYCLES, limit_amplitude(100),
-              limit_amplitude(3200), tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY),
-              needs_voltage=True),
-    _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, FaultKind.OFFSET, PICKUP_D,
-            500, modes=(Mode.IDENTIFY,), prepare=limit_amplitude(1000)),
-    _broken("power stage stuck", AT_ONCE, FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True),
-    FaultCase("measurements two cycles late", PDO_DEADLINE_MS,
+    _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, Watchdog.PICKUP,
+            FaultKind.RESONANCE_SHIFT, 1, -9000, needs_voltage=True),
+    FaultCase("vibration above its limit", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
+              limit_amplitude(100), limit_amplitude(3200),
+              tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY), needs_voltage=True),
+    _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
+            FaultKind.OFFSET, PICKUP_D, 500, modes=(Mode.IDENTIFY,),
+            prepare=limit_amplitude(1000)),
+    _broken("power stage stuck", AT_ONCE, Watchdog.PICKUP,
+            FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True),
+    FaultCase("measurements two cycles late", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), calm),
-    FaultCase("drives two cycles late", PDO_DEADLINE_MS,
+    FaultCase("drives two cycles late", PDO_DEADLINE_MS, Watchdog.PLATE,
               befall(Mishap.DELAY, DRIVE, cycles=2), calm),
-    FaultCase("measurements swapped", PDO_DEADLINE_MS,
+    FaultCase("measurements swapped", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               befall(Mishap.REORDERING, *MEASUREMENTS), calm),
-    FaultCase("drives corrupt", PDO_DEADLINE_MS, befall(Mishap.CORRUPTION, DRIVE), calm),
-    FaultCase("measurements corrupt", PDO_DEADLINE_MS,
+    FaultCase("drives corrupt", PDO_DEADLINE_MS, Watchdog.PLATE,
+              befall(Mishap.CORRUPTION, DRIVE), calm),
+    FaultCase("measurements corrupt", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               befall(Mishap.CORRUPTION, *MEASUREMENTS), calm),
-    FaultCase("a node babbles", PDO_DEADLINE_MS,
+    FaultCase("a node babbles", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               lambda rig: rig.bus.babble(8), lambda rig: rig.bus.babble(0)),
-    FaultCase("stimulator restarts", PDO_DEADLINE_MS, restart_stimulator, nothing, forgets=True),
-    FaultCase("stimulator restarts, plate inside", AT_ONCE, restart_stimulator, nothing,
+    FaultCase("stimulator restarts", PDO_DEADLINE_MS, None, restart_stimulator, nothing,
+              forgets=True),
+    FaultCase("stimulator restarts, plate inside", AT_ONCE, None, restart_stimulator, nothing,
               plate_inside=True, forgets=True),
-    FaultCase("plate restarts", AT_ONCE, restart_plate, nothing),
-    FaultCase("clock of the stimulator jumps", AT_ONCE, jump(plate=False), nothing),
-    FaultCase("clock of the plate jumps", AT_ONCE, jump(plate=True), nothing),
-    FaultCase("clock of the stimulator stops", SYNC_IRREGULAR_CYCLES, stop_clock, start_clock),
-    FaultCase("stimulator paused for 2 s", PDO_DEADLINE_MS, pause_stimulator, resume_stimulator,
-              deaf=True),
-    FaultCase("plate paused for 2 s", PDO_DEADLINE_MS, pause_plate, nothing, deaf=True),
-    FaultCase("master paused", PDO_DEADLINE_MS, pause_master, resume_master),
+    FaultCase("plate restarts", AT_ONCE, Watchdog.MEASUREMENT, restart_plate, nothing),
+    FaultCase("clock of the stimulator jumps", AT_ONCE, Watchdog.SYNC_LOST,
+              jump(plate=False), nothing),
+    FaultCase("clock of the plate jumps", AT_ONCE, Watchdog.PLATE, jump(plate=True), nothing),
+    FaultCase("clock of the stimulator stops", SYNC_IRREGULAR_CYCLES, Watchdog.SYNC_IRREGULAR,
+              stop_clock, start_clock),
+    FaultCase("stimulator paused for 2 s", PDO_DEADLINE_MS, None,
+              pause_stimulator, resume_stimulator, deaf=True),
+    FaultCase("plate paused for 2 s", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
+              pause_plate, nothing, deaf=True),
+    FaultCase("master paused", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, pause_master, resume_master),
 )  # fmt: skip
 """Faults that have to end in 0 V."""
 
 TOLERATED: Final[tuple[FaultCase, ...]] = (
-    FaultCase("measurements twice", 0, befall(Mishap.DUPLICATION, *MEASUREMENTS), calm),
-    FaultCase("drives twice", 0, befall(Mishap.DUPLICATION, DRIVE), calm),
-    FaultCase("measurements late in their cycle", 0,
+    FaultCase("measurements twice", 0, None, befall(Mishap.DUPLICATION, *MEASUREMENTS), calm),
+    FaultCase("drives twice", 0, None, befall(Mishap.DUPLICATION, DRIVE), calm),
+    FaultCase("measurements late in their cycle", 0, None,
               befall(Mishap.DELAY, *MEASUREMENTS), calm),
-    FaultCase("a cycle of measurements lost", 0, lose(*MEASUREMENTS), nothing),
-    FaultCase("a drive lost", 0, lose(DRIVE), nothing),
-    FaultCase("a node babbles a little", 0,
+    FaultCase("a cycle of measurements lost", 0, None, lose(*MEASUREMENTS), nothing),
+    FaultCase("a drive lost", 0, None, lose(DRIVE), nothing),
+    FaultCase("a node babbles a little", 0, None,
               lambda rig: rig.bus.babble(2), lambda rig: rig.bus.babble(0)),
 )  # fmt: skip
 """Faults that must not end a run."""

@@ -193,7 +193,7 @@ def driving_rig(
     """Return a rig that drives in a mode, just before the fault."""
     rig = Rig(plate_inside=case.plate_inside, log=log, wire=wire)
     rig.start()
-    _begin_run(rig, mode)
+    begin_run(rig, mode)
     if case.prepare is not None:
         case.prepare(rig)
         rig.cycle(2)
@@ -202,7 +202,8 @@ def driving_rig(
     return rig
 
 
-def _begin_run(rig: Rig, mode: Mode) -> None:
+def begin_run(rig: Rig, mode: Mode) -> None:
+    """Write set-points, and begin a run that a mode may drive in."""
     for name, raw in _SETPOINTS.items():
         rig.write(name, raw)
     rig.start_run(touch=mode is not Mode.IDENTIFY)
@@ -238,7 +239,7 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
     try:
         rig.configure()
         rig.cycle(_SETTLE)
-        _begin_run(rig, mode)
+        begin_run(rig, mode)
         if rig.state is State.FAULT:
             rig.reset_fault()
         else:

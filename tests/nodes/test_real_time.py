@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from driven import STATE, driven, write, write_entry
 from hypothesis import example, given
 from hypothesis import strategies as st
 from line import (
@@ -18,9 +19,10 @@ from line import (
     drive,
     measurement,
 )
-from loop import AMPLITUDE, OPEN_LOOP, Loop
 
 from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.control.cascade import Mode
+from smarttac_can.host.mishaps import Mishap
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.state_machine import State
@@ -28,10 +30,11 @@ from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort
 from smarttac_can.plant.faults import FaultKind
+from smarttac_can.trials.fault_acts import befall, calm
+from smarttac_can.trials.rig import Rig
 
 DEFAULT_US = 20_000
 SAVE = int.from_bytes(b"save", "little")
-STATE = 0x08000022
 
 
 def driven_plate(**options: int) -> PlateNode:
@@ -140,19 +143,19 @@ def test_who_produces_sync_counts_the_ticks_that_it_came_too_late_for() -> None:
 
 @pytest.mark.parametrize("server", [0x20, 0x21])
 def test_nothing_is_stored_while_something_drives(server: int) -> None:
-    loop = Loop(AMPLITUDE)
-    node = loop.node if server == 0x20 else loop.plate
+    rig = driven(Mode.AMPLITUDE)
+    node = rig.stimulator if server == 0x20 else rig.plate
 
     def save() -> int:
-        return loop.line.write_entry(node, node.od.entry(0x1010, 1), SAVE)
+        return write_entry(rig, node.od.entry(0x1010, 1), SAVE, server)
 
     assert save() == STATE
     with pytest.raises(Abort):
         node.on_store()
-    loop.cycle(5)
-    assert loop.state is State.RUNNING
-    assert loop.line.write(loop.node, "Controlword", 0) == 0
-    loop.cycle(2)
+    rig.cycle(5)
+    assert rig.state is State.RUNNING
+    assert write(rig, "Controlword", 0) == 0
+    rig.cycle(2)
     assert save() == 0
 
 
@@ -174,41 +177,45 @@ def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> 
     assert MEASUREMENT[0] in [frame.can_id for frame in line.sync()], "the loop goes on at 0 V"
 
 
-def loop_that_may_be_late(mode: int) -> Loop:
-    loop = Loop(mode)
-    for node, index in ((loop.plate, 0x1400), *((loop.node, 0x1404 + n) for n in range(3))):
-        assert loop.line.write_entry(node, node.od.entry(index, 5), 20) == 0
-    return loop
+def rig_that_may_be_late(mode: Mode = Mode.AMPLITUDE) -> Rig:
+    rig = driven(mode)
+    assert write_entry(rig, rig.plate.od.entry(0x1400, 5), 20, PLATE_ID) == 0
+    for index in (0x1404, 0x1405, 0x1406):
+        assert write_entry(rig, rig.od.entry(index, 5), 20) == 0
+    return rig
+
+
+lose_drives = befall(Mishap.LOSS, DRIVE)
 
 
 @pytest.mark.parametrize(("amplitude", "lost"), [(100, 10), (100, 17), (1500, 17)])
 def test_drives_that_are_late_are_no_fault_before_the_deadline(amplitude: int, lost: int) -> None:
-    loop = loop_that_may_be_late(AMPLITUDE)
-    loop.line.write(loop.node, "Setpoint.Amplitude", amplitude)
-    loop.lost.add(DRIVE)
-    loop.cycle(lost)
-    loop.lost.clear()
-    loop.cycle(50)
-    assert loop.state is State.RUNNING, loop.node.od["Message"].value
-    assert abs(loop.plate.od["Vibration.W_d"].value - 10 * amplitude) < 200
+    rig = rig_that_may_be_late()
+    rig.write("Setpoint.Amplitude", amplitude)
+    lose_drives(rig)
+    rig.cycle(lost)
+    calm(rig)
+    rig.cycle(50)
+    assert rig.state is State.RUNNING, rig.od["Message"].value
+    assert abs(rig.plate.od["Vibration.W_d"].value - 10 * amplitude) < 200
 
 
 @pytest.mark.parametrize("amplitude", [100, 1500])
 def test_drives_that_stay_away_are_the_cause_that_is_named(amplitude: int) -> None:
-    loop = loop_that_may_be_late(AMPLITUDE)
-    loop.line.write(loop.node, "Setpoint.Amplitude", amplitude)
-    loop.lost.add(DRIVE)
-    loop.cycle(25)
-    assert loop.node.od["Message"].value == "the plate went to 0 V by itself: its drives were late"
+    rig = rig_that_may_be_late()
+    rig.write("Setpoint.Amplitude", amplitude)
+    lose_drives(rig)
+    rig.cycle(25)
+    assert rig.od["Message"].value == "the plate went to 0 V by itself: its drives were late"
 
 
 def test_a_pickup_that_is_silent_is_a_fault_soon_after_the_deadline() -> None:
-    loop = loop_that_may_be_late(OPEN_LOOP)
-    loop.break_plate(FaultKind.RESONANCE_SHIFT, value=-20_000)
-    loop.cycle(20)
-    assert loop.state is State.RUNNING
-    loop.cycle(15)
-    assert loop.node.block.supervisor.latched == 1 << Watchdog.PICKUP
+    rig = rig_that_may_be_late(Mode.OPEN_LOOP)
+    rig.inject(FaultKind.RESONANCE_SHIFT, value=-20_000)
+    rig.cycle(20)
+    assert rig.state is State.RUNNING
+    rig.cycle(15)
+    assert rig.stimulator.block.supervisor.latched == 1 << Watchdog.PICKUP
 
 
 WAIT = st.tuples(st.just("wait"), st.sampled_from([1, 999, 1000, 3000]))

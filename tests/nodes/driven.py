@@ -1,0 +1,63 @@
+"""A rig that drives, for tests to break, and writes that return the abort code."""
+
+from __future__ import annotations
+
+from smarttac_can.bench.open_link import STIMULATOR_ID
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import LogHook
+from smarttac_can.od.cia import Abort
+from smarttac_can.od.dictionary import Entry
+from smarttac_can.trials.fault_acts import nothing, send_setpoints
+from smarttac_can.trials.fault_cases import FaultCase
+from smarttac_can.trials.fault_matrix import driving_rig
+from smarttac_can.trials.rig import Rig
+
+MASTER, SETPOINT_DEADLINE_MS = 1, 5
+STATE = 0x08000022
+FAULT_RESET = 0x80
+
+
+def _count_and_send(rig: Rig) -> None:
+    rig.count_syncs()
+    send_setpoints(rig)
+
+
+_SOUND = FaultCase("none", 0, None, nothing, nothing, prepare=_count_and_send)
+
+
+def driven(mode: Mode = Mode.OPEN_LOOP, log: LogHook | None = None) -> Rig:
+    """A rig that drives; its master counts SYNCs and sends set-points, both under watch."""
+    rig = driving_rig(_SOUND, mode, log)
+    assert rig.stage.value > 0
+    return rig
+
+
+def write(rig: Rig, name: str, raw: int) -> int:
+    """Write to the stimulator, or to the simulation; return the abort code, 0 for success."""
+    try:
+        rig.write(name, raw)
+    except Abort as abort:
+        return abort.code
+    return 0
+
+
+def write_entry(rig: Rig, entry: Entry, raw: int, node_id: int = STIMULATOR_ID) -> int:
+    """Write to a node; return the abort code, 0 for success."""
+    try:
+        rig.master.write(node_id, entry, raw)
+    except Abort as abort:
+        return abort.code
+    return 0
+
+
+def reset_fault(rig: Rig) -> int:
+    """Disarm and reset the fault; return the abort code, 0 for success."""
+    assert write(rig, "Controlword", 0) == 0
+    return write(rig, "Controlword", FAULT_RESET)
+
+
+def emergency_codes(frames: list[Frame], node_id: int = STIMULATOR_ID) -> list[int]:
+    """Codes of the emergency messages of a node among frames."""
+    sent = [frame.data for frame in frames if frame.can_id == 0x80 + node_id]
+    return [int.from_bytes(data[:2], "little") for data in sent]

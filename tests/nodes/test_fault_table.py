@@ -1,0 +1,253 @@
+"""Every fault in every mode that drives: 0 V in time, for good, and back after a reset."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from driven import STATE, emergency_codes, reset_fault, write
+from line import EMCY_STIMULATOR
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
+from smarttac_can.od.cia import NMTCommand
+from smarttac_can.trials.fault_cases import CASES, DRIVING, FaultCase
+from smarttac_can.trials.fault_matrix import begin_run, driving_rig
+from smarttac_can.trials.master_traffic import MasterTraffic
+from smarttac_can.trials.rig import Rig
+
+BOUND = {
+    "NMT stop": 3,
+    "NMT pre-operational": 3,
+    "NMT reset node": 3,
+    "NMT reset communication": 3,
+    "NMT stop of the plate": 1,
+    "NMT reset of the plate": 1,
+    "NMT stop, plate inside": 1,
+    "heartbeat of the master lost": 50,
+    "heartbeat of the master lost, plate inside": 50,
+    "heartbeat of the plate lost": 50,
+    "measurements lost": 3,
+    "drives lost": 3,
+    "set-points lost": 5,
+    "SYNC lost": 3,
+    "SYNC twice a cycle": 16,
+    "SYNC counter jumps": 1,
+    "bus-off": 1,
+    "transmit queue full": 1,
+    "controller asks for 999 V": 1,
+    "controller gives NaN": 1,
+    "another plate": 1,
+    "plate without a serial number": 1,
+    **{f"S{number} stuck": 12 for number in range(1, 7)},
+    **{f"S{number} dead": 12 for number in range(1, 7)},
+    **{f"S{number} saturated": 2 for number in range(1, 7)},
+    **{f"S{number} jumps": 5 for number in range(3, 7)},
+    **{f"pick-up {axis} {what}": 12 for axis in "dq" for what in ("stuck", "dead")},
+    **{f"pick-up {axis} saturated": 2 for axis in "dq"},
+    "S3 saturated, plate inside": 2,
+    "pick-up reads too much": 10,
+    "thermometer stuck": 100,
+    "thermometer jumps": 1,
+    "plate too hot": 1,
+    "finger slams": 6,
+    "lateral force": 1,
+    "resonance out of reach": 103,
+    "plate cracked": 13,
+    "vibration above its limit": 5,
+    "vibration above its limit, identifying": 5,
+    "power stage stuck": 1,
+    "measurements two cycles late": 3,
+    "drives two cycles late": 3,
+    "measurements swapped": 3,
+    "drives corrupt": 3,
+    "measurements corrupt": 3,
+    "a node babbles": 3,
+    "stimulator restarts": 3,
+    "stimulator restarts, plate inside": 1,
+    "plate restarts": 1,
+    "clock of the stimulator jumps": 1,
+    "clock of the plate jumps": 1,
+    "clock of the stimulator stops": 16,
+    "stimulator paused for 2 s": 3,
+    "plate paused for 2 s": 3,
+    "master paused": 3,
+}
+"""Cycles from a fault to its detection; a cycle later the plate is at 0 V."""
+LATCHED = {
+    "NMT stop of the plate": 3,
+    "NMT reset of the plate": 3,
+    "plate restarts": 3,
+    "power stage stuck": 13,
+}
+"""Cycles until the stimulator has latched it, where the plate is at 0 V before by itself."""
+TO_SHOW = {
+    "drives lost": 2,
+    "drives two cycles late": 2,
+    "drives corrupt": 2,
+    "finger slams": 5,
+    "resonance out of reach": 3,
+    "plate cracked": 3,
+    "power stage stuck": 3,
+}
+"""Cycles until a watchdog can see its cause; what `WATCHDOGS` says counts from there on."""
+UNLATCHED = {
+    "stimulator restarts": State.NOT_READY,
+    "stimulator restarts, plate inside": State.NOT_READY,
+    "stimulator paused for 2 s": State.RUNNING,
+}
+"""State of a stimulator that cannot know of the fault."""
+UNHEARD = ("NMT stop", "NMT stop, plate inside", "a node babbles")
+"""Faults that keep the emergency message from the bus until they are over."""
+CROWDED = ("clock of the stimulator jumps",)
+"""Faults with more messages after the first one than the history holds."""
+LOADED = ("S3 saturated", "S5 saturated", "S6 saturated", "S3 saturated, plate inside")
+"""Faults that also end an identification, which has words of its own for it."""
+RESETTABLE = (
+    "NMT stop of the plate",
+    "NMT reset of the plate",
+    "plate restarts",
+    "plate paused for 2 s",
+    "clock of the stimulator jumps",
+    "measurements two cycles late",
+    "a node babbles",
+    "pick-up d dead",
+    "pick-up reads too much",
+    "resonance out of reach",
+    "plate cracked",
+    "vibration above its limit",
+    "vibration above its limit, identifying",
+    "power stage stuck",
+)
+"""Faults that are over after a while or an NMT start, that do not show at 0 V, or through which
+no reset gets."""
+ROWS = [
+    pytest.param(case, mode, id=f"{case.name}, {mode.name.lower()}")
+    for case in CASES
+    for mode in case.modes
+]
+
+
+def cycles_to_latch(rig: Rig, most: int) -> int:
+    for count in range(most + 1):
+        if rig.state is State.FAULT:
+            return count
+        rig.cycle()
+    raise AssertionError(f"{rig.state.name} after {most} cycles")
+
+
+def assert_at_0_v_in_time(rig: Rig, case: FaultCase, mode: Mode) -> None:
+    bound, watchdog = BOUND[case.name], case.trips(mode)
+    latched = 0
+    if watchdog is None:
+        assert rig.state is not State.FAULT
+    else:
+        latched = cycles_to_latch(rig, LATCHED.get(case.name, bound) + 1)
+        told = WATCHDOGS[watchdog].bound
+        if isinstance(told, int) and watchdog is case.watchdog:
+            assert latched <= told + TO_SHOW.get(case.name, 0) + 1
+    rig.cycle(max(0, bound + 1 - latched))
+    assert rig.stage.value == 0
+
+
+def assert_told(rig: Rig, case: FaultCase, mode: Mode, frames: list[Frame]) -> None:
+    """The objects and one emergency message say what has tripped first."""
+    watchdog = case.trips(mode)
+    if watchdog is None:
+        assert rig.state is UNLATCHED[case.name]
+        assert rig.od["Diagnosis.Latched"].value == 0
+        return
+    row = WATCHDOGS[watchdog]
+    message = rig.od["Message"].value
+    if mode is Mode.IDENTIFY and case.name in LOADED:
+        assert message.startswith("identification: the plate is loaded with 4.")
+    else:
+        assert message == row.text
+    assert rig.od["Diagnosis.Code"].value == row.code
+    assert rig.od["Diagnosis.Latched"].value >> watchdog & 1
+    assert rig.od["Drive.Voltage"].value == 0
+    sent = [frame.data for frame in frames if frame.can_id == EMCY_STIMULATOR]
+    found = [data for data in sent if int.from_bytes(data[:2], "little") == row.code]
+    if case.name in UNHEARD:
+        assert not found
+        return
+    (emcy,) = found
+    assert emcy[2] & row.register
+    assert emcy[2] & 1
+    assert emcy[3] == watchdog
+    if case.name not in CROWDED:
+        assert row.code in [rig.od.entry(0x1003, n).value & 0xFFFF for n in range(1, 9)]
+
+
+def random_traffic(rig: Rig, case: FaultCase, cycles: int) -> None:
+    """A master that does what it can to have the plate driven, but reset the fault."""
+    draw = random.Random(1)
+    commands = not case.forgets
+    traffic = MasterTraffic(rig, 1, commands=commands)
+    for _ in range(cycles):
+        traffic.send()
+        if commands:
+            rig.master.send(Frame(0x220, bytes((draw.randrange(8), 0, draw.randrange(6)))))
+        rig.cycle()
+
+
+def assert_reset_when_over(rig: Rig, case: FaultCase, mode: Mode, frames: list[Frame]) -> None:
+    watchdog = case.trips(mode)
+    if watchdog is not None and WATCHDOGS[watchdog].lasting and case.name not in RESETTABLE:
+        assert reset_fault(rig) == STATE, "it is still there"
+    case.remove(rig)
+    rig.nmt(NMTCommand.START)
+    rig.configure()
+    rig.cycle(30)
+    if watchdog is not None:
+        assert WATCHDOGS[watchdog].code in emergency_codes(frames)
+    if not case.forgets:
+        before = len(frames)
+        assert rig.state is State.FAULT
+        assert reset_fault(rig) == 0, bin(rig.od["Diagnosis.Present"].value)
+        assert 0 in emergency_codes(frames[before:])
+    assert rig.state is not State.FAULT
+    assert rig.od["Diagnosis.Code"].value == rig.od["Diagnosis.Latched"].value == 0
+    assert write(rig, "Controlword", 0) == 0
+
+
+def assert_drives_again(rig: Rig, mode: Mode) -> None:
+    begin_run(rig, mode)
+    rig.drive(mode)
+    rig.cycle(130 if mode is Mode.IDENTIFY else 60)
+    assert rig.state is State.RUNNING
+    assert rig.stage.value > 0
+
+
+@pytest.mark.parametrize(("case", "mode"), ROWS)
+def test_fault(case: FaultCase, mode: Mode) -> None:
+    frames: list[Frame] = []
+    rig = driving_rig(case, mode, lambda _time, frame: frames.append(frame))
+    rig.cycle(50)
+    assert rig.stage.value > 0
+    frames.clear()
+    case.inject(rig)
+    assert_at_0_v_in_time(rig, case, mode)
+
+    def stays_at_0_v() -> None:
+        assert rig.stage.value == 0
+
+    rig.observe = stays_at_0_v
+    assert_told(rig, case, mode, frames)
+    random_traffic(rig, case, 60)
+    assert_reset_when_over(rig, case, mode, frames)
+    rig.observe = None
+    assert_drives_again(rig, mode)
+
+
+def test_the_bounds_are_those_of_the_table() -> None:
+    assert {case.name: case.bound for case in CASES} == BOUND
+
+
+@pytest.mark.parametrize("mode", DRIVING)
+def test_every_watchdog_trips_in_every_mode(mode: Mode) -> None:
+    tripped = {case.trips(mode) for case in CASES if mode in case.modes}
+    tracked = mode in (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+    assert set(Watchdog) - tripped == (set() if tracked else {Watchdog.RESONANCE})
