@@ -135,7 +135,7 @@ def cycles_to_latch(rig: Rig, most: int) -> int:
         if rig.state is State.FAULT:
             return count
         rig.cycle()
-    raise AssertionError(f"{rig.state.name} after {most} cycles")
+    raise AssertionError(f"no fault in {most} cycles")
 
 
 def assert_at_0_v_in_time(rig: Rig, case: FaultCase, mode: Mode) -> None:
