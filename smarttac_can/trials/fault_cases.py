@@ -88,7 +88,7 @@ class FaultCase(NamedTuple):
     bound: int
     """Cycles from the injection to the detection."""
     watchdog: Watchdog | None
-    """What trips first in the stimulator; None where it has no power, or no process, or no fault."""
+    """What trips first in the stimulator; None if nothing does, as it restarts or is paused."""
     inject: Act
     remove: Act
     modes: tuple[Mode, ...] = DRIVING
