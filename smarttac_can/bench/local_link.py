@@ -23,7 +23,7 @@ class LocalLink:
 
     def __init__(self, block: StimulatorBlock) -> None:
         self._block = block
-        self._recorded = [block.od[name] for name in RECORDED]
+        self._recorded = [block.od[name].reader for name in RECORDED]
 
     @property
     def only_read(self) -> bool:
@@ -44,11 +44,11 @@ class LocalLink:
         entry = self._block.od[name]
         if not entry.readable:
             raise RefusedError(f"cannot read {name}: {Abort(AbortCode.WRITE_ONLY)}")
-        return int(entry.value)
+        return int(entry.read())
 
     def text(self, name: str) -> str:
         """Read an object that is a string."""
-        return str(self._block.od[name].value)
+        return str(self._block.od[name].read())
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object by name.
@@ -68,7 +68,7 @@ class LocalLink:
 
     def snapshot(self) -> Snapshot:
         """Return the present values of the published objects; their age is 0 s."""
-        return Snapshot({name: int(self._block.od[name].value) for name in PUBLISHED}, 0.0)
+        return Snapshot({name: int(self._block.od[name].read()) for name in PUBLISHED}, 0.0)
 
     def start_run(self) -> None:
         """Put the simulated plate to rest at tick 0 and reset the controllers."""
@@ -81,7 +81,7 @@ class LocalLink:
         rows = []
         for _ in range(cycles):
             tick()
-            rows.append(tuple([entry.value for entry in recorded]))
+            rows.append(tuple([read() for read in recorded]))
         return rows
 
     def close(self) -> None:

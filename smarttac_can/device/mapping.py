@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.od.cia import Abort, AbortCode, DataType
-from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TIME, UNSIGNED
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TIME, UNSIGNED, bounds
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _CODES: Final[dict[int, str]] = {
@@ -26,9 +26,10 @@ class Direction(Enum):
     TRANSMIT = "TPDO"
 
 
-class Field(NamedTuple):
-    """One mapped entry with the limits that values from the bus must keep."""
+class Bounded(NamedTuple):
+    """A mapped entry with limits that values from the bus may break."""
 
+    position: int
     entry: Entry
     low: Any
     high: Any
@@ -51,22 +52,28 @@ class Mapping(NamedTuple):
         Bytes.
     entries
         Mapped entries without dummies.
+    bounded
+        Those of them whose limits are narrower than their type.
+    readers
+        What reads them; none where all hold their values.
     pack, unpack
         Of the `struct` format; odd fields pass as bytes.
     """
 
     size: int
     entries: tuple[Entry, ...]
-    fields: tuple[Field, ...]
+    bounded: tuple[Bounded, ...]
     odd: tuple[OddField, ...]
+    readers: tuple[Callable[[], Any], ...]
     pack: Callable[..., bytes]
     unpack: Callable[[bytes], tuple[Any, ...]]
 
     def sample(self) -> bytes:
         """Return the bytes of a PDO, from the present values."""
-        if not self.odd:
-            return self.pack(*[entry.value for entry in self.entries])
-        values = [entry.value for entry in self.entries]
+        if self.readers:
+            values = [read() for read in self.readers]
+        else:
+            values = [entry.value for entry in self.entries]
         for position, size, signed in self.odd:
             values[position] = values[position].to_bytes(size, "little", signed=signed)
         return self.pack(*values)
@@ -87,8 +94,8 @@ class Mapping(NamedTuple):
             for position, _, signed in self.odd:
                 whole[position] = int.from_bytes(whole[position], "little", signed=signed)
             values = tuple(whole)
-        for (entry, low, high), value in zip(self.fields, values, strict=True):
-            if not low <= value <= high:
+        for position, entry, low, high in self.bounded:
+            if not low <= values[position] <= high:
                 return values, entry
         return values, None
 
@@ -142,27 +149,38 @@ def compile_mapping(
     if sum(value & 0xFF for value in values) > PDO_BITS:
         raise Abort(AbortCode.PDO_LENGTH)
     code = "<"
-    fields: list[Field] = []
+    entries: list[Entry] = []
+    bounded: list[Bounded] = []
     odd: list[OddField] = []
     for value in values:
         entry = mapped_entry(od, value, direction)
         if entry is None:
             code += f"{(value & 0xFF) // 8}x"
             continue
-        if entry.data_type in TIME:
-            field = Field(entry, b"", b"\xff" * entry.size)
-        else:
-            field = Field(entry, entry.low, entry.high)
+        position = len(entries)
+        entries.append(entry)
+        # NaN breaks the limits of a real type, however wide they are.
+        if entry.data_type in REAL or (
+            entry.data_type not in TIME and (entry.low, entry.high) != bounds(entry.data_type)
+        ):
+            bounded.append(Bounded(position, entry, entry.low, entry.high))
         letter = _CODES.get(entry.data_type, "0")
         if letter == "0":
             letter = f"{entry.size}s"
             if entry.data_type not in TIME:
-                odd.append(OddField(len(fields), entry.size, entry.data_type in SIGNED))
+                odd.append(OddField(position, entry.size, entry.data_type in SIGNED))
         code += letter
-        fields.append(field)
     layout = struct.Struct(code)
-    entries = tuple(field.entry for field in fields)
-    return Mapping(layout.size, entries, tuple(fields), tuple(odd), layout.pack, layout.unpack)
+    computed = any(entry.source is not None for entry in entries)
+    return Mapping(
+        layout.size,
+        tuple(entries),
+        tuple(bounded),
+        tuple(odd),
+        tuple([entry.reader for entry in entries]) if computed else (),
+        layout.pack,
+        layout.unpack,
+    )
 
 
 def check_mapping(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
 
 CHANNELS: Final = ("force x", "force y", "normal force", "COF", "amplitude", "temperature")
 """Channels 1 to 6."""
@@ -43,14 +43,17 @@ class AnalogueInput:
             "Plate temperature",
         )
         # The counts of the sources are those that the unit and the digits of a channel announce.
-        self._values: list[tuple[Entry, Entry]] = [
-            (od[f"AI input PV.AI input PV {channel}"], od[source])
-            for channel, source in zip(CHANNELS, sources, strict=True)
-        ]
+        for channel, source in zip(CHANNELS, sources, strict=True):
+            od[f"AI input PV.AI input PV {channel}"].compute(od[source].read)
         self._status = [od[f"AI status.AI status {channel}"] for channel in CHANNELS]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last cycle."""
+        self._shown: tuple[bool, int] | None = None
 
     def update(self, touching: bool, saturation: int) -> None:
-        """Take over the values of a cycle.
+        """Show whether the values of a cycle are valid.
 
         Parameters
         ----------
@@ -59,8 +62,9 @@ class AnalogueInput:
         saturation
             Sensors at the end of their range, as in `smarttac_can.signals.Measurement`.
         """
-        for value, source in self._values:
-            value.value = source.value
+        if (touching, saturation) == self._shown:
+            return
+        self._shown = touching, saturation
         for entry, sensors in zip(self._status, _SENSORS, strict=True):
             entry.value = _NOT_VALID | _POSITIVE_OVERLOAD if saturation & sensors else 0
         if not touching:

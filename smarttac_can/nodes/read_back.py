@@ -10,9 +10,10 @@ from smarttac_can.nodes.analogue_input import AnalogueInput
 from smarttac_can.nodes.cycle_input import Measured
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.scaling import Quantiser
+from smarttac_can.od.scaling import QuantisedOnDemand
 
 _VIBRATION: Final = ("W_d", "W_q", "Amplitude", "Amplitude reference", "Frequency", "Voltage")
+_VOLTAGE: Final = _VIBRATION.index("Voltage")
 _CONTACT: Final = (
     "Tangential force",
     "Normal force",
@@ -48,10 +49,14 @@ class Status(IntFlag):
 STATE_SHIFT: Final = 8
 """Bits 8 to 10 of the statusword are the number of the state."""
 _LOOP_BITS: Final = 0b11111
+# Plain integers: IntFlag arithmetic costs ten times as much.
+_LIVE, _DRIVING, _TOUCHING, _LIMITED, _SATURATED, _FAULT = (int(bit) for bit in Status)
 
 
 class ReadBack:
     """The read-only objects that follow the loop.
+
+    Quantities are scaled when somebody reads them, from what was kept of the last cycle.
 
     Parameters
     ----------
@@ -60,15 +65,15 @@ class ReadBack:
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
-        self._published = [
-            *(od[f"Vibration.{name}"] for name in _VIBRATION),
-            *(od[f"Contact.{name}"] for name in _CONTACT),
-            od["Plate temperature"],
-        ]
-        self._quantiser = Quantiser(self._published)
+        self._quantities = QuantisedOnDemand(
+            [
+                *(od[f"Vibration.{name}"] for name in _VIBRATION),
+                *(od[f"Contact.{name}"] for name in _CONTACT),
+                od["Plate temperature"],
+            ]
+        )
         self._touching = od["Contact.Touching"]
         self._mode = od["Mode display"]
-        self._voltage = od["Vibration.Voltage"]
         self._statusword = od["Statusword"]
         self._tick = od["Contact.Tick"]
         self._cycles = od["Cycle.Cycles"]
@@ -77,8 +82,9 @@ class ReadBack:
 
     def reset(self) -> None:
         """Forget the run: tick 0 next, nothing measured."""
-        for entry in (*self._published, self._touching, self._mode):
-            entry.value = entry.default
+        self._quantities.reset()
+        self._touching.value = self._mode.value = 0
+        self._analogue_input.reset()
         self._statusword.value &= ~_LOOP_BITS
         self._cycles.value = 0
         self._tick.value = _TICK_MASK
@@ -87,53 +93,52 @@ class ReadBack:
         """Show the state in the statusword."""
         status = self._statusword.value & _LOOP_BITS | state << STATE_SHIFT
         if state is State.FAULT:
-            status |= Status.FAULT.value
+            status |= _FAULT
         self._statusword.value = status
 
     def show_off(self) -> None:
         """Show mode OFF, and no voltage, before the next cycle does."""
         self._mode.value = 0
-        self._voltage.value = 0
-        self._statusword.value &= ~Status.DRIVING.value
+        row = self._quantities.row
+        self._quantities.row = (*row[:_VOLTAGE], 0.0, *row[_VOLTAGE + 1 :])
+        self._statusword.value &= ~_DRIVING
 
     def publish(self, measured: Measured, cascade: Cascade) -> None:
         """Publish a cycle: what was measured, and the controllers after it."""
         W, _, temperature, saturation = measured.si
-        contact = cascade.contact
-        drive = cascade.drive
-        Fx, Fy = contact.Fx, contact.Fy
-        values = (
+        Fx, Fy, Fn, mu, u_mu, position, speed, touching = cascade.contact
+        voltage, frequency = cascade.drive
+        self._quantities.row = (
             W.real,
             W.imag,
             cascade.amplitude,
             cascade.W_ref,
-            drive.frequency,
-            drive.voltage,
+            frequency,
+            voltage,
             (Fx * Fx + Fy * Fy) ** 0.5,
-            contact.Fn,
-            contact.mu,
-            contact.u_mu,
+            Fn,
+            mu,
+            u_mu,
             cascade.mu_ref,
             cascade.E * 0.01,  # % to 1
-            contact.position,
-            contact.speed,
+            position,
+            speed,
             Fx,
             Fy,
             temperature,
         )
-        self._quantiser.write(values)
-        self._touching.value = int(contact.touching)
+        self._touching.value = int(touching)
         self._mode.value = int(cascade.mode)
         self._tick.value = self._tick.value + (measured.tick - self._tick.value & 0xFF) & _TICK_MASK
         self._cycles.count()
-        status = self._statusword.value & ~_LOOP_BITS | Status.LIVE.value
-        if drive.voltage > 0.0:
-            status |= Status.DRIVING.value
-        if contact.touching:
-            status |= Status.TOUCHING.value
+        status = self._statusword.value & ~_LOOP_BITS | _LIVE
+        if voltage > 0.0:
+            status |= _DRIVING
+        if touching:
+            status |= _TOUCHING
         if cascade.limited:
-            status |= Status.LIMITED.value
+            status |= _LIMITED
         if saturation:
-            status |= Status.SATURATED.value
+            status |= _SATURATED
         self._statusword.value = status
-        self._analogue_input.update(contact.touching, saturation)
+        self._analogue_input.update(touching, saturation)

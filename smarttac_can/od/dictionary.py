@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -33,7 +33,9 @@ class Entry:
     ----------
     value
         Raw value as on the wire: int, float, bytes or str by data type. Who writes it directly
-        keeps it within the limits; `quantise` does.
+        keeps it within the limits; `quantise` does. An entry with a source has none.
+    source
+        Computes the raw value when it is read; None where `value` holds it.
     size
         Bytes on the wire, 0 for a type of variable length.
     per_node
@@ -55,6 +57,7 @@ class Entry:
         "readable",
         "si",
         "size",
+        "source",
         "subindex",
         "unit",
         "value",
@@ -85,6 +88,7 @@ class Entry:
         self.high = most if high is None else high
         self.default: Any = default
         self.value: Any = default
+        self.source: Callable[[], Any] | None = None
         self.pdo = pdo
         self.per_node: tuple[str, ...] = ()
         self.size = SIZES.get(data_type, 0)
@@ -93,7 +97,7 @@ class Entry:
         self.writable = access not in ("ro", "const")
 
     def __repr__(self) -> str:
-        return f"<Entry {self.index:04X}:{self.subindex:02X} {self.name} = {self.value!r}>"
+        return f"<Entry {self.index:04X}:{self.subindex:02X} {self.name} = {self.read()!r}>"
 
     @property
     def tpdo_mappable(self) -> bool:
@@ -108,7 +112,24 @@ class Entry:
     @property
     def si_value(self) -> float:
         """Value in SI base units."""
-        return float(self.value * self.si)
+        return float(self.read() * self.si)
+
+    def read(self) -> Any:
+        """Return the raw value as it is now, held or computed."""
+        return self.value if self.source is None else self.source()
+
+    @property
+    def reader(self) -> Callable[[], Any]:
+        """What does the same as `read`, without asking each time whether there is a source."""
+        return self.read if self.source is None else self.source
+
+    def compute(self, source: Callable[[], Any]) -> None:
+        """Have the raw value computed whenever it is read.
+
+        `value` is gone then: who forgets to `read` finds nothing, rather than what is out of date.
+        """
+        self.source = source
+        del self.value
 
     def counts(self, text: str) -> int:
         """Nearest raw value to a quantity such as ``80 V``, ties to even, whatever the limits.
@@ -173,7 +194,7 @@ class Entry:
 
     def pack(self) -> bytes:
         """Return the present value as bytes on the wire."""
-        return pack(self.data_type, self.value)
+        return pack(self.data_type, self.read())
 
     def unpack(self, data: bytes) -> Any:
         """Return the value of bytes from the wire; the entry does not change.
@@ -294,7 +315,7 @@ class ObjectDictionary:
     def number(self, index: int, subindex: int = 0, absent: int = 0) -> int:
         """Return the value of an integer entry, or ``absent`` where the EDS has none."""
         entry = self.get(index, subindex)
-        return absent if entry is None else int(entry.value)
+        return absent if entry is None else int(entry.read())
 
     def write(self, entry: Entry, value: Any) -> None:
         """Set the value of an entry, if it passes `Entry.check`."""
@@ -311,7 +332,7 @@ class ObjectDictionary:
         self.node_id = node_id
 
     def reset(self, first: int = 0, last: int = 0xFFFF) -> None:
-        """Set the entries of the objects first..last to their defaults."""
+        """Set the entries of the objects first..last to their defaults; computed ones go on."""
         for entry in self:
-            if first <= entry.index <= last:
+            if first <= entry.index <= last and entry.source is None:
                 entry.value = entry.default

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from smarttac_can.od.dictionary import Entry
 
@@ -27,4 +27,43 @@ class Quantiser:
         """Write finite quantities in SI base units, rounded half to even, clipped to the limits."""
         for (entry, si, low, high), value in zip(self._rows, values, strict=True):
             raw = round(value / si)
-            entry.value = low if raw < low else high if raw > high else raw
+            entry.value = raw if low <= raw <= high else low if raw < low else high
+
+
+class QuantisedOnDemand:
+    """A row of integer entries that are scaled when somebody reads them.
+
+    What is read is what a `Quantiser` would have written of the row kept last. A row is never
+    changed, so it does not matter when that is.
+
+    Parameters
+    ----------
+    entries
+        Entries of integer types; their values are computed from now on.
+
+    Attributes
+    ----------
+    row
+        Finite quantities in SI base units, in the order of the entries.
+    """
+
+    __slots__ = ("_defaults", "row")
+
+    def __init__(self, entries: Sequence[Entry]) -> None:
+        self._defaults = tuple([entry.default * entry.si for entry in entries])
+        self.reset()
+        for position, entry in enumerate(entries):
+            entry.compute(self._reader(position, entry))
+
+    def reset(self) -> None:
+        """Keep the defaults of the entries."""
+        self.row: tuple[float, ...] = self._defaults
+
+    def _reader(self, position: int, entry: Entry) -> Callable[[], int]:
+        si, low, high = entry.si, int(entry.low), int(entry.high)
+
+        def read() -> int:
+            raw = round(self.row[position] / si)
+            return raw if low <= raw <= high else low if raw < low else high
+
+        return read

@@ -88,8 +88,9 @@ class Invariants:
                 self.violate(f"{volts:g} V in state {self._machine.state.name.lower()}")
         for _ in range(_ENTRIES_PER_CYCLE):
             entry = next(self._rolling)
-            if not entry.low <= entry.value <= entry.high:
-                self.violate(f"{entry.name} is {entry.value}, outside {entry.low}..{entry.high}")
+            value = entry.read()
+            if not entry.low <= value <= entry.high:
+                self.violate(f"{entry.name} is {value}, outside {entry.low}..{entry.high}")
 
     def clear_history(self) -> None:
         """Begin to compare the error histories with the emergency messages anew."""

@@ -31,7 +31,7 @@ def driving(mode: int = AMPLITUDE) -> tuple[Line, StimulatorNode]:
     line.run(node, mode)
     line.advance(20)
     assert node.od["Drive.Voltage"].value > 1000
-    assert abs(node.od["Vibration.Amplitude"].value - 10_000) < 200
+    assert abs(node.od["Vibration.Amplitude"].read() - 10_000) < 200
     return line, node
 
 
@@ -81,11 +81,11 @@ def test_leaving_operational_is_0_v_at_once(command: int) -> None:
     line.nmt(command)
     assert node.od["Drive.Voltage"].value == 0
     line.advance(20)
-    assert abs(node.od["Vibration.Amplitude"].value) < 100, "the vibration has died down"
+    assert abs(node.od["Vibration.Amplitude"].read()) < 100, "the vibration has died down"
     line.nmt(START)
     line.advance(20)
     assert line.read(node, "Mode") == OFF
-    assert node.od["Vibration.Voltage"].value == 0
+    assert node.od["Vibration.Voltage"].read() == 0
 
 
 def test_shutdown_is_0_v() -> None:
@@ -172,7 +172,7 @@ def test_sdo_between_the_ticks_changes_nothing() -> None:
                 line.write(node, "Setpoint.Amplitude", 1000)
                 line.write(node, "Limit.Lowest frequency", 4_450_000)
             line.advance(1)
-            rows.append(tuple(entry.value for entry in node.od if entry.name.startswith("Vib")))
+            rows.append(tuple(entry.read() for entry in node.od if entry.name.startswith("Vib")))
         return rows
 
     assert recorded(disturbed=True) == recorded(disturbed=False)
@@ -191,7 +191,7 @@ def test_lockstep_or_by_the_clock_the_plate_does_the_same() -> None:
                 line.sync()
             else:
                 line.advance(1)
-            values.append(node.od["Vibration.W_d"].value)
+            values.append(node.od["Vibration.W_d"].read())
         return values
 
     assert vibration(lockstep=True) == vibration(lockstep=False)

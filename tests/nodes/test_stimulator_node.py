@@ -243,7 +243,7 @@ def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
     line, _, stimulator = both_nodes()
     line.nmt(START)
     line.sync()
-    before = [entry.value for entry in stimulator.od]
+    before = [entry.read() for entry in stimulator.od]
     parameters = stimulator.block.cascade.parameters
     assert line.write(stimulator, name, raw) == code
     line.sync()
@@ -251,7 +251,7 @@ def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
     changing = {"Contact", "Vibration", "Plate input", "Cycle", "AI input PV", "Drive"}
     for entry, value in zip(stimulator.od, before, strict=True):
         if entry.name.partition(".")[0] not in changing and entry.name != "Plate temperature":
-            assert entry.value == value, entry.name
+            assert entry.read() == value, entry.name
 
 
 def test_parameters_are_in_force_from_the_next_cycle() -> None:
@@ -264,7 +264,7 @@ def test_parameters_are_in_force_from_the_next_cycle() -> None:
     )
     assert line.write(stimulator, "Limit.Voltage", 15_000) == 0
     line.sync(30)
-    assert abs(stimulator.od["Vibration.Amplitude"].value - 10_000) < 200
+    assert abs(stimulator.od["Vibration.Amplitude"].read() - 10_000) < 200
 
 
 def test_a_change_of_mode_keeps_the_vibration() -> None:
@@ -300,15 +300,15 @@ def test_tare_on_request_and_at_power_on_agree() -> None:
         line = Line(plate, stimulator)
         line.nmt(START)
         line.sync(65)
-        untared = stimulator.od["Contact.Normal force"].value
+        untared = stimulator.od["Contact.Normal force"].read()
         if not at_power_on:
             assert abs(untared) > 30, "the offsets of the gauges"
             name = "AI auto-zero.AI auto-zero normal force"
             assert line.write(stimulator, name, int.from_bytes(b"zero", "little")) == 0
         zeros.append([stimulator.od[f"Gauge zero.Zero of S{n}"].value for n in range(1, 7)])
         line.sync(10)
-        assert abs(stimulator.od["Contact.Normal force"].value) < 30
-        assert abs(stimulator.od["AI input PV.AI input PV force x"].value) < 30
+        assert abs(stimulator.od["Contact.Normal force"].read()) < 30
+        assert abs(stimulator.od["AI input PV.AI input PV force x"].read()) < 30
     assert all(zeros[0])
     assert zeros[0] == zeros[1]
 

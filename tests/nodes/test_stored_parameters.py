@@ -45,7 +45,7 @@ def test_links_to_a_plate_node_end_with_the_plate_node() -> None:
     save(linked, 0x20)
     alone, fresh = stimulator(memory), stimulator(Memory())
     assert alone.start() == fresh.start()
-    assert [e.value for e in alone.od] == [e.value for e in fresh.od]
+    assert [e.read() for e in alone.od] == [e.read() for e in fresh.od]
 
 
 def test_command_line_wins_over_what_is_stored() -> None:

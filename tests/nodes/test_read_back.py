@@ -1,0 +1,180 @@
+"""What is read on demand is what an eager publisher would have published of the last cycle."""
+
+from contextlib import suppress
+from unittest.mock import patch
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.nodes import stimulator_block
+from smarttac_can.nodes.analogue_input import AUTO_ZERO, CHANNELS, ZERO
+from smarttac_can.nodes.cycle_input import Measured
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.read_back import ReadBack
+from smarttac_can.nodes.state_machine import Control, State
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.od.cia import Abort
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.signals import Measurement
+
+CHANNEL_SOURCES = (
+    "Contact.Force x",
+    "Contact.Force y",
+    "Contact.Normal force",
+    "Contact.COF",
+    "Vibration.Amplitude",
+    "Plate temperature",
+)
+
+
+NOTHING = Measured(Measurement(0j, (0.0,) * 6, 0.0, 0), (0,) * 9, 0, 0)
+
+
+def quantities(measured: Measured, cascade: Cascade) -> dict[str, float]:
+    """What a cycle shows, in SI units."""
+    contact, drive = cascade.contact, cascade.drive
+    return {
+        "Vibration.W_d": measured.si.W.real,
+        "Vibration.W_q": measured.si.W.imag,
+        "Vibration.Amplitude": cascade.amplitude,
+        "Vibration.Amplitude reference": cascade.W_ref,
+        "Vibration.Frequency": drive.frequency,
+        "Vibration.Voltage": drive.voltage,
+        "Contact.Tangential force": (contact.Fx * contact.Fx + contact.Fy * contact.Fy) ** 0.5,
+        "Contact.Normal force": contact.Fn,
+        "Contact.COF": contact.mu,
+        "Contact.COF uncertainty": contact.u_mu,
+        "Contact.COF reference": cascade.mu_ref,
+        "Contact.Friction error": cascade.E * 0.01,
+        "Contact.Position": contact.position,
+        "Contact.Speed": contact.speed,
+        "Contact.Force x": contact.Fx,
+        "Contact.Force y": contact.Fy,
+        "Plate temperature": measured.si.temperature,
+    }
+
+
+QUANTITIES = tuple(quantities(NOTHING, Cascade()))
+
+
+class EagerReadBack(ReadBack):
+    """Beside what it reads on demand, it has the integers of each cycle, made in that cycle."""
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self._objects = stimulator_od()
+        super().__init__(od)
+
+    def reset(self) -> None:
+        super().reset()
+        self._published = {name: self._objects[name].default for name in QUANTITIES}
+
+    def show_off(self) -> None:
+        super().show_off()
+        self._published["Vibration.Voltage"] = 0
+
+    def publish(self, measured: Measured, cascade: Cascade) -> None:
+        super().publish(measured, cascade)
+        for name, quantity in quantities(measured, cascade).items():
+            self._published[name] = self._objects[name].quantise(quantity)
+
+    @property
+    def published(self) -> dict[str, int]:
+        channels = {
+            f"AI input PV.AI input PV {channel}": self._published[source]
+            for channel, source in zip(CHANNELS, CHANNEL_SOURCES, strict=True)
+        }
+        return self._published | channels
+
+
+class Loop:
+    """A stimulator with the plate inside, and a finger on it, to be disturbed between cycles."""
+
+    def __init__(self) -> None:
+        with patch.object(stimulator_block, "ReadBack", EagerReadBack):
+            self.block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
+
+    def begin(self) -> None:
+        """Drive, with a finger on the plate, from power-on."""
+        self.block.od.reset()
+        self.block.power_on()
+        self.block.write("Finger.Motion", 1)
+        self.block.start_run()
+        self.cycle(70)
+        for name, raw in (
+            ("Setpoint.Amplitude", 1000),
+            ("Controlword", Control.ARM),
+            ("Controlword", Control.ARM | Control.RUN),
+            ("Mode", Mode.FRICTION),
+        ):
+            self.block.write(name, raw)
+        self.cycle(20)
+        assert self.block.state is State.RUNNING
+        assert self.block.cascade.drive.voltage > 0.0
+
+    def cycle(self, count: int) -> None:
+        for _ in range(count):
+            self.block.tick()
+
+    def check(self) -> None:
+        published = self.block._read_back.published  # type: ignore[attr-defined]
+        assert {name: self.block.od[name].read() for name in published} == published
+
+
+@pytest.fixture(scope="module")
+def loop() -> Loop:
+    return Loop()
+
+
+WRITES = st.one_of(
+    st.tuples(st.just("Mode"), st.integers(0, 5)),
+    st.tuples(st.just("Setpoint.Amplitude"), st.integers(0, 3000)),
+    st.tuples(st.just("Setpoint.Voltage"), st.integers(0, 6000)),
+    st.tuples(st.just("Setpoint.COF left"), st.integers(2000, 5000)),
+    st.tuples(st.just("Limit.Voltage"), st.integers(0, 15_000)),
+    st.tuples(st.just("Limit.Amplitude"), st.integers(0, 3000)),
+    st.tuples(st.just("Limit.Lowest frequency"), st.integers(4_270_000, 4_400_000)),
+    st.tuples(st.just("Limit.Normal force"), st.integers(100, 8000)),
+    st.tuples(st.just("Controller.Amplitude pole"), st.integers(0, 950)),
+    st.tuples(st.just("Friction law"), st.integers(0, 2)),
+    st.tuples(st.just("Calibration.Fx from S1"), st.integers(5000, 15_000)),
+    st.tuples(st.just("Gauge zero.Zero of S3"), st.integers(-500, 500)),
+    st.tuples(st.just("Controlword"), st.sampled_from([0, 1, 3, 4, 0x80])),
+    st.tuples(st.just(AUTO_ZERO[0]), st.just(ZERO)),
+    st.tuples(st.just("Simulation.Start run"), st.just(1)),
+    st.tuples(st.just("Fault.Kind"), st.integers(0, 7)),
+)
+
+
+@given(acts=st.lists(st.one_of(st.integers(1, 5), WRITES), max_size=30))
+@settings(max_examples=100, deadline=None)
+def test_read_backs_are_those_of_the_last_cycle(
+    loop: Loop, acts: list[int | tuple[str, int]]
+) -> None:
+    loop.begin()
+    loop.check()
+    for act in acts:
+        if isinstance(act, int):
+            loop.cycle(act)
+        else:
+            with suppress(Abort):
+                loop.block.write(*act)
+        loop.check()
+    loop.block.disarm()
+    loop.check()
+    loop.cycle(1)
+    loop.check()
+
+
+def test_channels_are_valid_as_the_cycle_says(loop: Loop) -> None:
+    loop.begin()
+    cof = loop.block.od["AI status.AI status COF"]
+    assert cof.value == 1, "no finger, not valid"
+    loop.cycle(300)
+    assert loop.block.od["Contact.Touching"].value == 1
+    assert cof.value == 0
+    loop.block.start_run()
+    loop.cycle(1)
+    assert cof.value == 1
