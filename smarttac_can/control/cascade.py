@@ -131,7 +131,9 @@ class Cascade:
         self._boundary = Boundary(p.hysteresis)
         self._fresh = False
         self._from_off = True
-        self._design(p)
+        self._parameters = p
+        self._law = FrictionLaw(p.law, p.slope, p.step_max)
+        self._design()
 
     @property
     def parameters(self) -> CascadeParameters:
@@ -146,18 +148,30 @@ class Cascade:
     def adopt(self, model: PlateModel) -> None:
         """Design the loops for another plate, such as a stored one, without a bump."""
         self._model = model
-        self._design(self._parameters)
+        self._design()
 
     def configure(self, parameters: CascadeParameters) -> None:
-        """Replace the parameters, also while running, without a bump; ends an identification."""
+        """Replace the parameters, also while running, without a bump; ends an identification.
+
+        The two loops go on as they are unless they have to be designed anew. The same parameters
+        change nothing.
+        """
+        before, p = self._parameters, parameters
+        if p == before:
+            return
         if self.mode is Mode.IDENTIFY:
             self._turn_off("identification: parameters were changed")
-        p = parameters
         self.tribometer.calibrate(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force)
         right = self._boundary.right
         self._boundary = Boundary(p.hysteresis)
         self._boundary.right = right
-        self._design(p)
+        self._law = FrictionLaw(p.law, p.slope, p.step_max)
+        self._parameters = p
+        if _designed_for(p) != _designed_for(before):
+            self._design()
+        else:
+            self._amplitude_loop.V_max = p.V_max
+            self._resonance_loop.limit(p.f_min, p.f_max)
 
     def set_mode(self, mode: int) -> None:
         """Change the mode; the mode in force again changes nothing.
@@ -320,10 +334,9 @@ class Cascade:
         self.drive = Drive(0.0, self.drive.frequency)
         return self.drive
 
-    def _design(self, parameters: CascadeParameters) -> None:
+    def _design(self) -> None:
         """Build the loops from parameters and model, and start them from the drive in force."""
-        p = self._parameters = parameters
-        self._law = FrictionLaw(p.law, p.slope, p.step_max)
+        p = self._parameters
         self._amplitude_loop = AmplitudeLoop(
             amplitude_pi(self._model, p.amplitude_pole, p.dead_time), p.V_max
         )
@@ -332,3 +345,8 @@ class Cascade:
             resonance_pi(self._model, p.resonance_pole, p.dead_time), p.f_min, p.f_max
         )
         self._resonance_loop.preset(self.drive.frequency)
+
+
+def _designed_for(parameters: CascadeParameters) -> tuple[float, float, float]:
+    """Return what the design of the two loops follows from, apart from the model."""
+    return parameters.amplitude_pole, parameters.resonance_pole, parameters.dead_time

@@ -61,6 +61,13 @@ class ResonanceLoop:
         self.limited = self.frequency != frequency
         self.pi.preset(self.frequency)
 
+    def limit(self, f_min: float, f_max: float) -> None:
+        """Take other limits; the frequency that is held is cut to them."""
+        self.f_min = f_min
+        self.f_max = f_max
+        if not f_min <= self.frequency <= f_max:
+            self.preset(self.frequency)
+
     def step(self, W: complex, amplitude: float) -> float:
         """Return the excitation frequency in Hz for a vibration and its modulus in m."""
         W_d = W.real

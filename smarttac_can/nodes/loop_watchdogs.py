@@ -28,6 +28,8 @@ _PLATE_END: Final = 0.038
 """End of the plate in m from its middle: a finger presses no farther out."""
 _FRICTION_MAX: Final = 2.0
 """Largest Ft/Fn a finger can have; that of a wet one is near 1.5."""
+WATCHED: Final = ("Limit", "Model", "Calibration")
+"""Records that `LoopWatchdogs.configure` reads."""
 _NO_PLATE: Final = 0
 _THERMOMETER: Final = SENSORS.index("Temperature")
 _BITS: Final = {watchdog: 1 << watchdog for watchdog in Watchdog}

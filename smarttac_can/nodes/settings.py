@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
 from smarttac_can.control.friction import Law
 from smarttac_can.control.model import PlateModel
@@ -15,6 +16,25 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 CALIBRATION: Final = "Calibration"
 DESIGN: Final = ("Friction law", "Controller", "Limit", CALIBRATION)
 """Names of the records that hold the parameters of the cascade."""
+
+
+_FIELDS: Final = {
+    "Controller.Amplitude pole": "amplitude_pole",
+    "Controller.Resonance pole": "resonance_pole",
+    "Friction law": "law",
+    "Controller.Friction slope per percent": "slope",
+    "Controller.Friction step limit": "step_max",
+    "Controller.Contact force": "contact_force",
+    "Controller.Boundary hysteresis": "hysteresis",
+    "Controller.Dead time": "dead_time",
+    "Limit.Voltage": "V_max",
+    "Limit.Amplitude": "W_max",
+    "Limit.Lowest frequency": "f_min",
+    "Limit.Highest frequency": "f_max",
+}
+"""Objects that are a parameter each; those of the calibration make up two together."""
+_Quantity = Callable[[str], float]
+"""Value of an object in SI units by its name."""
 
 
 def mend_settings(od: ObjectDictionary) -> bool:
@@ -35,49 +55,69 @@ def mend_settings(od: ObjectDictionary) -> bool:
     return False
 
 
-def cascade_parameters(
-    od: ObjectDictionary, changed: tuple[Entry, int] | None = None
-) -> CascadeParameters:
+def cascade_parameters(od: ObjectDictionary) -> CascadeParameters:
     """Build the parameters of the cascade.
 
     Parameters
     ----------
     od
         Object dictionary of ``stimulator.eds``.
-    changed
-        An entry with the raw value it is about to take.
 
     Raises
     ------
     Abort
         VALUE if the parameters contradict each other.
     """
-
-    def si(name: str) -> float:
-        entry = od[name]
-        raw = changed[1] if changed is not None and changed[0] is entry else entry.value
-        return float(raw * entry.si)
-
-    x3, x4, x5, x6 = [si(f"Calibration.Position of S{number}") for number in range(3, 7)]
+    fields = {field: _parameter(od[name], od[name].value) for name, field in _FIELDS.items()}
+    calibration = _calibration(lambda name: od[name].si_value)
     try:
-        return CascadeParameters(
-            amplitude_pole=si("Controller.Amplitude pole"),
-            resonance_pole=si("Controller.Resonance pole"),
-            law=Law(int(si("Friction law"))),
-            slope=si("Controller.Friction slope per percent"),
-            step_max=si("Controller.Friction step limit"),
-            contact_force=si("Controller.Contact force"),
-            hysteresis=si("Controller.Boundary hysteresis"),
-            dead_time=si("Controller.Dead time"),
-            V_max=si("Limit.Voltage"),
-            W_max=si("Limit.Amplitude"),
-            f_min=si("Limit.Lowest frequency"),
-            f_max=si("Limit.Highest frequency"),
-            lateral=_lateral(si),
-            gauge_positions=(x3, x4, x5, x6),
-        )
+        return CascadeParameters(**fields, **calibration)
     except ValueError as error:
         raise Abort(AbortCode.VALUE) from error
+
+
+def with_change(
+    parameters: CascadeParameters, od: ObjectDictionary, changed: Entry, raw: int
+) -> CascadeParameters:
+    """Return the parameters with what depends on one object replaced.
+
+    They are the same if none does: some limits are the watchdogs' alone.
+
+    Parameters
+    ----------
+    parameters
+        What the objects say so far.
+    od
+        Object dictionary of ``stimulator.eds``.
+    changed, raw
+        An entry with the raw value it is about to take.
+
+    Raises
+    ------
+    Abort
+        VALUE if the parameters would contradict each other.
+    """
+    if changed.name in _FIELDS:
+        fields = {_FIELDS[changed.name]: _parameter(changed, raw)}
+    elif changed.name.partition(".")[0] == CALIBRATION:
+        fields = _calibration(
+            lambda name: float(raw * changed.si) if name == changed.name else od[name].si_value
+        )
+    else:
+        return parameters
+    try:
+        return replace(parameters, **fields)
+    except ValueError as error:
+        raise Abort(AbortCode.VALUE) from error
+
+
+def _parameter(entry: Entry, raw: int) -> Any:
+    return Law(raw) if entry.name == "Friction law" else float(raw * entry.si)
+
+
+def _calibration(si: _Quantity) -> dict[str, Any]:
+    positions = tuple([si(f"Calibration.Position of S{number}") for number in range(3, 7)])
+    return {"lateral": _lateral(si), "gauge_positions": positions}
 
 
 def lateral_calibration(od: ObjectDictionary) -> Matrix:
@@ -85,7 +125,7 @@ def lateral_calibration(od: ObjectDictionary) -> Matrix:
     return _lateral(lambda name: od[name].si_value)
 
 
-def _lateral(si: Callable[[str], float]) -> Matrix:
+def _lateral(si: _Quantity) -> Matrix:
     return (
         (si("Calibration.Fx from S1"), si("Calibration.Fx from S2")),
         (si("Calibration.Fy from S1"), si("Calibration.Fy from S2")),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
-from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
@@ -19,6 +18,7 @@ from smarttac_can.nodes.loop_frames import (
     sent_measurement,
 )
 from smarttac_can.nodes.loop_period import deadlines
+from smarttac_can.nodes.loop_watchdogs import WATCHED
 from smarttac_can.nodes.model_sheet import ModelSheet
 from smarttac_can.nodes.plate_block import FAULT_KIND, START_RUN, PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
@@ -27,6 +27,7 @@ from smarttac_can.nodes.settings import (
     DESIGN,
     cascade_parameters,
     plate_model,
+    with_change,
 )
 from smarttac_can.nodes.state_machine import Event, State
 from smarttac_can.nodes.supervisor import Supervisor
@@ -117,11 +118,11 @@ class StimulatorBlock:
             self._plate.start_run()
             self.od[FAULT_KIND].value = FaultKind.NONE
             supervisor.watchdogs.reset()
-        self.cascade = Cascade(cascade_parameters(self.od), plate_model(self.od))
+        self._parameters = cascade_parameters(self.od)
+        self.cascade = Cascade(self._parameters, plate_model(self.od))
         self._restore_zeros()
         supervisor.watchdogs.configure()
-        self._new_model = False
-        self._redesign: CascadeParameters | None = None
+        self._changed: set[str] = set()
         self._begun = False
         tared = self.cascade.tribometer.tared
         self._awaits_tare = bool(self._tare_at_power_on.value) and not tared
@@ -158,8 +159,8 @@ class StimulatorBlock:
 
     def _prepare(self) -> int:
         """Take over new parameters and the mode; return the mode of this cycle."""
-        if self._redesign is not None:
-            self._reconfigure(self._redesign)
+        if self._changed:
+            self._reconfigure()
         running = self.supervisor.state is State.RUNNING
         mode = int(self._mode.value) if running else int(Mode.OFF)
         if mode != self.cascade.mode:
@@ -180,8 +181,8 @@ class StimulatorBlock:
         return mode, asked
 
     def _tare_when_due(self) -> None:
-        barred = self.supervisor.tare_barred
-        if self._awaits_tare and self._cycles.value >= TARE_SAMPLES and not barred:
+        due = self._awaits_tare and self._cycles.value >= TARE_SAMPLES
+        if due and not self.supervisor.tare_barred:
             self._tare()
 
     def _follow(self) -> None:
@@ -299,8 +300,8 @@ class StimulatorBlock:
             if barred and value != entry.value:
                 raise Abort(AbortCode.STATE)
             # Worked out here, between two cycles; the next one only takes it over.
-            self._redesign = cascade_parameters(self.od, (entry, value))
-            self._new_model |= record == _MODEL
+            self._parameters = with_change(self._parameters, self.od, entry, value)
+            self._changed.add(record)
 
     def _tare(self) -> None:
         zeros = self.cascade.tribometer.tare()
@@ -320,15 +321,17 @@ class StimulatorBlock:
             self.supervisor.note_zero()
             self._awaits_tare = False
 
-    def _reconfigure(self, parameters: CascadeParameters) -> None:
-        self._redesign = None
-        self.supervisor.watchdogs.configure()
-        if self._new_model:
-            self._new_model = False
+    def _reconfigure(self) -> None:
+        """Take over what depends on the records that were written."""
+        changed, self._changed = self._changed, set()
+        if not changed.isdisjoint(WATCHED):
+            self.supervisor.watchdogs.configure()
+        if _MODEL in changed:
             self.cascade.adopt(plate_model(self.od))
             self._model_sheet.show_quality(self.cascade.model)
-        self.cascade.configure(parameters)
-        self._restore_zeros()
+        self.cascade.configure(self._parameters)
+        if _ZERO in changed:
+            self._restore_zeros()
 
 
 def _pairs(sources: list[Entry], targets: list[Entry]) -> list[tuple[Entry, Entry]]:
