@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from smarttac_can.plant.parameters import TWO_PI
@@ -37,10 +38,12 @@ class ForcePath:
         self.y = 0.0
         self.rate = 0.0
 
-    def step(self, phi: Transition, force: float) -> None:
-        """Advance by the step of phi under a constant force in N."""
+    def follow(self, phi: Transition, forces: Iterable[float]) -> None:
+        """Advance by a step of phi under each of the forces in N, constant over its step."""
         yy, yr, ry, rr = phi
-        deviation = self.y - force
-        rate = self.rate
-        self.y = force + yy * deviation + yr * rate
-        self.rate = ry * deviation + rr * rate
+        y, rate = self.y, self.rate
+        for force in forces:
+            deviation = y - force
+            y = force + yy * deviation + yr * rate
+            rate = ry * deviation + rr * rate
+        self.y, self.rate = y, rate

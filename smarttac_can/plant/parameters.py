@@ -43,6 +43,10 @@ class ResonatorParameters:
     """Time constant 2m/d_s in s [D]: 30 % more voltage at 140 Hz of detuning, 0.944 ms."""
     gain: float = 50e-9
     """Vibration at resonance in m peak-to-peak per V [A]."""
+    damping: float = field(init=False)
+    """Modal damping d_s in N s/m."""
+    conversion: float = field(init=False)
+    """Electromechanical conversion N in N/V; the force, like W, is peak-to-peak."""
 
     def __post_init__(self) -> None:
         require("mass", self.mass, 1e-4, 1.0)
@@ -51,16 +55,8 @@ class ResonatorParameters:
         require("reference_temperature", self.reference_temperature, -40.0, 125.0)
         require("tau", self.tau, 1e-5, 1.0)
         require("gain", self.gain, 1e-12, 1e-3)
-
-    @property
-    def damping(self) -> float:
-        """Modal damping d_s in N s/m."""
-        return 2.0 * self.mass / self.tau
-
-    @property
-    def conversion(self) -> float:
-        """Electromechanical conversion N in N/V; the force, like W, is peak-to-peak."""
-        return self.gain * self.damping * TWO_PI * self.f0
+        object.__setattr__(self, "damping", 2.0 * self.mass / self.tau)
+        object.__setattr__(self, "conversion", self.gain * self.damping * TWO_PI * self.f0)
 
     def resonance(self, temperature: float) -> float:
         """Return the resonance frequency in Hz at a plate temperature in degC."""

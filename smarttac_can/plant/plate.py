@@ -246,8 +246,8 @@ class Plate:
             self._advance(old, before, v_bone, Fn)
         if after[0]:
             self._advance(new, after, v_bone, Fn)
-        self._normal.step(self._normal_phi, Fn)
-        self._moment.step(self._normal_phi, 0.5 * (Fn0 * x0 + Fn1 * x1))
+        self._normal.follow(self._normal_phi, (Fn,))
+        self._moment.follow(self._normal_phi, (0.5 * (Fn0 * x0 + Fn1 * x1),))
         self.finger_state = finger_state
         self.tick = tick
 
@@ -274,13 +274,12 @@ class Plate:
             mode.stiffness(self.temperature) + subject.load_stiffness * load,
         )
         bare = bare_friction(SCALAR, subject, Fn, self.occlusion)
-        skin_step = self._skin.step
-        path_step = self._tangential.step
-        Ft = self.Ft
-        W0 = abs(resonator.W)
-        for _ in range(count):
-            W1 = abs(resonator.step())
-            Ft = skin_step(length, 0.5 * (W0 + W1), v_bone, bare)
-            path_step(phi, Ft)
-            W0 = W1
-        self.Ft = Ft
+        before = abs(resonator.W)
+        vibrations = []
+        for W in resonator.steps(count):
+            after = abs(W)
+            vibrations.append(0.5 * (before + after))
+            before = after
+        forces = self._skin.slide(length, vibrations, v_bone, bare)
+        self._tangential.follow(phi, forces)
+        self.Ft = forces[-1]

@@ -68,12 +68,16 @@ class Resonator:
         )
         self._equilibrium = 1j * force / complex(stiffness - mass * omega * omega, omega * damping)
 
-    def step(self) -> complex:
-        """Advance by the duration of :meth:`drive` and return W."""
+    def steps(self, count: int) -> list[complex]:
+        """Advance by so many durations of :meth:`drive`; return W after each."""
         p11, p12, p21, p22 = self._phi
         equilibrium = self._equilibrium
-        deviation = self.W - equilibrium
-        rate = self.rate
-        self.rate = p21 * deviation + p22 * rate
-        self.W = W = equilibrium + p11 * deviation + p12 * rate
-        return W
+        W, rate = self.W, self.rate
+        way = []
+        for _ in range(count):
+            deviation = W - equilibrium
+            W = equilibrium + p11 * deviation + p12 * rate
+            rate = p21 * deviation + p22 * rate
+            way.append(W)
+        self.W, self.rate = W, rate
+        return way

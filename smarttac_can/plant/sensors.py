@@ -82,19 +82,15 @@ class Sensors:
         limit = p.full_scale
         step = p.gauge_resolution
         saturated = 0
-        gauges: list[float] = []
-        bit = 1
         loads = (xx * Fx, yx * Fx, left, right, left, right)
-        for load, (null, drift, bow), white in zip(loads, self._gauges, noise, strict=False):
-            count = floor((load + bow * load * load + null + drift * warmth + white) / step + 0.5)
-            if count >= limit:
-                count = limit
-                saturated |= bit
-            elif count <= -limit:
-                count = -limit
-                saturated |= bit
-            gauges.append(count * step)
-            bit += bit
+        counts = [
+            floor((load + bow * load * load + null + drift * warmth + white) / step + 0.5)
+            for load, (null, drift, bow), white in zip(loads, self._gauges, noise, strict=False)
+        ]
+        if not -limit < min(counts) <= max(counts) < limit:
+            saturated = sum(1 << n for n, count in enumerate(counts) if abs(count) >= limit)
+            counts = [max(-limit, min(limit, count)) for count in counts]
+        s1, s2, s3, s4, s5, s6 = [count * step for count in counts]
         step = p.pickup_resolution
         d = floor((W.real + noise[6]) / step + 0.5)
         q = floor((W.imag + noise[7]) / step + 0.5)
@@ -103,7 +99,6 @@ class Sensors:
             d = max(-limit, min(limit, d))
             q = max(-limit, min(limit, q))
         grain = p.temperature_resolution
-        s1, s2, s3, s4, s5, s6 = gauges
         return Measurement(
             complex(d * step, q * step),
             (s1, s2, s3, s4, s5, s6),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Generic
 
 from smarttac_can.plant.friction import reduction, stribeck
@@ -28,7 +29,7 @@ class Skin(Generic[Float]):
         Frequency of the vibration in Hz.
     """
 
-    __slots__ = ("_f0", "_m", "friction", "stretch", "subject", "v", "z")
+    __slots__ = ("_f0", "_m", "stretch", "subject", "v", "z")
 
     def __init__(self, m: Mathematics[Float], subject: Subject[Float], f0: float) -> None:
         self._m: Mathematics[Float] = m
@@ -37,40 +38,48 @@ class Skin(Generic[Float]):
         self.v: Float = 0.0 * subject.mu0
         self.stretch: Float = 0.0 * subject.mu0
         self.z: Float = 0.0 * subject.mu0
-        self.friction: Float = 0.0 * subject.mu0
 
-    def step(self, duration: float, W: Float, v_bone: Float, bare: Float) -> Float:
-        """Advance and return the friction force on the plate in N.
+    def slide(
+        self, duration: float, vibrations: Iterable[Float], v_bone: Float, bare: Float
+    ) -> list[Float]:
+        """Advance by steps of equal length; return the friction force on the plate in N of each.
 
         Parameters
         ----------
         duration
-            Length of the step in s.
-        W
-            Vibration under the finger in m peak-to-peak, 0 or more.
+            Length of a step in s.
+        vibrations
+            Vibration under the finger in each step, in m peak-to-peak, 0 or more.
         v_bone
             Velocity of the finger's bone in m/s.
         bare
             Friction without vibration in N, 0 or more; 0 is a lifted finger.
         """
-        m, s, v, z = self._m, self.subject, self.v, self.z
-        speed = m.select(v, v, -v)
-        F = bare * reduction(m, s, W, speed, self._f0) * stribeck(s, speed)
-        k, b, L = s.skin_stiffness, s.skin_damping, s.relaxation_length
-        # (skin_mass + h b + h^2 k) v + h F z(v) = impulse, with u = |v| h/L the unknown.
-        impulse = s.skin_mass * v + duration * (k * self.stretch + (b + duration * k) * v_bone)
-        push = impulse - duration * F * z
-        sign = m.select(push, 0.0 * push + 1.0, 0.0 * push - 1.0)
-        inertia = (s.skin_mass + duration * (b + duration * k)) * L / duration
-        hold = duration * F
-        c = sign * push
-        q = inertia + hold - sign * impulse
-        root = m.sqrt(q * q + 4.0 * inertia * c)
-        # Of the two forms of the root, the one without cancellation.
-        total = m.select(q, q, -q) + root
-        u = m.select(q, 2.0 * c / total, total / (2.0 * inertia))
-        self.v = v = sign * u * L / duration
-        self.stretch = self.stretch + duration * (v_bone - v)
-        self.z = z = (z + sign * u) / (1.0 + u) * m.select(bare, 0.0 * z + 1.0, 0.0 * z)
-        self.friction = F * z
-        return self.friction
+        m, s, f0 = self._m, self.subject, self._f0
+        sqrt, select = m.sqrt, m.select
+        v, stretch, z = self.v, self.stretch, self.z
+        k, L, mass = s.skin_stiffness, s.relaxation_length, s.skin_mass
+        give = s.skin_damping + duration * k
+        pull = give * v_bone
+        inertia = (mass + duration * give) * L / duration
+        touches = 1.0 * (bare > 0.0)
+        forces: list[Float] = []
+        for W in vibrations:
+            speed = abs(v)
+            F = bare * reduction(m, s, W, speed, f0) * stribeck(s, speed)
+            # (mass + h b + h^2 k) v + h F z(v) = impulse, with u = |v| h/L the unknown.
+            impulse = mass * v + duration * (k * stretch + pull)
+            hold = duration * F
+            push = impulse - hold * z
+            sign = 2.0 * (push > 0.0) - 1.0
+            q = inertia + hold - sign * impulse
+            root = sqrt(q * q + 4.0 * inertia * sign * push)
+            # Of the two forms of the root, the one without cancellation.
+            total = abs(q) + root
+            u = select(q, 2.0 * sign * push / total, total / (2.0 * inertia))
+            v = sign * u * L / duration
+            stretch = stretch + duration * (v_bone - v)
+            z = (z + sign * u) / (1.0 + u) * touches
+            forces.append(F * z)
+        self.v, self.stretch, self.z = v, stretch, z
+        return forces

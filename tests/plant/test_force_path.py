@@ -14,7 +14,7 @@ def test_agrees_with_the_differential_equation():
     path = ForcePath()
     y = np.zeros(2)
     for force in forces:
-        path.step(phi, force)
+        path.follow(phi, [force])
         y = solve_ivp(
             lambda _, y, f=force: [y[1], w * w * (f - y[0]) - 2 * damping * w * y[1]],
             (0.0, 1e-3), y, rtol=1e-11, atol=1e-14,
@@ -25,15 +25,13 @@ def test_agrees_with_the_differential_equation():
 
 def test_settles_at_the_force():
     path, phi = ForcePath(), transition(1e-3, 100.0, 0.7)
-    for _ in range(100):
-        path.step(phi, 0.3)
+    path.follow(phi, [0.3] * 100)
     assert path.y == pytest.approx(0.3, rel=1e-9)
 
 
 def test_two_half_steps_are_one():
     one, two = ForcePath(), ForcePath()
-    one.step(transition(1e-3, 100.0, 0.7), 0.3)
+    one.follow(transition(1e-3, 100.0, 0.7), [0.3])
     half = transition(0.5e-3, 100.0, 0.7)
-    two.step(half, 0.3)
-    two.step(half, 0.3)
+    two.follow(half, [0.3, 0.3])
     assert two.y == pytest.approx(one.y, rel=1e-12)

@@ -56,7 +56,7 @@ def envelope(segments):
     for duration, voltage, frequency, (damping, stiffness) in segments:
         omega = TWO_PI * frequency
         resonator.drive(duration, omega, PLATE.conversion * voltage, damping, stiffness)
-        envelopes.append(resonator.step())
+        envelopes += resonator.steps(1)
     return np.array(envelopes)
 
 
@@ -122,13 +122,13 @@ def test_without_drive_the_energy_falls_whatever_the_frame_does(steps, damping):
     resonator = Resonator(PLATE.mass)
     stiffness = PLATE.stiffness(20.0)
     resonator.drive(2e-3, TWO_PI * 43390.0, PLATE.conversion * 20.0, PLATE.damping, stiffness)
-    resonator.step()
+    resonator.steps(1)
     omega = TWO_PI * 43390.0
     last = math.inf
     for duration, frequency in steps:
         omega = TWO_PI * frequency
         resonator.drive(duration, omega, 0.0, PLATE.damping + damping, stiffness)
-        resonator.step()
+        resonator.steps(1)
         velocity = resonator.rate + 1j * omega * resonator.W
         energy = PLATE.mass * abs(velocity) ** 2 + stiffness * abs(resonator.W) ** 2
         assert energy < last

@@ -24,8 +24,7 @@ def level(subject, W, v, bare=BARE):
 def test_steady_slide(direction):
     subject = SUBJECTS[1]
     skin = Skin(SCALAR, subject, F0)
-    for _ in range(400):
-        Ft = skin.step(STEP, 1e-6, direction * 0.05, BARE)
+    Ft = skin.slide(STEP, [1e-6] * 400, direction * 0.05, BARE)[-1]
     assert skin.v == pytest.approx(direction * 0.05, rel=1e-9)
     assert Ft == pytest.approx(direction * level(subject, 1e-6, 0.05), rel=1e-9)
     assert skin.stretch == pytest.approx(Ft / subject.skin_stiffness, rel=1e-6)
@@ -37,7 +36,7 @@ def test_friction_builds_up_over_the_relaxation_length():
     way, last = 0.0, 0.0
     while way < subject.relaxation_length:
         last = skin.z
-        skin.step(2e-6, 0.0, 0.05, BARE)
+        skin.slide(2e-6, [0.0], 0.05, BARE)
         way += skin.v * 2e-6
     assert last == pytest.approx(1 - math.exp(-1), abs=0.01)
 
@@ -69,7 +68,7 @@ def test_agrees_with_the_differential_equations():
             )  # fmt: skip
             y = solution.y[:, -1]
             for _, v, z in solution.y.T[1:].tolist():
-                Ft = skin.step(step, W, v_bone, BARE)
+                (Ft,) = skin.slide(step, [W], v_bone, BARE)
                 errors.append(Ft - level(subject, W, abs(v)) * z)
         return math.sqrt(np.mean(np.square(errors)))
 
@@ -93,7 +92,7 @@ def test_friction_is_bounded_at_any_step(subject, steps):
     skin = Skin(SCALAR, subject, F0)
     fastest = max(abs(v_bone) for _, _, v_bone, _ in steps)
     for duration, W, v_bone, bare in steps:
-        Ft = skin.step(duration, W, v_bone, bare)
+        (Ft,) = skin.slide(duration, [W], v_bone, bare)
         assert abs(Ft) <= bare * subject.stribeck * (1 + 1e-12)
         assert abs(skin.z) <= 1.0 + 1e-12
         assert math.isfinite(skin.stretch)
@@ -103,13 +102,10 @@ def test_friction_is_bounded_at_any_step(subject, steps):
 
 def test_a_resting_finger_sticks_and_a_lifted_one_slides_free():
     skin = Skin(SCALAR, SUBJECTS[0], F0)
-    for _ in range(20):
-        assert skin.step(STEP, 1e-6, 0.0, BARE) == 0.0
-    for _ in range(40):
-        skin.step(STEP, 1e-6, 0.05, BARE)
+    assert skin.slide(STEP, [1e-6] * 20, 0.0, BARE) == [0.0] * 20
+    skin.slide(STEP, [1e-6] * 40, 0.05, BARE)
     assert skin.stretch > 50e-6
-    for _ in range(80):
-        assert skin.step(STEP, 1e-6, 0.05, 0.0) == 0.0
+    assert skin.slide(STEP, [1e-6] * 80, 0.05, 0.0) == [0.0] * 80
     assert abs(skin.stretch) < 1e-6
     assert skin.z == 0.0
 
@@ -123,7 +119,7 @@ def test_scalar_and_array_agree():
         W = rng.uniform(0, 3e-6, len(members))
         v_bone = np.full(len(members), 0.06 * math.cos(k / 30))
         bare = np.where(k % 100 < 90, rng.uniform(0.1, 0.4, len(members)), 0.0)
-        Ft = together.step(STEP, W, v_bone, bare)
+        (Ft,) = together.slide(STEP, [W], v_bone, bare)
         for n, skin in enumerate(alone):
-            single = skin.step(STEP, float(W[n]), float(v_bone[n]), float(bare[n]))
+            (single,) = skin.slide(STEP, [float(W[n])], float(v_bone[n]), float(bare[n]))
             assert Ft[n] == pytest.approx(single, rel=1e-12, abs=1e-13)
