@@ -73,7 +73,7 @@ class CanLink:
         # On a local bus everything happens within the call that sends: there is no other thread
         # to wait for, and the time is the bus's.
         self._threaded = not isinstance(network, LocalNetwork)
-        self._clock = monotonic if self._threaded else lambda: network.now
+        self._clock = monotonic if self._threaded else network.now
         self._stimulator = RemoteDevice(network, stimulator, where, timeout)
         self._plate = RemoteDevice(network, plate, where, timeout) if plate else None
         self._pdos = published_pdos(stimulator, _PUBLIC_TPDOS, self._stimulator.read)

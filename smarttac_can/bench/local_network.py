@@ -22,9 +22,8 @@ class LocalNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is 
         self._local_bus = bus
         self._port = bus.connect(self._on_frame)
 
-    @property
     def now(self) -> float:
-        """Time on the bus in s."""
+        """Return the time on the bus in s."""
         return self._local_bus.time * 1e-6
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
@@ -37,5 +36,7 @@ class LocalNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is 
         self._port.close()
 
     def _on_frame(self, frame: Frame) -> None:
-        if not frame.rtr:
-            self.notify(frame.can_id, bytearray(frame.data), self.now)
+        can_id, data, rtr = frame
+        if not rtr:
+            for callback in self.subscribers.get(can_id, ()):
+                callback(can_id, bytearray(data), self.now())

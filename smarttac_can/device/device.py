@@ -202,12 +202,13 @@ class Device:
 
     def receive(self, frame: Frame) -> list[Frame]:
         """Take a frame from the bus and return the frames it causes."""
-        handlers = self._port.listeners.get(frame.can_id)
+        port = self._port
+        handlers = port.listeners.get(frame.can_id)
         if handlers is None:
             return []
         for handler in handlers:
             handler(frame)
-        return self._port.take()
+        return port.take()
 
     def advance(self, microseconds: int) -> list[Frame]:
         """Let time pass, 0 or more us; each timer fires at most once. Return the frames due."""

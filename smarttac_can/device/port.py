@@ -49,8 +49,10 @@ class Port:
 
     def take(self) -> list[Frame]:
         """Return the frames to send, and forget them."""
-        out = self.out[:]
-        self.out.clear()
+        out = self.out
+        if not out:
+            return []
+        self.out = []
         return out
 
     def stream(self, source: Callable[[], Frame | None]) -> None:

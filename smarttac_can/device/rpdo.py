@@ -88,10 +88,11 @@ class RPDO(PDO):
 
     def receive(self, frame: Frame) -> None:
         """Check length and limits of a received PDO; put it in force now or at the next SYNC."""
-        if frame.rtr or self.mapping is None:
+        mapping = self.mapping
+        if frame.rtr or mapping is None:
             return
         data = frame.data
-        size = self.mapping.size
+        size = mapping.size
         if len(data) < size:
             self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
             self._report(EmergencyCode.PDO_LENGTH, bytes((len(data), size)))
@@ -103,7 +104,7 @@ class RPDO(PDO):
         elif self._faults:
             self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
             self._settle(EmergencyCode.PDO_LENGTH)
-        values, broken = self.mapping.read(data)
+        values, broken = mapping.read(data)
         if broken is not None:
             self._report(EmergencyCode.PROTOCOL, _where(broken))
             return
@@ -125,7 +126,8 @@ class RPDO(PDO):
             return
         if self.event_time:
             self._deadline.start(self.event_time)
-            self._in_time()
+            if self._late:
+                self._in_time()
         self.mapping.write(values)
         self._application.on_rpdo(self.number)
 

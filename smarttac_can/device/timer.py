@@ -40,13 +40,16 @@ class Timer:
         self._period = delay if periodic else 0
         self._spacing = spacing
         self._slip = 0
-        self._started = now = self._clock.now
-        self._set(now + delay)
+        clock = self._clock
+        self._started = now = clock.now
+        self.due = due = now + delay
+        clock.next_due = due if due < clock.next_due else clock.next_due
 
     def follow(self, delay: int) -> None:
         """Move the expiry of a running timer to another delay in us after its start."""
         if self.running:
-            self._set(self._started + delay)
+            self.due = self._started + delay
+            self._clock.next_due = min(self.due, self._clock.next_due)
 
     def stop(self) -> None:
         """Stop the timer: it does not expire."""
@@ -73,10 +76,6 @@ class Timer:
                 self.missed, self._slip = divmod(self._slip + late, period)
                 self.due = now + period
         self._expire()
-
-    def _set(self, due: int) -> None:
-        self.due = due
-        self._clock.next_due = min(due, self._clock.next_due)
 
 
 class Clock:
@@ -109,9 +108,14 @@ class Clock:
         self.now = now = self.now + microseconds
         if now < self.next_due:
             return
-        expired = [timer for timer in self._timers if timer.due <= now]
+        timers = self._timers
+        # What was due first may have been stopped or started anew since.
+        self.next_due = next_due = min([timer.due for timer in timers], default=NEVER)
+        if now < next_due:
+            return
+        expired = [timer for timer in timers if timer.due <= now]
         expired.sort(key=lambda timer: timer.due)
         for timer in expired:
             if timer.due <= now:  # not stopped or restarted by one before
                 timer.fire()
-        self.next_due = min((timer.due for timer in self._timers), default=NEVER)
+        self.next_due = min([timer.due for timer in timers])

@@ -8,13 +8,15 @@ from typing import Protocol
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook
-from smarttac_can.host.node import Node, without_queue
+from smarttac_can.host.node import Node
 from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import frame_bits
 
 _STORM_FRAMES = 100_000
 _MAX_DATA_BYTES = 8
+_SEGMENTS = 127
+"""Frames of an SDO transfer that are taken at a time: those of one block."""
 
 _Receive = Callable[[Frame], list[Frame] | None]
 
@@ -126,7 +128,7 @@ class LocalBus:
             it receives that SYNC. False: they only move with `advance`, SYNC is a frame like any
             other; the way to run a node that has its own ticker, or that produces the SYNC.
         """
-        port = Port(self, without_queue(node), node, lockstep)
+        port = Port(self, node.receive, node, lockstep)
         self._add(port)
         self._send(port, node.start())
         return port
@@ -202,16 +204,17 @@ class LocalBus:
         log = self._log
         quiet = _STORM_FRAMES
         try:
-            while queue:
+            while queue or self._stream():
                 sender, frame = queue.popleft()
-                is_tick = frame.can_id == self._sync_id and self._lockstep > 0
+                can_id, data, _ = frame
+                is_tick = can_id == self._sync_id and self._lockstep > 0
                 if is_tick:
                     self._pass_time(TICK_US)
                     quiet = _STORM_FRAMES
                 quiet -= 1
                 if quiet < 0:
                     raise BusError(f"no rest on the local bus after {_STORM_FRAMES} frames")
-                size = len(frame.data)
+                size = len(data)
                 if size > _MAX_DATA_BYTES:
                     raise ValueError(f"{size} data bytes are outside 0..{_MAX_DATA_BYTES}")
                 self._now += durations[size]
@@ -229,11 +232,21 @@ class LocalBus:
         if wire is not None:
             wire.put(sender, frame)
         for port, receive in sender._others:
-            came = frame if wire is None else wire.get(port)
             if is_tick and port._lockstep and port._node is not None:
                 for reply in port._node.advance(TICK_US):
                     queue.append((port, reply))
-            replies = receive(came)
+            replies = receive(frame if wire is None else wire.get(port))
             if replies:
                 for reply in replies:
                     queue.append((port, reply))
+
+    def _stream(self) -> bool:
+        """Take what goes on as fast as the bus takes it, when nothing else waits; if there is any.
+
+        A bus on which nobody streams comes to rest.
+        """
+        for port in self._ports:
+            if port._node is not None:
+                for frame in port._node.segments(_SEGMENTS):
+                    self._queue.append((port, frame))
+        return bool(self._queue)

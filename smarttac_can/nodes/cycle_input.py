@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import mul
 from typing import Final, NamedTuple
 
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -43,9 +44,7 @@ class MeasurementInput:
     def read(self) -> Measured:
         """Return the measurement in SI units, and as integers."""
         counts = tuple([entry.value for entry in self._sensors])
-        s1, s2, s3, s4, s5, s6, W_d, W_q, temperature = [
-            count * si for count, si in zip(counts, self._si, strict=True)
-        ]
+        s1, s2, s3, s4, s5, s6, W_d, W_q, temperature = map(mul, counts, self._si)
         gauges = (s1, s2, s3, s4, s5, s6)
         si = Measurement(complex(W_d, W_q), gauges, temperature, self._saturation.value)
         return Measured(si, counts, self._tick.value, self._serial.value)

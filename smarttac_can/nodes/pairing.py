@@ -11,6 +11,8 @@ from smarttac_can.od.dictionary import ObjectDictionary
 
 UNUSABLE_MAX: Final = 3
 """Measurements in a row, incomplete, corrupt or of a foreign tick, before it is a fault."""
+_FIRST, *_, _LAST = MEASUREMENT_RPDOS
+_PARTS: Final = len(MEASUREMENT_RPDOS)
 _NOTHING: Final = -1
 
 
@@ -54,13 +56,14 @@ class Pairing:
         bool
             Whether it completes a measurement that is to be answered; no tick is twice.
         """
-        if rpdo == MEASUREMENT_RPDOS[0]:
+        come = self._come
+        if rpdo == _FIRST:
             self._begin()
-        self._come.add(rpdo)
+        come.add(rpdo)
         # A cycle's last PDO ends it, so that those of two cycles are never mixed.
-        if rpdo != MEASUREMENT_RPDOS[-1] or len(self._come) < len(MEASUREMENT_RPDOS):
+        if rpdo != _LAST or len(come) < _PARTS:
             return False
-        self._come.clear()
+        come.clear()
         if not self._check.holds():
             self._corrupt.count()
             return False

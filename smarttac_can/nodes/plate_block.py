@@ -147,18 +147,19 @@ class PlateBlock:
             if self._answered or not (in_time or late) or not self._moving:
                 self._foreign.count()
                 return Taken.NOT
-            self._follow(StageEvent.VOLTAGE)
+            if self.state is not StageState.IN_USE:
+                self._follow(StageEvent.VOLTAGE)
         else:
             self._follow(StageEvent.ZERO)
         if in_time:
             self._answered = True
         elif late:
             self._answered_before = True
-        voltage = self._voltage.si_value
+        voltage = float(self._voltage.value * self._voltage.si)
         if self._stuck_voltage and voltage and abs(self._stuck_voltage - voltage) > STAGE_TOLERANCE:
             self.bar()
             return Taken.DISOBEYED
-        self._new = Drive(voltage, self._frequency.si_value)
+        self._new = Drive(voltage, float(self._frequency.value * self._frequency.si))
         self._show_stage()
         return Taken.IN_TIME if in_time else Taken.LATE
 

@@ -36,7 +36,7 @@ def test_frames_go_out_in_order_of_cause() -> None:
     assert [frame.can_id for _, frame in log] == [REQUEST + 1, REPLY + 1, REPLY + 2, REPLY + 3]
 
 
-def test_segments_are_among_the_answers_of_their_node() -> None:
+def test_segments_follow_when_nothing_else_waits() -> None:
     bus, log = logged()
     port = bus.connect(lambda frame: None)
     bus.attach(StreamingNode(1))
@@ -45,7 +45,7 @@ def test_segments_are_among_the_answers_of_their_node() -> None:
     del log[:]
     port.send(Frame(REQUEST + 1, b"\2"))
     assert [frame.can_id for _, frame in log] == [
-        *(REQUEST + 1, REPLY + 1, SEGMENT + 1, SEGMENT + 1, REPLY + 2, REPLY + 3, REPLY + 3)
+        *(REQUEST + 1, REPLY + 1, REPLY + 2, SEGMENT + 1, SEGMENT + 1, REPLY + 3, REPLY + 3)
     ]
 
 
