@@ -236,6 +236,30 @@ def test_configure_ends_an_identification():
     )
 
 
+def test_the_same_parameters_change_nothing():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.IDENTIFY)
+    run(cascade, plate, setpoint(), 150)
+    cascade.configure(CascadeParameters())
+    assert cascade.mode is Mode.IDENTIFY
+
+
+def test_the_loops_go_on_to_the_bit_unless_they_are_designed_anew():
+    drives = []
+    for changed in (
+        CascadeParameters(),
+        CascadeParameters(V_max=140.0, f_max=43950.0, slope=0.05e-6, hysteresis=2e-3),
+        CascadeParameters(amplitude_pole=0.6),
+    ):
+        cascade, plate = Cascade(), FirstOrderPlate()
+        cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+        run(cascade, plate, setpoint(), 5)
+        cascade.configure(changed)
+        drives.append(run(cascade, plate, setpoint(), 30))
+    assert drives[1] == drives[0]
+    assert drives[2] != drives[0]
+
+
 def test_adopted_model_is_designed_for():
     cascade = Cascade(model=PlateModel(gain=100e-9))
     assert cascade.model.gain == 100e-9

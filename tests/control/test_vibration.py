@@ -128,3 +128,18 @@ def test_preset_keeps_the_limits(asked, given):
     loop = resonance_loop(asked)
     assert loop.frequency == given
     assert loop.limited == (asked != given)
+
+
+@pytest.mark.parametrize(
+    ("limits", "held", "limited"),
+    [
+        ((43000.0, 43800.0), 43390.0, False),
+        ((43500.0, 43800.0), 43500.0, True),
+        ((43000.0, 43200.0), 43200.0, True),
+    ],
+)
+def test_a_held_frequency_is_cut_to_new_limits(limits, held, limited):
+    loop = resonance_loop(43390.0)
+    loop.limit(*limits)
+    assert loop.step(0j, 0.0) == held
+    assert loop.limited is limited
