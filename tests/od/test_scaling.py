@@ -9,16 +9,16 @@ from hypothesis import strategies as st
 from smarttac_can.od.cia import DataType
 from smarttac_can.od.dictionary import Entry, Object, ObjectDictionary, ObjectType
 from smarttac_can.od.scaling import QuantisedOnDemand, Quantiser
-from smarttac_can.od.units import Unit
+from smarttac_can.od.units import Quantity
 
-MICROMETRES = Unit("0.1 um", 0.1, 1e-7)
+TENTHS = Quantity.parse("0.1 um")
 
 
 def entries() -> list[Entry]:
     signed, unsigned = DataType.INTEGER16, DataType.UNSIGNED16
     return [
-        Entry(0x2000, 1, "Position", signed, "ro", unit=MICROMETRES),
-        Entry(0x2000, 2, "Way", unsigned, "ro", high=1000, default=250, unit=MICROMETRES),
+        Entry(0x2000, 1, "Position", signed, "ro", unit=TENTHS),
+        Entry(0x2000, 2, "Way", unsigned, "ro", high=1000, default=250, unit=TENTHS),
         Entry(0x2000, 3, "Plain", signed, "ro", low=-5, high=5),
     ]
 
