@@ -42,13 +42,16 @@ class HesitantBus(PythonCanBus):
         return super().receive(timeout, patience)
 
 
-def stimulator_with_plate() -> StimulatorNode:
-    return StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
+def stimulator_with_plate(*, lockstep: bool = True) -> StimulatorNode:
+    return StimulatorNode(stimulator_od(), PlateBlock(plate_od()), lockstep=lockstep)
 
 
-def both() -> tuple[PlateNode, StimulatorNode]:
+def both(*, lockstep: bool = True) -> tuple[PlateNode, StimulatorNode]:
     plate = PlateNode(plate_od(), deadline_ms=3)
-    return plate, StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
+    stimulator = StimulatorNode(
+        stimulator_od(), plate_node_id=PLATE_ID, lockstep=lockstep, deadline_ms=3
+    )
+    return plate, stimulator
 
 
 @contextmanager

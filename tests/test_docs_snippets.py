@@ -99,7 +99,7 @@ def master_page(
     monkeypatch.setattr(canopen.Network, "connect", lambda self, **_: connect(self, **virtual))
     monkeypatch.setattr(canopen.sdo.SdoClient, "RESPONSE_TIMEOUT", GUARD_S)
     monkeypatch.chdir(ROOT)
-    node = stimulator_with_plate()
+    node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False):
         until(lambda: node.block.supervisor.tared)
         names: dict[str, Any] = {}
@@ -127,14 +127,16 @@ def test_a_master_of_python_canopen_resets_a_fault(
     master_page: tuple[StimulatorNode, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     node, names = master_page
+    assert node.block.supervisor.state is State.READY, node.od["Message"].value
     network = canopen.Network()
     network.connect()
     try:
         master = network.add_node(32, "eds/stimulator.eds")
-        master.sdo["Consumer heartbeat time"][1].raw = names["MASTER"] << 16 | 50
+        master.sdo["Consumer heartbeat time"][1].raw = names["MASTER"] << 16 | 60_000
+        network.send_message(0x700 + names["MASTER"], [5])
         for controlword in (0, 1, 3):
             master.sdo["Controlword"].raw = controlword
-        network.send_message(0x700 + names["MASTER"], [5])
+        master.sdo["Consumer heartbeat time"][1].raw = names["MASTER"] << 16 | 50
         until(lambda: node.block.supervisor.state is State.FAULT)
         master.sdo["Consumer heartbeat time"][1].raw = 0
         capsys.readouterr()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.stage_state import STAGE_TRANSITIONS, StageEvent, StageState
 from smarttac_can.nodes.state_machine import TRANSITIONS, Control, Guard, State
+from smarttac_can.nodes.stricter import BY_INDEX, BY_NAME, Place
 from smarttac_can.nodes.watchdogs import WATCHDOGS
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.od.object_reference import table
@@ -74,6 +75,25 @@ def _states() -> list[str]:
             for row in TRANSITIONS
             if row.state is not row.next
         ),
+    )
+
+
+def _where(place: Place) -> str:
+    """Name the objects of a place."""
+    where = f"{place.first:04X}h"
+    if place.last != place.first:
+        where += f" to {place.last:04X}h"
+    if place.subindices:
+        where += " sub-index " + ", ".join(str(subindex) for subindex in place.subindices)
+    return where
+
+
+def _stricter() -> Iterator[str]:
+    """List what a write does not make laxer while armed or running."""
+    return table(
+        ("Object", "Laxer is"),
+        *((f"`{name}`", rule.text) for name, rule in BY_NAME.items()),
+        *((_where(place), place.rule.text) for place in BY_INDEX),
     )
 
 
@@ -156,6 +176,13 @@ def safety() -> str:
         "(../how-to/integrate-with-a-master.md#with-python-canopen); a bench script has "
         "`reset_fault()`.",
         "",
+        "## Limits and watches while armed or running",
+        "",
+        "From `smarttac_can/nodes/stricter.py`. While the stimulator is armed or running, a write "
+        "that makes one of these laxer is refused with 08000022h. The present value, a stricter "
+        "one and a watch where there was none are taken. The public TPDOs 1 to 4 are free.",
+        "",
+        *_stricter(),
         "## Power stage of the plate",
         "",
         "From `smarttac_can/nodes/stage_state.py`. Every other event changes nothing.",

@@ -113,13 +113,18 @@ def open_simulated_link(
 
     bus = LocalBus(log=log)
     if plate_inside:
-        bus.attach(StimulatorNode(stimulator_od(), PlateBlock(plate_od()), presets=presets))
+        inside = PlateBlock(plate_od())
+        bus.attach(StimulatorNode(stimulator_od(), inside, lockstep=True, presets=presets))
     else:
         short = SHORT_DEADLINE_MS
         bus.attach(PlateNode(plate_od(), deadline_ms=short))
         bus.attach(
             StimulatorNode(
-                stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=short, presets=presets
+                stimulator_od(),
+                plate_node_id=PLATE_ID,
+                lockstep=True,
+                deadline_ms=short,
+                presets=presets,
             )
         )
     return _over_can(

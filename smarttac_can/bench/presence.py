@@ -75,16 +75,19 @@ class Presence:
                 f"node {self._id}, its heartbeat, is on the bus; end that script first"
             )
         free = [entry for entry, value in watches.items() if value == 0]
+        anew = not self.begun
         for entry in (own + free)[:1]:
             if watches[entry] != self._watch:
                 self._stimulator.write(entry, self._watch)
-        if not self.begun:
+                anew = True
+        if anew:
             # The first one is on the bus before the bench goes on: it is watched from there, and a
             # fault that a killed bench has left behind is over.
             try:
                 self._send()
             except can.CanError as error:
                 raise BusLostError(f"cannot be watched: the bus has failed: {error}") from error
+        if not self.begun:
             self._thread.start()
 
     def end(self, at_rest: bool) -> None:

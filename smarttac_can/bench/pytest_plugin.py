@@ -29,7 +29,7 @@ def smarttac_bus() -> Iterator[dict[str, Any]]:
         Arguments for ``can.Bus`` or `Stimulator.connect`: interface and channel.
     """
     options: dict[str, Any] = {"interface": "virtual", "channel": f"smarttac-{uuid4().hex}"}
-    node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
+    node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()), lockstep=True)
     # An error of the node is an error of the test.
     with node_in_thread(node, PythonCanBus(**options), lockstep=True):
         yield options

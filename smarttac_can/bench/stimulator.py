@@ -28,6 +28,7 @@ from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
 from smarttac_can.nodes.read_back import STATE_SHIFT
 from smarttac_can.nodes.state_machine import Control, State
+from smarttac_can.nodes.supervisor import UNWATCHED
 from smarttac_can.nodes.watchdogs import WATCHDOGS, watchdogs_in
 from smarttac_can.od.dictionary import ObjectDictionary
 
@@ -261,6 +262,8 @@ class Stimulator(SetPoints):
         present = watchdogs_in(self._link.read("Diagnosis.Present"))
         if present:
             return ", ".join(WATCHDOGS[watchdog].text for watchdog in present)
+        if self.message == UNWATCHED:
+            return UNWATCHED
         return "it has to be tared, and its nodes have to be operational and give cycles"
 
     @property

@@ -23,6 +23,7 @@ from smarttac_can.cli.options import (
 from smarttac_can.cli.process import Pace, pace_options, run_in_process
 from smarttac_can.cli.refusal import naming, one_line, plain_errors, warn
 from smarttac_can.host.eds_files import read_eds, read_eds_file
+from smarttac_can.host.fault_file import FaultFile, read_lines
 from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE, PlateBlock
@@ -93,6 +94,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
         ),
         storage_option(
             "File for what is stored by 1010h and LSS; without, it is forgotten at the end."
+            " The stimulator keeps its newest faults beside it, in FILE.faults."
             " What is stored wins over defaults of options, not over options given."
         ),
     )
@@ -144,12 +146,14 @@ def node(
             inside,
             plate_node_id=plate_node or 0,
             produce_sync=produce_sync,
+            lockstep=pace.lockstep,
             deadline_ms=pace.begin(),
             presets=presets,
             storage=storage,
             node_id=fixed,
         )
-        run_in_process("stimulator", device, bus, pace)
+        with _keeping_faults(device, storage):
+            run_in_process("stimulator", device, bus, pace)
 
 
 @click.command(epilog="Example: smarttac plate --interface socketcan --channel can0 --node-id 33")
@@ -181,6 +185,27 @@ def plate(
             node_id=fixed,
         )
         run_in_process("plate", device, bus, pace)
+
+
+@contextmanager
+def _keeping_faults(device: StimulatorNode, storage: StorageFile | None) -> Iterator[None]:
+    """Have the newest faults beside the stored parameters; a file that fails stops nobody."""
+    if storage is None:
+        yield
+        return
+    path = storage.path.with_name(f"{storage.path.name}.faults")
+    memory = device.block.supervisor.memory
+
+    def say(error: OSError) -> None:
+        warn(path, [f"the newest faults are not kept: {error.strerror or error}"])
+
+    file = StorageFile(path)
+    try:
+        memory.recall(read_lines(file))
+    except OSError as error:
+        say(error)
+    with FaultFile(file, lambda: memory.lines, say):
+        yield
 
 
 def _refuse_finger() -> None:

@@ -47,6 +47,12 @@ class Application:
         It comes before what the error behaviour object asks for. Node-ID 0 is life guarding.
         """
 
+    def on_heartbeat(self, node_id: int, state: int) -> None:
+        """Act on a heartbeat of a watched node with its NMT state, INITIALISING at its boot-up.
+
+        It comes after `on_error_control`.
+        """
+
     def on_store(self) -> None:
         """Refuse, by raising `Abort`, to store parameters now: it may take a while."""
 

@@ -136,6 +136,12 @@ class Device:
         self._owners: dict[int, list[Service]] = {}
         access = Access(od, self._owners, self._application, self._listen)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
+        self._watches = HeartbeatConsumer(
+            port, od, self._emergency, self._application, self._error_behaviour.react
+        )
+        self._guarding = Guarding(
+            port, od, self._emergency, self._application, self._error_behaviour.react
+        )
         # Emergency comes first, so that what the others report on their way out is held there.
         self._services: tuple[Service, ...] = (
             self._emergency,
@@ -144,11 +150,9 @@ class Device:
             self._time_stamp,
             self._heartbeat,
             self._error_behaviour,
-            HeartbeatConsumer(
-                port, od, self._emergency, self._application, self._error_behaviour.react
-            ),
+            self._watches,
             EmergencyConsumer(port, od, self._application, emergencies_of),
-            Guarding(port, od, self._emergency, self._application, self._error_behaviour.react),
+            self._guarding,
             self._sync,
             *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),
             *self._rpdos.values(),
@@ -184,6 +188,16 @@ class Device:
     def sync_missed(self) -> int:
         """How many SYNCs it came too late to produce before the last one."""
         return self._sync.missed
+
+    @property
+    def watched_in_time(self) -> frozenset[int]:
+        """Node-IDs of the watched nodes that are heard in time."""
+        return self._watches.in_time
+
+    @property
+    def guarded(self) -> bool:
+        """Whether a master guards this node, and is missed if it does so no more."""
+        return self._guarding.in_time
 
     @property
     def time(self) -> int | None:
@@ -232,6 +246,10 @@ class Device:
         """Tell whether an RPDO, from 1, has the entry in its mapping."""
         mapping = self._rpdos[rpdo].mapping
         return mapping is not None and entry in mapping.entries
+
+    def in_time(self, rpdo: int) -> bool:
+        """Whether an RPDO, from 1, has a deadline, and has come within it."""
+        return self._rpdos[rpdo].in_time
 
     def trigger(self, tpdo: int) -> None:
         """Tell a TPDO, from 1, of an event: see `TPDO` for what each type makes of it."""

@@ -52,6 +52,11 @@ class Guarding(Service):
         self._active = False
         self._life_time = 0
 
+    @property
+    def in_time(self) -> bool:
+        """Whether the master's remote frames come, and are missed if they do not."""
+        return self._timer.running
+
     def configure(self) -> None:
         """Read the parameters; the guard time is in ms."""
         number = self.od.number

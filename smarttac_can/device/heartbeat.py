@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
@@ -22,6 +22,8 @@ from smarttac_can.od.cia import (
     ErrorRegister,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+_STATE: Final = 0x7F
 
 
 class HeartbeatProducer(Service):
@@ -65,10 +67,12 @@ class HeartbeatProducer(Service):
 class Monitor:
     """Watch over one other node, from its first heartbeat on."""
 
-    def __init__(self, port: Port, lost: Callable[[int], None], found: Callable[[int], None]):
+    def __init__(
+        self, port: Port, lost: Callable[[int], None], heard: Callable[[int, int], None]
+    ) -> None:
         self._timer = port.clock.timer(self._expire)
         self._lost = lost
-        self._found = found
+        self._heard = heard
         self.parameter = 0
 
     @property
@@ -80,6 +84,11 @@ class Monitor:
     def period(self) -> int:
         """Consumer time in us, 0 for none."""
         return 1000 * (self.parameter & 0xFFFF)
+
+    @property
+    def in_time(self) -> bool:
+        """Whether the node was heard, and not longer ago than it may be."""
+        return self._timer.running
 
     def stop(self) -> None:
         """Stop the watch; it begins again with the next heartbeat of the node."""
@@ -95,7 +104,7 @@ class Monitor:
         """Take a heartbeat or boot-up message of the node."""
         if len(frame.data) == 1 and not frame.rtr:
             self._timer.start(self.period)
-            self._found(self.node_id)
+            self._heard(self.node_id, frame.data[0] & _STATE)
 
     def _expire(self) -> None:
         self._lost(self.node_id)
@@ -121,7 +130,12 @@ class HeartbeatConsumer(Service):
         self._on_loss = on_loss
         watched = od.objects.get(HEARTBEAT_CONSUMER)
         entries = [] if watched is None else [e for s, e in watched.entries.items() if s]
-        self._monitors = {e.subindex: Monitor(port, self._lost, self._found) for e in entries}
+        self._monitors = {e.subindex: Monitor(port, self._lost, self._heard) for e in entries}
+
+    @property
+    def in_time(self) -> frozenset[int]:
+        """Watched nodes that were heard, and not longer ago than they may be."""
+        return frozenset(m.node_id for m in self._monitors.values() if m.in_time)
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse reserved bits, and a second watch of the same node.
@@ -177,6 +191,10 @@ class HeartbeatConsumer(Service):
         self._absent.add(node_id)
         self._application.on_error_control(node_id, True)
         self._on_loss()
+
+    def _heard(self, node_id: int, state: int) -> None:
+        self._found(node_id)
+        self._application.on_heartbeat(node_id, state)
 
     def _found(self, node_id: int) -> None:
         self._emergency.clear(EmergencyCode.ERROR_CONTROL, node_id)

@@ -60,6 +60,11 @@ class RPDO(PDO):
         """Whether it waits for SYNC."""
         return self.alive and self.valid and self.transmission <= CYCLIC_LAST
 
+    @property
+    def in_time(self) -> bool:
+        """Whether it has a deadline, and is within it."""
+        return self._deadline.running
+
     def apply(self, entry: Entry) -> None:
         """Take the new parameters; a deadline runs anew, and one that was missed stays missed."""
         watched = self._deadline.running

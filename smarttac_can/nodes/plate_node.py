@@ -21,6 +21,7 @@ from smarttac_can.nodes.loop_frames import (
     sent_measurement,
 )
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
+from smarttac_can.nodes.missed_time import MissedTime
 from smarttac_can.nodes.plate_block import PlateBlock, Taken
 from smarttac_can.nodes.stage_state import StageState
 from smarttac_can.od.cia import (
@@ -74,6 +75,8 @@ class PlateNode(Application):
         self._period = LoopPeriod(self.device)
         self._sent = FrameCheck(sent_measurement(od))
         self._got = FrameCheck(received_drive(od))
+        self._missed = od["Cycle.Missed deadlines"]
+        self._missed_time = MissedTime(clock)
         self._corrupt = od["Cycle.Corrupt drives"]
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
@@ -118,6 +121,7 @@ class PlateNode(Application):
             self.block.start_run()
         elif state is not NMTState.OPERATIONAL:
             self.block.bar()
+        self._missed_time.restart()
         if state is NMTState.RESET_COMMUNICATION:
             self._protecting.clear()
 
@@ -128,6 +132,7 @@ class PlateNode(Application):
         if not self._period.agrees():
             self.block.bar()
             return False
+        self._missed.count(self._missed_time.cycle())
         self.block.cycle()
         self._sent.write()
         if self._temperature.value > self._temperature_max.value:

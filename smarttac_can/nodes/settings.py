@@ -14,7 +14,9 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 CALIBRATION: Final = "Calibration"
-DESIGN: Final = ("Friction law", "Controller", "Limit", CALIBRATION)
+LIMIT: Final = "Limit"
+GAUGE_ZERO: Final = "Gauge zero"
+DESIGN: Final = ("Friction law", "Controller", LIMIT, CALIBRATION)
 """Names of the records that hold the parameters of the cascade."""
 
 

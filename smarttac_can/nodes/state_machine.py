@@ -48,6 +48,8 @@ class Guard(IntFlag):
     """No latched fault is present any more."""
     PREPARED = 2
     """No fault is present, the loop lives in OPERATIONAL, and the plate is tared and calibrated."""
+    WATCHED = 4
+    """Somebody who drives would be missed, or need not be."""
 
 
 class Transition(NamedTuple):
@@ -65,7 +67,7 @@ TRANSITIONS: Final = (
     Transition(_S.NOT_READY, _E.DISARM, _G.NONE, _S.NOT_READY),
     Transition(_S.READY, _E.UNPREPARED, _G.NONE, _S.NOT_READY),
     Transition(_S.READY, _E.DISARM, _G.NONE, _S.READY),
-    Transition(_S.READY, _E.ARM, _G.PREPARED, _S.ARMED),
+    Transition(_S.READY, _E.ARM, _G.PREPARED | _G.WATCHED, _S.ARMED),
     Transition(_S.ARMED, _E.RUN, _G.PREPARED, _S.RUNNING),
     Transition(_S.RUNNING, _E.STOP, _G.NONE, _S.ARMED),
     *(Transition(state, _E.DISARM, _G.NONE, _S.READY) for state in (_S.ARMED, _S.RUNNING)),

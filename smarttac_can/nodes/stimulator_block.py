@@ -25,11 +25,13 @@ from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import (
     CALIBRATION,
     DESIGN,
+    GAUGE_ZERO,
     cascade_parameters,
     plate_model,
     with_change,
 )
 from smarttac_can.nodes.state_machine import Event, State
+from smarttac_can.nodes.stricter import Stricter
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort, AbortCode
@@ -40,7 +42,6 @@ from smarttac_can.signals import Drive
 SIMULATION: Final = ("Simulation", "Finger", "Fault")
 """Records that belong to the simulated plate."""
 _MODEL: Final = "Model"
-_ZERO: Final = "Gauge zero"
 
 
 class StimulatorBlock:
@@ -80,11 +81,13 @@ class StimulatorBlock:
         self._read_back = ReadBack(od)
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
-        self._zeros = [od[f"{_ZERO}.Zero of S{number}"] for number in range(1, 7)]
+        self._zeros = [od[f"{GAUGE_ZERO}.Zero of S{number}"] for number in range(1, 7)]
         self._tare_at_power_on = od["Tare at power-on"]
+        self._unwatched = od["Drive unwatched"]
         self._cycles = od["Cycle.Cycles"]
         self._message = od["Message"]
         self._model_sheet = ModelSheet(od)
+        self._stricter = Stricter(od)
         self.supervisor = Supervisor(od, deadlines(od, MEASUREMENT_RPDOS) if plate is None else ())
         self._shown: State | None = None
         self.start_run()
@@ -244,6 +247,10 @@ class StimulatorBlock:
         self._follow()
         self._cut()
 
+    def note_watch(self, watched: bool) -> None:
+        """Take note whether who drives would be missed, before a controlword is obeyed."""
+        self.supervisor.watched = watched or bool(self._unwatched.value)
+
     def take_controlword(self) -> None:
         """Obey the controlword that an RPDO has brought."""
         self.supervisor.take_controlword()
@@ -268,11 +275,14 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            STATE for an auto-zero without 64 samples, zeros and calibration while armed or running
-            or to hide a force that has latched a fault, simulation objects without the plate
-            inside, or an illegal controlword; VALUE for a wrong signature, unknown bits of the
-            controlword, or limits that contradict each other.
+            STATE for what makes a limit or a watch laxer while armed or running, an auto-zero
+            without 64 samples, zeros and calibration that would hide a force that has latched a
+            fault, simulation objects without the plate inside, or an illegal controlword; VALUE
+            for a wrong signature, unknown bits of the controlword, or limits that contradict each
+            other.
         """
+        if self.supervisor.sharp:
+            self._stricter.require(entry, value)
         record = entry.name.partition(".")[0]
         if entry is self._controlword:
             try:
@@ -287,21 +297,25 @@ class StimulatorBlock:
             elif value != entry.value:
                 raise Abort(AbortCode.STATE)
         elif entry.name in AUTO_ZERO:
-            if value != ZERO:
-                raise Abort(AbortCode.VALUE)
-            if self.supervisor.tare_barred:
-                raise Abort(AbortCode.STATE)
-            try:
-                self._tare()
-            except RuntimeError as error:
-                raise Abort(AbortCode.STATE) from error
-        elif record in (*DESIGN, _MODEL, _ZERO):
-            barred = record in (CALIBRATION, _ZERO) and self.supervisor.tare_barred
+            self._auto_zero(value)
+        elif record in (*DESIGN, _MODEL, GAUGE_ZERO):
+            barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_barred
             if barred and value != entry.value:
                 raise Abort(AbortCode.STATE)
             # Worked out here, between two cycles; the next one only takes it over.
             self._parameters = with_change(self._parameters, self.od, entry, value)
             self._changed.add(record)
+
+    def _auto_zero(self, signature: int) -> None:
+        """Tare by command."""
+        if signature != ZERO:
+            raise Abort(AbortCode.VALUE)
+        if self.supervisor.tare_barred:
+            raise Abort(AbortCode.STATE)
+        try:
+            self._tare()
+        except RuntimeError as error:
+            raise Abort(AbortCode.STATE) from error
 
     def _tare(self) -> None:
         zeros = self.cascade.tribometer.tare()
@@ -330,7 +344,7 @@ class StimulatorBlock:
             self.cascade.adopt(plate_model(self.od))
             self._model_sheet.show_quality(self.cascade.model)
         self.cascade.configure(self._parameters)
-        if _ZERO in changed:
+        if GAUGE_ZERO in changed:
             self._restore_zeros()
 
 

@@ -16,6 +16,8 @@ from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS, sent_drive
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
+from smarttac_can.nodes.master_watch import MasterWatch
+from smarttac_can.nodes.missed_time import TICKS, MissedTime
 from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
 from smarttac_can.nodes.plate_link import link_to_plate
@@ -26,6 +28,7 @@ from smarttac_can.nodes.sync_watch import SyncWatch
 from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
+    HEARTBEAT_CONSUMER,
     PDO_TRANSMISSION,
     TPDO_COMMUNICATION,
     Abort,
@@ -37,6 +40,8 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _STATUS_TPDO: Final = 1
 _PUBLIC_TPDOS: Final = (2, 3, 4)
+_SETPOINT_RPDOS: Final = (1, 2, 3, 4)
+_PERCENT: Final = 100
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
@@ -60,6 +65,9 @@ class StimulatorNode(Application):
         the plate inside.
     produce_sync
         Whether this node produces the SYNC that is the tick of the plate node.
+    lockstep
+        Whether SYNC is the only clock: no time passes without the master then, who need not be
+        watched.
     deadline_ms
         Default of the event timers of the measurements; None for that of the EDS.
     presets
@@ -75,6 +83,7 @@ class StimulatorNode(Application):
         *,
         plate_node_id: int = 0,
         produce_sync: bool = False,
+        lockstep: bool = False,
         deadline_ms: int | None = None,
         presets: Mapping[str, int] | None = None,
         storage: Storage | None = None,
@@ -85,6 +94,7 @@ class StimulatorNode(Application):
         self.od = od
         self._plate_node_id = plate_node_id
         self._produce_sync = produce_sync
+        self._lockstep = lockstep
         self._presets = dict(presets or {})
         self.block = StimulatorBlock(od, plate)
         self._told = 0
@@ -93,6 +103,8 @@ class StimulatorNode(Application):
         self._deadlines = deadlines(od, MEASUREMENT_RPDOS)
         self.clock = clock = Clock()
         self._sync_watch = SyncWatch(od, clock, self._deadline_ms, self._trip, self.block.settle)
+        self._masters = MasterWatch(clock, plate_node_id, self._trip, self.block.settle)
+        self._missed_time = MissedTime(clock)
         self._unanswered = clock.timer(self._on_unanswered)
         self._ticker = clock.timer(self._tick)
         self.device = Device(
@@ -102,9 +114,8 @@ class StimulatorNode(Application):
         self._period = LoopPeriod(self.device)
         self._unfit = False
         self._pairing = Pairing(od, lambda: self._trip(Watchdog.MEASUREMENT))
-        self._absent: set[int] = set()
-        self._late: set[int] = set()
         self._missed = od["Cycle.Missed deadlines"]
+        self._missed_max = od["Limit.Missed ticks"]
         self._sent = FrameCheck(sent_drive(od))
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
@@ -171,14 +182,10 @@ class StimulatorNode(Application):
             block.leave()
             self._pairing.forget()
             self._sync_watch.restart()
-            # Deadlines start anew with the first PDO.
-            self._late.clear()
-            block.settle(Watchdog.SETPOINT)
+            self._masters.leave()
             block.settle(Watchdog.MEASUREMENT)
         if state in _RESETS:
-            # So do the watches over heartbeats.
-            self._absent.clear()
-            block.settle(Watchdog.HEARTBEAT)
+            self._masters.restart()
             self._told = block.supervisor.latched
         else:
             # What was latched in a reset, or before it, is reported when there is a device again.
@@ -199,13 +206,11 @@ class StimulatorNode(Application):
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Stop when a watched node falls silent."""
-        if lost:
-            self._absent.add(node_id)
-            self._trip(Watchdog.HEARTBEAT)
-            return
-        self._absent.discard(node_id)
-        if not self._absent:
-            self.block.settle(Watchdog.HEARTBEAT)
+        self._masters.silent(node_id, lost)
+
+    def on_heartbeat(self, node_id: int, state: int) -> None:
+        """Stop when a watched node starts anew, or is OPERATIONAL no more."""
+        self._masters.heard(node_id, state)
 
     def on_emergency(self, code: int) -> None:
         """Stop when the plate has gone to 0 V without being told."""
@@ -214,21 +219,15 @@ class StimulatorNode(Application):
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Stop when the master's set-points stay away; measurements have a watch of their own."""
-        if number in MEASUREMENT_RPDOS:
-            return
-        if late:
-            self._late.add(number)
-            self._trip(Watchdog.SETPOINT)
-        else:
-            self._late.discard(number)
-            if not self._late:
-                self.block.settle(Watchdog.SETPOINT)
+        if number not in MEASUREMENT_RPDOS:
+            self._masters.late(number, late)
 
     def on_rpdo(self, number: int) -> None:
         """Obey a controlword; answer a measurement that is complete."""
         if number not in MEASUREMENT_RPDOS:
             if self.device.carries(number, self._controlword):
                 before = self.block.state
+                self.block.note_watch(self._watched)
                 self.block.take_controlword()
                 self._tell()
                 self._show_change(before)
@@ -243,6 +242,7 @@ class StimulatorNode(Application):
             self._unanswered.start(self._deadline_ms() * TICK_US)
             self.block.settle(Watchdog.MEASUREMENT)
             self.block.cycle()
+            self._judge_time()
             self._tell()
             self._send_drive()
             self._publish()
@@ -266,15 +266,39 @@ class StimulatorNode(Application):
         """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
         if entry is self._mode and value and self.device.nmt_state is not NMTState.OPERATIONAL:
             raise Abort(AbortCode.STATE)
+        before = self.block.state
+        if entry is self._controlword:
+            self.block.note_watch(self._watched)
+        self.block.on_write(entry, value)
         if entry in self._deadlines:
             shortest = min(value, *(e.value for e in self._deadlines if e is not entry))
             self._unanswered.follow(shortest * TICK_US)
-        before = self.block.state
-        self.block.on_write(entry, value)
+        if entry.index == HEARTBEAT_CONSUMER:
+            self._masters.rewatch(entry.value, value)
         self._tell()
         self._show_change(before)
         if entry.name == START_RUN:
             self._pairing.start_run()
+
+    @property
+    def _watched(self) -> bool:
+        """Whether who drives would be missed, as a watch that is kept now would tell."""
+        device = self.device
+        return (
+            self._lockstep
+            or device.guarded
+            or bool(device.watched_in_time - {self._plate_node_id})
+            or any(device.in_time(number) for number in _SETPOINT_RPDOS)
+        )
+
+    def _judge_time(self) -> None:
+        """Stop if too much of a second of the run had no cycle."""
+        missed = self._missed_time.cycle()
+        if self._plate_node_id and not self.device.sync_own:
+            self._missed.count(missed)
+        running = self.block.state is State.RUNNING
+        if running and missed * _PERCENT > self._missed_max.value * TICKS:
+            self.block.trip(Watchdog.MISSED_TIME)
 
     def _deadline_ms(self) -> int:
         """Return the time in ms within which a plate node has to be answered.
@@ -293,6 +317,7 @@ class StimulatorNode(Application):
         """Have a cycle with the plate inside; those that were slept through are counted."""
         self._missed.count(self._ticker.missed)
         self.block.tick()
+        self._judge_time()
         self._tell()
         self._publish()
 
@@ -300,6 +325,8 @@ class StimulatorNode(Application):
         """Publish another state at once, and 0 V if it was left with a voltage."""
         if self.block.state is before:
             return
+        if self.block.state is State.RUNNING:
+            self._missed_time.restart()
         self.device.trigger(_STATUS_TPDO)
         if before is State.RUNNING and self._plate_node_id:
             self._send_drive()

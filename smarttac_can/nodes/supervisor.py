@@ -7,6 +7,7 @@ from typing import Final
 
 from smarttac_can.control.cascade import Cascade, Mode
 from smarttac_can.nodes.cycle_input import Measured
+from smarttac_can.nodes.fault_memory import FaultMemory
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
 from smarttac_can.nodes.state_machine import CONTROL_MASK, Event, Guard, State, StateMachine
 from smarttac_can.nodes.watchdogs import CYCLIC, WATCHDOGS, Watchdog, watchdogs_in
@@ -15,6 +16,8 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.signals import Drive
 
 _SHARP: Final = (State.ARMED, State.RUNNING)
+UNWATCHED: Final = "not armed: no heartbeat or set-point is watched, and Drive unwatched is 0"
+"""Message of an arming that is refused for want of a watch."""
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
@@ -36,12 +39,16 @@ class Supervisor:
         The state machine.
     watchdogs
         Those that look at every cycle.
+    memory
+        The newest faults.
     operational
         Whether NMT lets the device drive; True without CANopen.
     live
         Whether the loop has given a measurement since the device became operational.
     tared
         Whether the gauges have a zero.
+    watched
+        Whether who drives would be missed, or need not be; True without CANopen.
     present, latched
         Faults as bits, 1 << `Watchdog`.
     """
@@ -49,6 +56,7 @@ class Supervisor:
     def __init__(self, od: ObjectDictionary, deadlines: Sequence[Entry]) -> None:
         self.machine = StateMachine()
         self.watchdogs = LoopWatchdogs(od, deadlines)
+        self.memory = FaultMemory(od)
         self._controlword = od["Controlword"]
         self._ignored = od["Cycle.Ignored controlwords"]
         self._code = od["Diagnosis.Code"]
@@ -59,6 +67,7 @@ class Supervisor:
         self.operational = True
         self.live = False
         self.tared = False
+        self.watched = True
         self.present = self.latched = 0
         self._seen = 0
         self._stands = False
@@ -86,12 +95,13 @@ class Supervisor:
         """Begin as after power-on; a reset out of RUNNING is a fault."""
         driven = self.machine.state is State.RUNNING
         self.machine.restart()
+        self.memory.show()
         self.live = False
         self.present = self.latched = 0
         self._seen = 0
         if driven:
             self.machine.state = State.FAULT
-            self._latch(Watchdog.NMT)
+            self._latch(Watchdog.NMT, "reset node")
         self._publish()
 
     def command(self, word: int) -> None:
@@ -229,17 +239,20 @@ class Supervisor:
         return frequency if p.f_min <= frequency <= p.f_max else self._frequency.si_value
 
     def _holds(self) -> Guard:
+        watched = Guard.WATCHED if self.watched else Guard.NONE
         if self.present & self.latched:
-            return Guard.NONE
+            return watched
         if self.live and self.operational and self.tared and not self.present:
-            return Guard.CLEAR | Guard.PREPARED
-        return Guard.CLEAR
+            return watched | Guard.CLEAR | Guard.PREPARED
+        return watched | Guard.CLEAR
 
     def _obey(self, word: int) -> bool:
         self.prepare()
         before = self.machine.state
         done = self.machine.command(word, self._holds())
         self._clear_after(before)
+        if not done and before is State.READY and not self.watched:
+            self._message.value = UNWATCHED
         return done
 
     def _fault(self, bits: int) -> None:
@@ -247,13 +260,14 @@ class Supervisor:
         for watchdog in watchdogs_in(bits):
             self._latch(watchdog)
 
-    def _latch(self, watchdog: Watchdog) -> None:
+    def _latch(self, watchdog: Watchdog, circumstances: str = "") -> None:
         bit = 1 << watchdog
         if self.latched & bit:
             return
         if not self.latched:
             self._code.value = WATCHDOGS[watchdog].code
             self._message.value = WATCHDOGS[watchdog].text
+            self.memory.note(watchdog, circumstances)
         self.latched |= bit
         self._latched_entry.value = self.latched
 

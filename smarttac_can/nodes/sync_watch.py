@@ -6,9 +6,61 @@ from collections.abc import Callable
 
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.loop_period import TICK_US
-from smarttac_can.nodes.watchdogs import Watchdog, sync_tolerance, sync_window
+from smarttac_can.nodes.watchdogs import (
+    SYNC_DRIFT_WINDOW,
+    Watchdog,
+    sync_drift_tolerance,
+    sync_tolerance,
+    sync_window,
+)
 from smarttac_can.od.cia import COB_SYNC_PRODUCER, SYNC_COB_ID, SYNC_COUNTER
 from smarttac_can.od.dictionary import ObjectDictionary
+
+
+class _Window:
+    """SYNCs that come in a stretch of device time.
+
+    Parameters
+    ----------
+    clock
+        Device time.
+    judge
+        Called at its end with how many SYNCs came, and how many should have.
+
+    Attributes
+    ----------
+    count
+        How many came.
+    deadline_ms
+        Deadline of the loop when it began: another one is for the next.
+    """
+
+    def __init__(self, clock: Clock, judge: Callable[[int, int], None]) -> None:
+        self._clock = clock
+        self._judge = judge
+        self._timer = clock.timer(self._end)
+        self.count = self.deadline_ms = 0
+        self._begun = 0
+
+    @property
+    def open(self) -> bool:
+        """Whether it counts."""
+        return self._timer.running
+
+    def begin(self, periods: int, deadline_ms: int) -> None:
+        """Count anew for so many periods."""
+        self.count = 0
+        self.deadline_ms = deadline_ms
+        self._begun = self._clock.now
+        self._timer.start(periods * TICK_US)
+
+    def stop(self) -> None:
+        """Count no more."""
+        self._timer.stop()
+        self.count = 0
+
+    def _end(self) -> None:
+        self._judge(self.count, (self._clock.now - self._begun) // TICK_US)
 
 
 class SyncWatch:
@@ -40,9 +92,9 @@ class SyncWatch:
     ) -> None:
         self._overflow = od.entry(SYNC_COUNTER)
         self._cob_id = od.entry(SYNC_COB_ID)
-        self._clock = clock
-        self._silence = clock.timer(lambda: trip(Watchdog.SYNC_LOST))
-        self._window = clock.timer(self._on_window_end)
+        self._silence = clock.timer(self._on_silence)
+        self._window = _Window(clock, self._judge)
+        self._long = _Window(clock, self._judge_drift)
         self._deadline_ms = deadline_ms
         self._trip = trip
         self._settle = settle
@@ -56,19 +108,26 @@ class SyncWatch:
         """Wait for a first SYNC."""
         self._silence.stop()
         self._window.stop()
-        self._count = self._counter = 0
+        self._long.stop()
+        self._counter = 0
+        self._drifts = False
         self._settle(Watchdog.SYNC_LOST)
         self._settle(Watchdog.SYNC_IRREGULAR)
 
     def heard(self, counter: int) -> None:
         """Take a SYNC of another node with its counter, 0 where it has none."""
         deadline_ms = self._deadline_ms()
-        if not self._window.running:
-            self._begin_window(deadline_ms)
-        self._count += 1
-        if self._own or self._count > sync_window(deadline_ms) + sync_tolerance(deadline_ms):
+        window = self._window
+        if not window.open:
+            window.begin(sync_window(deadline_ms), deadline_ms)
+        if not self._long.open:
+            self._long.begin(SYNC_DRIFT_WINDOW, deadline_ms)
+        window.count += 1
+        self._long.count += 1
+        most = sync_window(window.deadline_ms) + sync_tolerance(window.deadline_ms)
+        if self._own or window.count > most:
             # At once, also where device time stands still and no window ends.
-            self._trip(Watchdog.SYNC_IRREGULAR)
+            self._irregular()
         if self._own:
             self._silence.stop()
         else:
@@ -78,20 +137,32 @@ class SyncWatch:
         if before and counter and counter != before % self._overflow.value + 1:
             self._trip(Watchdog.SYNC_COUNTER)
 
-    def _begin_window(self, deadline_ms: int) -> None:
-        self._count = 0
-        self._begun = self._clock.now
-        self._window.start(sync_window(deadline_ms) * TICK_US)
+    def _on_silence(self) -> None:
+        self._forget_drift()
+        self._trip(Watchdog.SYNC_LOST)
 
-    def _on_window_end(self) -> None:
-        deadline_ms = self._deadline_ms()
-        if self._own:
-            right, tolerance = 0, 0
-        else:
-            right = (self._clock.now - self._begun) // TICK_US
-            tolerance = sync_tolerance(deadline_ms)
-        if abs(self._count - right) > tolerance:
-            self._trip(Watchdog.SYNC_IRREGULAR)
-        else:
+    def _irregular(self) -> None:
+        self._forget_drift()
+        self._trip(Watchdog.SYNC_IRREGULAR)
+
+    def _forget_drift(self) -> None:
+        """Count anew: what is lost or comes at once is no matter of the clock."""
+        self._long.stop()
+        self._drifts = False
+
+    def _judge(self, count: int, periods: int) -> None:
+        tolerance = sync_tolerance(self._window.deadline_ms)
+        right, tolerance = (0, 0) if self._own else (periods, tolerance)
+        if abs(count - right) > tolerance:
+            self._irregular()
+        elif not self._drifts:
             self._settle(Watchdog.SYNC_IRREGULAR)
-        self._begin_window(deadline_ms)
+        deadline_ms = self._deadline_ms()
+        self._window.begin(sync_window(deadline_ms), deadline_ms)
+
+    def _judge_drift(self, count: int, periods: int) -> None:
+        wrong = abs(count - periods) > sync_drift_tolerance(self._long.deadline_ms)
+        self._drifts = wrong and not self._own
+        if self._drifts:
+            self._trip(Watchdog.SYNC_IRREGULAR)
+        self._long.begin(SYNC_DRIFT_WINDOW, self._deadline_ms())

@@ -33,6 +33,19 @@ def sync_tolerance(deadline_ms: int) -> int:
     return deadline_ms - 1
 
 
+SYNC_DRIFT_WINDOW: Final = 1000
+"""Periods over which SYNCs are counted for a drift of their clock."""
+
+
+def sync_drift_tolerance(deadline_ms: int) -> int:
+    """Return how many SYNCs too many or too few in the long window are no fault.
+
+    1 % is more than any quartz is off (0.01 %), and than an ordinary process that produces SYNC
+    leaves out (0.85 %). The deadline is how late the first or the last one may have been heard.
+    """
+    return SYNC_DRIFT_WINDOW // 100 + deadline_ms
+
+
 class Watchdog(IntEnum):
     """Numbers of the watchdogs: bits of Diagnosis.Present and Diagnosis.Latched."""
 
@@ -59,6 +72,7 @@ class Watchdog(IntEnum):
     CALIBRATION = 20
     PLATE = 21
     UNSEEN = 23
+    MISSED_TIME = 24
 
 
 class Row(NamedTuple):
@@ -93,7 +107,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
     Watchdog.HEARTBEAT: Row(
         "the heartbeat of a watched node is lost",
         FaultCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
-        "the consumer time; the plate is watched with 2 s, two heartbeats, beside its PDOs",
+        "the consumer time; at once when the node boots again, 1 s and a heartbeat after one that "
+        "was OPERATIONAL left it; the plate is watched with 2 s, two heartbeats, beside its PDOs",
         "Consumer heartbeat time",
     ),
     Watchdog.MEASUREMENT: Row(
@@ -116,7 +131,8 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         FaultCode.SYNC_IRREGULAR, _COMMUNICATION, f"4 x ({_DEADLINE}) + 4",
         "counted over two deadlines and 2 periods, with one less than the deadline too many or too "
         "few: at 3 ms 6 to 10 in 8 are right; the window in which it begins may end too early to "
-        "tell", _DEADLINE,
+        "tell. A drift is counted over 1000 periods, with 10 and the deadline too many or too few: "
+        "2000 cycles", _DEADLINE,
     ),
     Watchdog.SYNC_COUNTER: Row(
         "the SYNC counter has jumped",
@@ -205,10 +221,19 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         "more as its deadline is above 3 ms",
         "Limit.Amplitude by drive",
     ),
+    Watchdog.MISSED_TIME: Row(
+        "too many ticks of a second had no cycle",
+        FaultCode.MISSED_TIME, _MANUFACTURER, 2000,
+        "judged at the end of each second of a run; the one in which it begins may end too early "
+        "to tell", "Limit.Missed ticks",
+        lasting=False,
+    ),
 }  # fmt: skip
 """Every watchdog."""
 
-_EVENT_DRIVEN: Final = frozenset((*range(Watchdog.NMT, Watchdog.VOLTAGE), Watchdog.PLATE))
+_EVENT_DRIVEN: Final = frozenset(
+    (*range(Watchdog.NMT, Watchdog.VOLTAGE), Watchdog.PLATE, Watchdog.MISSED_TIME)
+)
 CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _EVENT_DRIVEN)
 """Bits of those that look at every cycle."""
 

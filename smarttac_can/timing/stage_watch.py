@@ -66,6 +66,8 @@ class StageWatch:
         Of the last measurement of the plate that came while a call waited.
     beats
         Whether a heartbeat goes out each 0.1 s, in calls that last or follow each other.
+    beats_as
+        Node-ID of that heartbeat, `MASTER_ID` at first.
     beaten
         When the last one went out.
     """
@@ -79,6 +81,7 @@ class StageWatch:
         self.emergencies: list[tuple[int, int]] = []
         self.tick = 0
         self.beats = False
+        self.beats_as = MASTER_ID
         self.beaten = Moment(0.0, 0.0)
 
     def __enter__(self) -> Self:
@@ -175,7 +178,7 @@ class StageWatch:
     def _hear(self, timeout: float) -> Frame | None:
         if self.beats and monotonic() > self.beaten.begun + _BEAT_S:
             begun = monotonic()
-            self._send(requests.heartbeat(MASTER_ID))
+            self._send(requests.heartbeat(self.beats_as))
             self.beaten = Moment(begun, monotonic())
         frame = self._bus.receive(timeout)
         if frame is None:

@@ -165,7 +165,7 @@ def test_it_leaves_0_v_whatever_happens(
 
 
 def test_it_leaves_0_v_after_a_value_was_refused(virtual: dict[str, Any]) -> None:
-    node = stimulator_with_plate()
+    node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False):
         with (
             pytest.raises(RefusedError, match="written too high"),
@@ -180,7 +180,7 @@ def test_it_leaves_0_v_after_a_value_was_refused(virtual: dict[str, Any]) -> Non
 
 def test_live_data_by_the_clock(virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", GUARD_S)
-    node = stimulator_with_plate()
+    node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
         bench.finger.stroke(1)
         bench.start_run()
@@ -209,7 +209,7 @@ def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(
     monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", GUARD_S)
     monkeypatch.setattr("nodes_on_a_bus.PythonCanBus", StallingBus)
     with (
-        in_threads(virtual, stimulator_with_plate(), lockstep=False),
+        in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
         Stimulator.connect(**virtual) as bench,
     ):
         trace = bench.run(0.2)
@@ -234,7 +234,7 @@ def test_without_sync_the_loop_gives_no_cycles(
 ) -> None:
     monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.02)
     with (
-        in_threads(virtual, *both(), lockstep=False),
+        in_threads(virtual, *both(lockstep=False), lockstep=False),
         Stimulator.connect(**virtual, plate_node_id=33) as bench,
         pytest.raises(NotRunningError, match="does one produce SYNC"),
     ):
@@ -267,7 +267,7 @@ def test_nothing_is_read_of_a_stimulator_that_is_not_operational(virtual: dict[s
         master.send(can.Message(arbitration_id=0, data=[command, 32], is_extended_id=False))
 
     with (
-        in_threads(virtual, stimulator_with_plate(), lockstep=False),
+        in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
         can.Bus(**virtual) as master,
         Stimulator.connect(**virtual) as bench,
     ):

@@ -142,6 +142,7 @@ def test_a_bench_that_reads_does_not_stand_in_for_a_driver_that_was_killed(
 def test_a_bench_that_reads_leaves_the_watch_to_the_driver(multicast: dict[str, Any]) -> None:
     with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
         bench.run(0.3)
+        bench.set("Limit.Missed ticks", 50)  # a busy machine
         bench.mode = "open_loop"
         with Stimulator.connect(**multicast) as reader:
             assert watched(reader).count(WATCH) == 1
@@ -152,6 +153,7 @@ def test_a_bench_that_reads_leaves_the_watch_to_the_driver(multicast: dict[str, 
 def test_a_second_driver_is_refused(multicast: dict[str, Any]) -> None:
     with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
         bench.run(0.3)
+        bench.set("Limit.Missed ticks", 50)  # a busy machine
         bench.mode = "open_loop"
         refusal = "another bench script drives node 32: node 127, its heartbeat, is on the bus"
         with Stimulator.connect(**multicast) as second:
@@ -170,6 +172,7 @@ def test_a_second_driver_is_refused(multicast: dict[str, Any]) -> None:
 def test_a_bench_that_has_no_fault_to_reset_goes_on_driving(multicast: dict[str, Any]) -> None:
     with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
         bench.run(0.3)
+        bench.set("Limit.Missed ticks", 50)  # a busy machine
         bench.mode = "open_loop"
         bench.reset_fault()
         assert bench.state is State.RUNNING
@@ -193,9 +196,9 @@ def test_a_watch_that_a_reset_has_cleared_is_set_up_by_the_next_arm(
     with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
         bench.run(0.3)
         bench.arm()
+        bench.disarm()
         device = bench._link._stimulator
         device.write(device.od.entry(0x1016, 1), 0)
-        bench.disarm()
         bench.arm()
         assert watched(bench).count(WATCH) == 1
 
@@ -239,6 +242,34 @@ def test_a_line_per_change_of_state_and_none_per_cycle(multicast: dict[str, Any]
             "stimulator 32 mode off",
             "stimulator 32 stopped at 0 V",
         ]
+
+
+def test_the_faults_outlive_a_power_cut_where_there_is_storage(
+    multicast: dict[str, Any], tmp_path: Path
+) -> None:
+    file = tmp_path / "kept.faults"
+    command = f"node --storage {tmp_path / 'kept'}"
+    with processes(multicast, command) as (node,):
+        with driver(multicast) as bench:
+            bench.kill()
+        node.wait_for("stimulator 32 mode off")
+        until(file.exists)
+        node.process.kill()
+    with processes(multicast, command), Stimulator.connect(**multicast) as bench:
+        fault = bench._link.text("Fault memory.Fault 1")
+        assert fault.startswith("8131h the heartbeat of a watched node is lost; mode open loop, ")
+        assert "Voltage 20000 mV" in fault
+        assert bench.state is not State.FAULT, "the memory is not the latch"
+
+
+def test_a_file_of_faults_that_cannot_be_had_stops_nobody(
+    multicast: dict[str, Any], tmp_path: Path
+) -> None:
+    (tmp_path / "kept.faults").mkdir()
+    with processes(multicast, f"node --storage {tmp_path / 'kept'}") as (node,):
+        status, _, complaints = node.end()
+        assert status == 0
+        assert "the newest faults are not kept" in complaints
 
 
 def test_another_node_id_and_a_recorded_finger(multicast: dict[str, Any], tmp_path: Path) -> None:

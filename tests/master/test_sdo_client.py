@@ -33,7 +33,7 @@ def test_a_driver_that_writes_and_reads_while_others_connect(
             assert driver.message == ""
 
     with (
-        in_threads(virtual, stimulator_with_plate(), lockstep=False),
+        in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
         Stimulator.connect(**virtual) as driver,
         ThreadPoolExecutor(max_workers=1) as executor,
     ):

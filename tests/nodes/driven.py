@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smarttac_can.bench.open_link import STIMULATOR_ID
+from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
@@ -29,6 +29,20 @@ _SOUND = FaultCase("none", 0, None, nothing, nothing, prepare=_count_and_send)
 def driven(mode: Mode = Mode.OPEN_LOOP, log: LogHook | None = None) -> Rig:
     """A rig that drives; its master counts SYNCs and sends set-points, both under watch."""
     rig = driving_rig(_SOUND, mode, log)
+    assert rig.stage.value > 0
+    return rig
+
+
+def driven_within(deadline_ms: int, mode: Mode = Mode.OPEN_LOOP) -> Rig:
+    """A rig that drives, with other deadlines of the loop than those of lockstep."""
+    rig = driven(mode)
+    # Limits and watches of a run become stricter only.
+    assert write(rig, "Controlword", 0) == 0
+    assert write_entry(rig, rig.plate.od.entry(0x1400, 5), deadline_ms, PLATE_ID) == 0
+    for index in (0x1404, 0x1405, 0x1406):
+        assert write_entry(rig, rig.od.entry(index, 5), deadline_ms) == 0
+    rig.drive(mode)
+    rig.cycle(60)
     assert rig.stage.value > 0
     return rig
 

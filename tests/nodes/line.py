@@ -99,19 +99,22 @@ def ready_plate(node_id: int = PLATE_ID) -> tuple[Line, PlateNode]:
 
 def stimulator_alone() -> tuple[Line, StimulatorNode]:
     """A stimulator that waits for the measurements of a plate node the test plays."""
-    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
     return Line(node), node
 
 
 def plate_inside(*, lockstep: bool = False, **presets: int) -> tuple[Line, StimulatorNode]:
     named = {name.replace("__", ".").replace("_", " "): raw for name, raw in presets.items()}
-    node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()), presets=named)
+    named = {"Drive unwatched": int(not lockstep)} | named
+    node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()), lockstep=lockstep, presets=named)
     return Line(node, lockstep=lockstep), node
 
 
 def both_nodes() -> tuple[Line, PlateNode, StimulatorNode]:
     plate = PlateNode(plate_od(), deadline_ms=3)
-    stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
+    stimulator = StimulatorNode(
+        stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3
+    )
     return Line(plate, stimulator), plate, stimulator
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from driven import STATE, driven, write, write_entry
+from driven import STATE, driven, driven_within, write, write_entry
 from hypothesis import example, given
 from hypothesis import strategies as st
 from line import (
@@ -178,11 +178,7 @@ def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> 
 
 
 def rig_that_may_be_late(mode: Mode = Mode.AMPLITUDE) -> Rig:
-    rig = driven(mode)
-    assert write_entry(rig, rig.plate.od.entry(0x1400, 5), 20, PLATE_ID) == 0
-    for index in (0x1404, 0x1405, 0x1406):
-        assert write_entry(rig, rig.od.entry(index, 5), 20) == 0
-    return rig
+    return driven_within(20, mode)
 
 
 lose_drives = befall(Mishap.LOSS, DRIVE)

@@ -262,8 +262,10 @@ def test_parameters_are_in_force_from_the_next_cycle() -> None:
     assert stimulator.od["Statusword"].value & 1 << 3, (
         "a limit cuts off what the controllers ask for"
     )
+    assert line.write(stimulator, "Controlword", 0) == 0
     assert line.write(stimulator, "Limit.Voltage", 15_000) == 0
-    line.sync(30)
+    line.run(stimulator, AMPLITUDE)
+    line.sync(60)
     assert abs(stimulator.od["Vibration.Amplitude"].read() - 10_000) < 200
 
 

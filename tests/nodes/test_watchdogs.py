@@ -152,6 +152,7 @@ def test_every_code_is_its_own() -> None:
 )
 def test_no_write_passes_a_hard_cap(name: str, cap: int) -> None:
     rig = driven()
+    assert write(rig, "Controlword", 0) == 0
     assert write(rig, f"Limit.{name}", cap) == 0
     assert write(rig, f"Limit.{name}", cap + 1) == TOO_HIGH
     assert rig.read(f"Limit.{name}") == cap

@@ -96,6 +96,8 @@ def test_plate_node(can_id: int) -> None:
     ):
         watch.set_deadlines(100)
         watch_master(watch, PLATE_ID)
+        # The plate's watch is the one that is to end it.
+        watch.write(STIMULATOR_ID, ODS[STIMULATOR_ID]["Drive unwatched"], 1)
         drive(watch)
         assert_missed_in_a_flood(watch, PLATE_ID, can_id)
         assert [node.terminate(), plate.terminate()] == [0, 0]

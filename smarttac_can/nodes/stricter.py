@@ -1,0 +1,131 @@
+"""Limits and watches may become stricter while armed or running, never laxer.
+
+Laxer is what lets more happen, or notices it later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
+from smarttac_can.nodes.settings import CALIBRATION, GAUGE_ZERO, LIMIT
+from smarttac_can.od.cia import (
+    GUARD_TIME,
+    HEARTBEAT_CONSUMER,
+    LIFE_TIME_FACTOR,
+    PDO_COB_ID,
+    PDO_EVENT,
+    PDO_TRANSMISSION,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    SYNC_COB_ID,
+    SYNC_PERIOD,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    Abort,
+    AbortCode,
+)
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+
+_LAST_NODE: Final = 127
+
+
+class Rule(NamedTuple):
+    """What is laxer."""
+
+    text: str
+    holds: Callable[[int, int], bool]
+    """Whether it is so, by the present and the new raw value."""
+
+
+def watched_node(watch: int) -> int:
+    """Return the node-ID that an entry of the heartbeat consumer watches, 0 for none."""
+    node_id, time = watch >> 16 & 0xFF, watch & 0xFFFF
+    return node_id if time and node_id <= _LAST_NODE else 0
+
+
+def _lasts_longer(present: int, value: int) -> bool:
+    return present != 0 and (value == 0 or value > present)
+
+
+def _watches_less(present: int, value: int) -> bool:
+    if not watched_node(present):
+        return False
+    other = watched_node(value) != watched_node(present)
+    return other or value & 0xFFFF > present & 0xFFFF
+
+
+HIGHER: Final = Rule("a higher value", lambda present, value: value > present)
+LOWER: Final = Rule("a lower value", lambda present, value: value < present)
+LONGER: Final = Rule("a longer time, or 0 where there is one", _lasts_longer)
+ELSEWHERE: Final = Rule("of a node: a longer time, 0, or another node", _watches_less)
+OTHER: Final = Rule("any but the present value", lambda present, value: value != present)
+
+BY_NAME: Final = {
+    LIMIT: HIGHER,
+    f"{LIMIT}.Lowest frequency": LOWER,
+    CALIBRATION: OTHER,
+    GAUGE_ZERO: OTHER,
+    "Drive unwatched": HIGHER,
+}
+"""What is laxer for the members of a record, and for those that differ."""
+
+
+class Place(NamedTuple):
+    """Objects of the communication profile, and what is laxer for them."""
+
+    first: int
+    last: int
+    rule: Rule
+    subindices: tuple[int, ...] = ()
+    """Those meant; none stands for all."""
+
+
+_RPDOS: Final = MEASUREMENT_RPDOS[-1]
+_LOOP: Final = DRIVE_TPDO - 1
+BY_INDEX: Final = (
+    Place(SYNC_COB_ID, SYNC_PERIOD, OTHER),
+    Place(GUARD_TIME, LIFE_TIME_FACTOR, LONGER),
+    Place(HEARTBEAT_CONSUMER, HEARTBEAT_CONSUMER, ELSEWHERE),
+    Place(
+        RPDO_COMMUNICATION, RPDO_COMMUNICATION + _RPDOS - 1, OTHER, (PDO_COB_ID, PDO_TRANSMISSION)
+    ),
+    Place(RPDO_COMMUNICATION, RPDO_COMMUNICATION + _RPDOS - 1, LONGER, (PDO_EVENT,)),
+    Place(RPDO_MAPPING, RPDO_MAPPING + _RPDOS - 1, OTHER),
+    Place(TPDO_COMMUNICATION + _LOOP, TPDO_COMMUNICATION + _LOOP, OTHER),
+    Place(TPDO_MAPPING + _LOOP, TPDO_MAPPING + _LOOP, OTHER),
+)
+"""The same for SYNC, guarding, heartbeats, and the PDOs but the public ones."""
+
+
+class Stricter:
+    """Refuses what would be laxer.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+
+    Attributes
+    ----------
+    rules
+        Every entry that does not become laxer, with what laxer is.
+    """
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self.rules: dict[Entry, Rule] = {}
+        for entry in od:
+            rule = BY_NAME.get(entry.name) or BY_NAME.get(entry.name.partition(".")[0])
+            for place in BY_INDEX:
+                meant = not place.subindices or entry.subindex in place.subindices
+                if place.first <= entry.index <= place.last and meant:
+                    rule = place.rule
+            if rule is not None and entry.writable:
+                self.rules[entry] = rule
+
+    def require(self, entry: Entry, value: int) -> None:
+        """Raise `Abort` with STATE if a raw value is laxer than the present one."""
+        rule = self.rules.get(entry)
+        if rule is not None and rule.holds(entry.value, value):
+            raise Abort(AbortCode.STATE)

@@ -1,0 +1,206 @@
+"""Who drives in real time is watched; a master that starts anew, or rests, is gone."""
+
+import struct
+
+import pytest
+from driven import MASTER, STATE, driven, write, write_entry
+from line import START, Line, plate_inside
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.nodes.supervisor import UNWATCHED
+from smarttac_can.nodes.watchdogs import Watchdog
+from smarttac_can.trials.rig import Rig
+
+BOOT_UP, PREOP, STOPPED, OPERATIONAL = 0, 127, 4, 5
+SETPOINT = Frame(0x320, struct.pack("<HI", 2000, 4_339_000))
+
+
+def say(rig: Rig, state: int, node_id: int = MASTER) -> None:
+    rig.master.send(Frame(0x700 + node_id, bytes((state,))))
+
+
+def cycles_until_fault(rig: Rig, most: int, state: int | None = None) -> int:
+    """Cycles in which the master announces a state each 20 ms, if any, until the fault."""
+    for count in range(most):
+        if rig.state is State.FAULT:
+            return count
+        if state is not None and count % 20 == 0:
+            say(rig, state)
+        rig.cycle()
+    return most
+
+
+def only_fault(rig: Rig) -> int:
+    return int(rig.od["Diagnosis.Latched"].value)
+
+
+def test_a_master_that_boots_again_is_gone_at_once() -> None:
+    rig = driven()
+    say(rig, BOOT_UP)
+    assert rig.state is State.FAULT
+    assert rig.stage.value == 0
+    assert only_fault(rig) == 1 << Watchdog.HEARTBEAT
+    assert write(rig, "Controlword", 0) == 0
+    assert write(rig, "Controlword", 0x80) == STATE, "it was not heard since"
+    rig.cycle(20)
+    assert write(rig, "Controlword", 0) == 0
+    assert write(rig, "Controlword", 0x80) == 0
+
+
+@pytest.mark.parametrize("state", [PREOP, STOPPED])
+def test_a_master_that_has_left_operational_is_gone_after_a_second(state: int) -> None:
+    rig = driven()
+    rig.heartbeat = False
+    assert 1000 <= cycles_until_fault(rig, 2000, state) <= 1020
+    assert rig.stage.value == 0
+    assert only_fault(rig) == 1 << Watchdog.HEARTBEAT
+    say(rig, state)
+    assert write(rig, "Controlword", 0) == 0
+    assert write(rig, "Controlword", 0x80) == STATE
+    say(rig, OPERATIONAL)
+    assert write(rig, "Controlword", 0) == 0
+    assert write(rig, "Controlword", 0x80) == 0
+
+
+def test_a_master_that_passes_through_pre_operational_is_not_gone() -> None:
+    rig = driven()
+    rig.heartbeat = False
+    for _ in range(4):
+        assert cycles_until_fault(rig, 900, PREOP) == 900
+        assert cycles_until_fault(rig, 40, OPERATIONAL) == 40
+    assert rig.state is State.RUNNING
+
+
+def test_a_master_that_never_announces_operational_drives() -> None:
+    line, node = plate_inside(Drive_unwatched=0)
+    od = node.od
+    assert line.write_entry(node, od.entry(0x1016, 1), MASTER << 16 | 30) == 0
+    line.nmt(START)
+    line.advance(80)
+    line.send(Frame(0x701, bytes((BOOT_UP,))))  # its first: it is there since
+    for count in range(3000):
+        if count % 20 == 0:
+            line.send(Frame(0x701, bytes((PREOP,))))
+        if count == 40:
+            line.run(node, 1)
+        line.advance(1)
+    assert node.block.state is State.RUNNING
+
+
+def test_a_master_that_is_gone_is_forgotten_with_its_watch() -> None:
+    rig = driven()
+    rig.heartbeat = False
+    say(rig, BOOT_UP)
+    assert rig.state is State.FAULT
+    assert write_entry(rig, rig.od.entry(0x1016, 1), 0) == 0
+    assert write(rig, "Controlword", 0) == 0
+    assert write(rig, "Controlword", 0x80) == 0
+
+
+def test_the_plate_may_boot_as_it_has_watchdogs_of_its_own() -> None:
+    rig = driven()
+    say(rig, OPERATIONAL, 0x21)
+    say(rig, BOOT_UP, 0x21)
+    assert rig.state is State.RUNNING
+
+
+# Arming.
+
+
+def ready(**presets: int) -> tuple[Line, StimulatorNode]:
+    line, node = plate_inside(**({"Drive_unwatched": 0} | presets))
+    line.nmt(START)
+    line.advance(80)
+    assert node.block.state is State.READY
+    return line, node
+
+
+def arm(line: Line, node: StimulatorNode) -> int:
+    assert line.write(node, "Controlword", 0) == 0
+    return line.write(node, "Controlword", 1)
+
+
+def test_nobody_arms_unwatched_in_real_time() -> None:
+    line, node = ready()
+    assert arm(line, node) == STATE
+    assert node.block.state is State.READY
+    assert node.od["Message"].value == UNWATCHED
+    line.send(Frame(0x220, bytes(3)), Frame(0x220, bytes((1, 0, 0))))
+    assert node.block.state is State.READY
+    assert line.read(node, "Cycle.Ignored controlwords") == 1
+
+
+def test_who_wants_no_watch_says_so() -> None:
+    line, node = ready(Drive_unwatched=1)
+    assert arm(line, node) == 0
+
+
+def test_in_lockstep_the_master_is_the_time() -> None:
+    line, node = plate_inside(lockstep=True)
+    line.nmt(START)
+    line.sync(80)
+    assert node.od["Drive unwatched"].value == 0
+    assert arm(line, node) == 0
+
+
+def test_a_heartbeat_counts_once_it_was_heard_and_while_it_comes() -> None:
+    line, node = ready()
+    watch = node.od.entry(0x1016, 2)
+    assert line.write_entry(node, watch, 9 << 16 | 30) == 0
+    assert arm(line, node) == STATE, "never heard"
+    line.send(Frame(0x709, bytes((OPERATIONAL,))))
+    line.advance(29)
+    assert arm(line, node) == 0
+    assert line.write(node, "Controlword", 0) == 0
+    line.advance(2)
+    assert arm(line, node) == STATE, "silent"
+    line.send(Frame(0x709, bytes((OPERATIONAL,))))
+    assert line.write_entry(node, watch, 0) == 0
+    assert arm(line, node) == STATE, "not watched any more"
+
+
+def test_a_setpoint_with_a_deadline_counts_once_it_came() -> None:
+    line, node = ready()
+    line.send(SETPOINT)
+    assert arm(line, node) == STATE, "no deadline"
+    assert line.write_entry(node, node.od.entry(0x1401, 5), 10) == 0
+    assert arm(line, node) == STATE, "it has not come since"
+    line.send(SETPOINT)
+    assert arm(line, node) == 0
+
+
+def test_the_controlword_that_arms_may_be_the_pdo_that_is_awaited() -> None:
+    line, node = ready()
+    assert line.write_entry(node, node.od.entry(0x1400, 5), 10) == 0
+    line.send(Frame(0x220, bytes(3)), Frame(0x220, bytes((1, 0, 0))))
+    assert node.block.state is State.ARMED
+
+
+def test_the_plate_is_no_master() -> None:
+    rig = driven()
+    od = rig.od
+    assert od.entry(0x1016, 4).value >> 16 == 0x21, "watched by default"
+    assert write(rig, "Controlword", 0) == 0
+    for index, subindex in ((0x1016, 1), (0x1401, 5)):
+        assert write_entry(rig, od.entry(index, subindex), 0) == 0
+    say(rig, OPERATIONAL, 0x21)
+    assert 0x21 in rig.stimulator.device.watched_in_time
+    assert write(rig, "Controlword", 1) == STATE
+
+
+def test_a_master_that_guards_counts() -> None:
+    line, node = ready()
+    for index, raw in ((0x1017, 0), (0x100C, 100), (0x100D, 2)):
+        assert line.write_entry(node, node.od.entry(index), raw) == 0
+    assert arm(line, node) == STATE
+    line.send(Frame(0x720, b"", rtr=True))
+    assert arm(line, node) == 0
+    line.advance(201)
+    assert node.block.state is State.FAULT
+
+
+def test_drive_unwatched_is_not_raised_under_a_drive() -> None:
+    rig = driven()
+    assert write(rig, "Drive unwatched", 1) == STATE

@@ -1,0 +1,129 @@
+"""Ticks without a cycle, and a SYNC whose clock is not that of the rig."""
+
+import struct
+
+import pytest
+from driven import MASTER, STATE, driven_within, reset_fault
+from line import START, Line, plate_alone, plate_inside
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.master import requests
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.watchdogs import Watchdog, sync_drift_tolerance
+from smarttac_can.trials.rig import Rig
+
+OPEN_LOOP = 1
+
+
+def running_inside(**presets: int) -> tuple[Line, object]:
+    line, node = plate_inside(**presets)
+    line.nmt(START)
+    line.advance(80)
+    line.write(node, "Setpoint.Voltage", 2000)
+    line.run(node, OPEN_LOOP)
+    return line, node
+
+
+def sleep_through(node: object, of_ten: int, seconds: int) -> None:
+    """Let a node be late by so many of ten ticks, for some seconds."""
+    for _ in range(100 * seconds):
+        node.advance(1000 * (of_ten + 1))  # type: ignore[attr-defined]
+        for _ in range(9 - of_ten):
+            node.advance(1000)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("of_ten", "limit", "fault"), [(3, 20, True), (2, 20, False), (2, 15, True)]
+)
+def test_a_run_with_too_many_missed_ticks_ends(of_ten: int, limit: int, fault: bool) -> None:
+    _, node = running_inside(Limit__Missed_ticks=limit)
+    sleep_through(node, of_ten, 2)
+    od = node.od  # type: ignore[attr-defined]
+    assert od["Cycle.Missed deadlines"].value == 200 * of_ten
+    assert (node.block.state is State.FAULT) == fault  # type: ignore[attr-defined]
+    assert od["Diagnosis.Latched"].value == fault << Watchdog.MISSED_TIME
+    assert od["Diagnosis.Code"].value == (0x6180 if fault else 0)
+    assert bool(od["Drive.Voltage"].value) != fault
+
+
+def test_what_was_missed_before_the_run_is_no_fault() -> None:
+    line, node = plate_inside()
+    line.nmt(START)
+    line.advance(80)
+    sleep_through(node, 5, 1)
+    line.run(node, OPEN_LOOP)
+    line.advance(3000)
+    assert node.block.state is State.RUNNING
+
+
+def test_it_can_be_reset_at_once() -> None:
+    line, node = running_inside()
+    sleep_through(node, 5, 2)
+    assert node.block.state is State.FAULT  # type: ignore[attr-defined]
+    assert line.write(node, "Controlword", 0) == 0  # type: ignore[arg-type]
+    assert line.write(node, "Controlword", 0x80) == 0  # type: ignore[arg-type]
+
+
+def test_the_plate_counts_the_ticks_without_sync() -> None:
+    _, plate = plate_alone()
+    plate.receive(requests.nmt(START))
+    for count in range(1500):
+        plate.advance(1000)
+        if count % 5:
+            plate.receive(requests.sync())
+    assert 195 <= plate.od["Cycle.Missed deadlines"].value <= 200
+
+
+def test_a_stimulator_counts_the_ticks_of_another_producer() -> None:
+    rig = by_the_clock()
+    spaced(rig, 1010, 2000)
+    assert 8 <= rig.od["Cycle.Missed deadlines"].value <= 22
+
+
+def by_the_clock(deadline_ms: int = 20) -> Rig:
+    return driven_within(deadline_ms)
+
+
+def spaced(rig: Rig, period_us: int, periods: int) -> None:
+    """Let SYNC come with another period than 1000 us, and the rest in time."""
+    for _ in range(periods):
+        if rig.state is not State.RUNNING:
+            return
+        rig.bus.advance(period_us)
+        rig.master.send(
+            requests.heartbeat(MASTER), Frame(0x320, struct.pack("<HI", 2000, 4_339_000))
+        )
+        rig.master.sync()
+
+
+@pytest.mark.parametrize("deadline_ms", [3, 20])
+@pytest.mark.parametrize(
+    ("period_us", "fault"), [(800, True), (950, True), (1050, True), (995, False), (1005, False)]
+)
+def test_a_sync_that_drifts_ends_a_run(deadline_ms: int, period_us: int, fault: bool) -> None:
+    rig = by_the_clock(deadline_ms)
+    spaced(rig, period_us, 3000)
+    assert (rig.state is State.FAULT) == fault
+    assert rig.od["Diagnosis.Latched"].value == fault << Watchdog.SYNC_IRREGULAR
+    if fault:
+        assert rig.stage.value == 0
+        assert reset_fault(rig) == STATE
+        rig.cycle(2001)
+        assert reset_fault(rig) == 0
+
+
+def test_a_pause_within_the_deadline_is_no_drift() -> None:
+    rig = by_the_clock()
+    for _ in range(3):
+        rig.cycle(985)
+        rig.syncs = 0
+        rig.cycle(15)
+        rig.syncs = 1
+        for _ in range(15):
+            rig.master.sync()
+    assert rig.state is State.RUNNING, rig.od["Message"].value
+
+
+def test_the_drift_that_is_tolerated() -> None:
+    assert sync_drift_tolerance(3) == 13
+    assert sync_drift_tolerance(20) == 30

@@ -1,0 +1,146 @@
+"""While armed or running no write makes a limit or a watch laxer."""
+
+import pytest
+from driven import STATE, driven, write, write_entry
+from line import plate_inside
+
+from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.host.mishaps import Mishap
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.stricter import Stricter
+from smarttac_can.od.cia import Abort
+from smarttac_can.trials.fault_acts import befall
+
+OK = 0
+
+CASES = (
+    # index, sub-index, present, laxer, stricter
+    (0x2041, 1, 15_000, 15_001, 14_999),
+    (0x2041, 2, 3000, None, 2999),
+    (0x2041, 3, 4_270_000, 4_269_999, 4_270_001),
+    (0x2041, 4, 4_400_000, 4_400_001, 4_399_999),
+    (0x2041, 5, 3200, 3201, 3199),
+    (0x2041, 6, 6000, 6001, 5999),
+    (0x2041, 7, 4000, 4001, 3999),
+    (0x2041, 8, 3000, 3001, 2999),
+    (0x2041, 9, 200, 201, 199),
+    (0x2041, 10, 5000, 5001, 4999),
+    (0x2041, 11, 20, 21, 19),
+    (0x2043, 1, None, 1, None),
+    (0x1400, 1, 0x220, 0x8000_0220, None),
+    (0x1401, 2, 255, 1, None),
+    (0x1401, 5, 5, 6, 4),
+    (0x1401, 5, 5, 0, 4),
+    (0x1400, 5, 0, None, 50),
+    (0x1404, 5, 3, 4, 2),
+    (0x1406, 1, None, 0x8000_0000, None),
+    (0x1601, 0, 2, 0, None),
+    (0x1606, 0, 5, 0, None),
+    (0x1804, 1, None, 0x8000_0000, None),
+    (0x1804, 5, 0, 100, None),
+    (0x1A04, 0, 4, 0, None),
+    (0x1005, 0, 0x80, 0x4000_0080, None),
+    (0x1006, 0, 1000, 2000, None),
+    (0x1016, 1, 1 << 16 | 50, 1 << 16 | 51, 1 << 16 | 49),
+    (0x1016, 1, 1 << 16 | 50, 1 << 16, None),
+    (0x1016, 1, 1 << 16 | 50, 2 << 16 | 50, None),
+    (0x1016, 1, 1 << 16 | 50, 0, None),
+    (0x1016, 2, 0, None, 7 << 16 | 100),
+)
+
+
+@pytest.mark.parametrize("state", [State.RUNNING, State.ARMED])
+@pytest.mark.parametrize(("index", "subindex", "present", "laxer", "stricter"), CASES)
+def test_laxer_is_refused_and_stricter_taken(
+    index: int,
+    subindex: int,
+    present: int | None,
+    laxer: int | None,
+    stricter: int | None,
+    state: State,
+) -> None:
+    rig = driven()
+    if state is State.ARMED:
+        assert write(rig, "Controlword", 1) == OK
+    entry = rig.od.entry(index, subindex)
+    before = entry.value
+    assert present in (None, before)
+    assert write_entry(rig, entry, before) == OK, "what was read may be written back"
+    if laxer is not None:
+        assert write_entry(rig, entry, laxer) == STATE
+        assert entry.value == before
+    if stricter is not None:
+        assert write_entry(rig, entry, stricter) == OK
+    rig.cycle(2)
+    assert rig.state is state
+
+
+@pytest.mark.parametrize(("index", "subindex", "present", "laxer", "stricter"), CASES)
+def test_at_rest_all_is_taken_that_the_device_takes(
+    index: int,
+    subindex: int,
+    present: int | None,
+    laxer: int | None,
+    stricter: int | None,
+) -> None:
+    rig = driven()
+    assert write(rig, "Controlword", 0) == OK
+    entry = rig.od.entry(index, subindex)
+    if index in (0x1601, 0x1606, 0x1A04):
+        invalid = rig.od.entry(index - 0x200, 1)
+        assert write_entry(rig, invalid, invalid.value | 1 << 31) == OK
+    for raw in (laxer, stricter):
+        if raw is not None:
+            assert write_entry(rig, entry, raw) == OK
+
+
+def test_a_refused_deadline_does_not_move_the_one_in_force() -> None:
+    rig = driven()
+    assert write_entry(rig, rig.od.entry(0x1404, 5), 100) == STATE
+    befall(Mishap.LOSS, 0x1A1, 0x2A1, 0x3A1)(rig)
+    rig.cycle(3)
+    assert rig.state is State.FAULT
+
+
+def test_the_public_pdos_are_free() -> None:
+    rig = driven()
+    od = rig.od
+    protected = {entry.index for entry in Stricter(od).rules}
+    for number in range(4):
+        assert 0x1800 + number not in protected
+        assert 0x1A00 + number not in protected
+    assert write_entry(rig, od.entry(0x1801, 2), 254) == OK
+
+
+def test_all_limits_have_a_rule() -> None:
+    od = stimulator_od()
+    limits = {entry for entry in od if entry.name.startswith("Limit.") and entry.writable}
+    assert len(limits) >= 9
+    assert limits <= set(Stricter(od).rules)
+
+
+def test_it_holds_without_a_bus_as_well() -> None:
+    block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
+    for _ in range(80):
+        block.tick()
+    block.write("Controlword", 1)
+    with pytest.raises(Abort) as refusal:
+        block.write("Limit.Voltage", 20_000)
+    assert refusal.value.code == STATE
+    block.write("Controlword", 0)
+    block.write("Limit.Voltage", 20_000)
+
+
+def test_the_life_time_of_the_guarding_is_a_watch() -> None:
+    line, node = plate_inside()
+    line.nmt(1)
+    line.advance(80)
+    od = node.od
+    assert line.write_entry(node, od.entry(0x100C), 100) == OK
+    assert line.write_entry(node, od.entry(0x100D), 3) == OK
+    assert line.write(node, "Controlword", 1) == OK
+    for index, laxer in ((0x100C, 101), (0x100C, 0), (0x100D, 4), (0x100D, 0)):
+        assert line.write_entry(node, od.entry(index), laxer) == STATE
+    assert line.write_entry(node, od.entry(0x100D), 2) == OK
