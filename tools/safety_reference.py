@@ -27,8 +27,15 @@ _OF_THE_PLATE = (
         "a plate that was driven has gone to 0 V by itself: within the deadline no drive that "
         "counts (none, corrupt, out of range, of another tick), OPERATIONAL left, a watched "
         "heartbeat lost, transmit queue full, 1006h not 1000 us. Sent in OPERATIONAL, unless one "
-        "of the two below was",
+        "of those below was",
         "a drive of 0 V",
+    ),
+    (
+        FaultCode.DOUBLE,
+        ErrorRegister.COMMUNICATION,
+        "another node has sent with an identifier of the plate: EMCY, measurement, SDO response, "
+        "heartbeat or boot-up; remote frames do not count",
+        "a drive of 0 V, after 3 s without such a frame",
     ),
     (
         FaultCode.VOLTAGE,

@@ -61,6 +61,9 @@ def scan(bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], as_json: b
     for line in lines:
         padded = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
         click.echo("  ".join(padded).rstrip())
+    for device in found:
+        if device.doubled:
+            click.echo(f"node {device.node_id}: more than one device has this node-ID", err=True)
 
 
 def _load(name: str, text: str) -> ObjectDictionary:

@@ -46,6 +46,7 @@ class StateLines:
         self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
+        self._collision = 0
         self.clock = node.clock
         self.segments = node.segments
 
@@ -108,6 +109,12 @@ class StateLines:
         node_id = self._device.node_id
         return f"{self._name} {'without node-ID' if node_id == UNCONFIGURED else node_id}"
 
+    @property
+    def _double(self) -> str:
+        if not self._collision:
+            return "alone again with its identifiers"
+        return f"another node sends with an identifier of this one, {self._collision:03X}h"
+
     def _now(self) -> tuple[NMTState, int]:
         return self._device.nmt_state, self._mode.value if self._mode is not None else 0
 
@@ -115,6 +122,9 @@ class StateLines:
         if self._device.bit_rate != self._bit_rate:
             self._bit_rate = self._device.bit_rate
             self._say(f"{self._title} {self._bit_rate} kbit/s by LSS: not switched, only stored")
+        if self._device.collision != self._collision:
+            self._collision = self._device.collision
+            self._say(f"{self._title} {self._double}")
         now = self._now()
         if now == self._said:
             return

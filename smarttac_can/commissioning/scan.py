@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from time import monotonic, sleep
 from typing import Final, NamedTuple
@@ -20,6 +21,7 @@ from smarttac_can.od.cia import (
     HEARTBEAT_PRODUCER,
     IDENTITY,
     SDO_RX_ID,
+    SDO_TX_ID,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 
@@ -51,6 +53,8 @@ class FoundDevice(NamedTuple):
     identity: Identity | None
     eds: str
     """Name of the EDS that describes it; empty if none of those given does."""
+    doubled: bool = False
+    """Whether more than one device has answered for the node-ID."""
 
 
 def scan(
@@ -79,18 +83,27 @@ def scan(
             # The top bit is the toggle bit of node guarding.
             states[can_id - HEARTBEAT_ID] = STATES.get(data[0] & 0x7F, UNKNOWN)
 
+    answers: Counter[int] = Counter()
+
+    def count(can_id: int, _data: bytearray, _timestamp: float) -> None:
+        answers[can_id - SDO_TX_ID] += 1
+
     for node_id in _NODE_IDS:
         network.subscribe(HEARTBEAT_ID + node_id, hear)
+        network.subscribe(SDO_TX_ID + node_id, count)
     network.scanner.reset()
     request = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
     for node_id in _NODE_IDS:
         _send(network, SDO_RX_ID + node_id, request)
     sleep(timeout)
+    # One request has one answer.
+    doubled = {node_id for node_id, number in answers.items() if number > 1}
     found = []
     for node_id in sorted({*network.scanner.nodes, *states}):
         device = _ask(network, node_id, eds_files, timeout)
         _wait_for_state(network, node_id, states, timeout)
-        found.append(device._replace(state=states.get(node_id, UNKNOWN)))
+        state = states.get(node_id, UNKNOWN)
+        found.append(device._replace(state=state, doubled=node_id in doubled))
     for identity in unconfigured(network):
         found.append(
             FoundDevice(None, UNCONFIGURED, "", identity, matching_eds(identity, eds_files.items()))

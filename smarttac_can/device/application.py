@@ -53,6 +53,13 @@ class Application:
         It comes after `on_error_control`.
         """
 
+    def on_collision(self, heard: bool) -> None:
+        """Act on another device that sends with an identifier of this one, or does no more.
+
+        It comes once for all the frames of such devices, until there is none for 3 s; nor does it
+        come when a reset forgets them.
+        """
+
     def on_store(self) -> None:
         """Refuse, by raising `Abort`, to store parameters now: it may take a while."""
 

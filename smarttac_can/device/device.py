@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from smarttac_can.device.access import Access
 from smarttac_can.device.application import Application
+from smarttac_can.device.collision import Collision
 from smarttac_can.device.emcy import Emergency
 from smarttac_can.device.emcy_consumer import EmergencyConsumer
 from smarttac_can.device.error_behaviour import ErrorBehaviour, ErrorClass
@@ -120,6 +121,7 @@ class Device:
         if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
             eds.default = eds.value = od.text.encode("latin-1", "replace")
         self._heartbeat = HeartbeatProducer(port, od)
+        self._collision = Collision(port, od, self._application, lambda: self._services)
         self._error_behaviour = ErrorBehaviour(port, od, self._enter)
         self._sync = Sync(port, od, self._emergency, self._synchronise)
         self._rpdos = {
@@ -149,6 +151,7 @@ class Device:
             self._lss,
             self._time_stamp,
             self._heartbeat,
+            self._collision,
             self._error_behaviour,
             self._watches,
             EmergencyConsumer(port, od, self._application, emergencies_of),
@@ -183,6 +186,16 @@ class Device:
     def bit_rate(self) -> int | None:
         """Bit rate in kbit/s that LSS has activated, None so far; the device cannot switch."""
         return self._lss.bit_rate
+
+    @property
+    def collision(self) -> int:
+        """Identifier of its own that another device has sent with, 0 for none: see `Collision`."""
+        return self._collision.can_id
+
+    @property
+    def produces_sync(self) -> bool:
+        """Whether SYNC is its own."""
+        return self._sync.produces
 
     @property
     def sync_missed(self) -> int:

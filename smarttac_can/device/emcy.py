@@ -131,6 +131,11 @@ class Emergency(Service):
         """Identifier of its messages."""
         return self._cob_id & CAN_ID_MASK
 
+    @property
+    def sends(self) -> tuple[int, ...]:
+        """That of its messages, if they are on."""
+        return () if self._cob_id & COB_INVALID else (self.can_id,)
+
     def _read_parameters(self) -> None:
         self._cob_id = self.od.number(EMCY_COB_ID, absent=COB_INVALID)
         self._inhibit_time = 100 * self.od.number(EMCY_INHIBIT)

@@ -37,6 +37,11 @@ class HeartbeatProducer(Service):
         self._state = NMTState.INITIALISING
         self._period = 0
 
+    @property
+    def sends(self) -> tuple[int, ...]:
+        """That of error control, node guarding included."""
+        return (HEARTBEAT_ID + self.od.node_id,)
+
     def boot_up(self) -> None:
         """Send the boot-up message, a heartbeat of the value 0."""
         self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, b"\0"))

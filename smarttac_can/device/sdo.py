@@ -89,6 +89,11 @@ class SDOServer(Service):
     def _valid(self) -> bool:
         return not (self._rx | self._tx) & COB_INVALID
 
+    @property
+    def sends(self) -> tuple[int, ...]:
+        """That of its responses, if it is on."""
+        return (self._tx & CAN_ID_MASK,) if self._valid else ()
+
     def cease(self) -> None:
         """Drop the transfer that is under way, without an abort."""
         self._end()

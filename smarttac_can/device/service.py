@@ -73,6 +73,11 @@ class Service:
     def listen(self) -> None:
         """Register with the port for the CAN-IDs it listens to; called while alive."""
 
+    @property
+    def sends(self) -> tuple[int, ...]:
+        """Identifiers that it sends with in one state or another, and no other device may."""
+        return ()
+
 
 def check_cob_id(old: int, new: int) -> None:
     """Refuse a COB-ID that an object with a valid bit (PDO, EMCY, SDO server) must not take.

@@ -77,6 +77,16 @@ class Sync(Service):
         return self._timer.missed
 
     @property
+    def produces(self) -> bool:
+        """Whether it is the producer, which needs a period, too."""
+        return self._produces and self._period > 0
+
+    @property
+    def sends(self) -> tuple[int, ...]:
+        """That of SYNC, as its producer."""
+        return (self.can_id,) if self.produces else ()
+
+    @property
     def window_open(self) -> bool:
         """Whether synchronous RPDOs are taken: within the window after SYNC, if there is one."""
         return not self._window or self.port.clock.now - self._heard <= self._window
@@ -153,7 +163,7 @@ class Sync(Service):
         self._on_sync(data[0] if data else 0, False)
 
     def _start_or_stop(self) -> None:
-        if self.alive and self._produces and self._period:
+        if self.alive and self.produces:
             spacing = self._period - self._period // 4
             self._timer.start(self._period, periodic=True, spacing=spacing)
         else:

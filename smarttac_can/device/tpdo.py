@@ -51,6 +51,11 @@ class TPDO(PDO):
         """Whether it has something to do at a SYNC."""
         return self._sends and (self.transmission <= CYCLIC_LAST or self.transmission == RTR_SYNC)
 
+    @property
+    def sends(self) -> tuple[int, ...]:
+        """Its own, while it is valid."""
+        return (self.can_id,) if self.valid else ()
+
     def configure(self) -> None:
         """Read inhibit time, SYNC start value, and what every PDO has."""
         super().configure()

@@ -25,10 +25,15 @@ class Pairing:
         Object dictionary of ``stimulator.eds``.
     unusable
         Called when a measurement begins after `UNUSABLE_MAX` that were no good.
+    foreign
+        Called with each sound one whose ticks differ, or that repeats the tick answered last.
     """
 
-    def __init__(self, od: ObjectDictionary, unusable: Callable[[], None]) -> None:
+    def __init__(
+        self, od: ObjectDictionary, unusable: Callable[[], None], foreign: Callable[[], None]
+    ) -> None:
         self._unusable = unusable
+        self._on_foreign = foreign
         self._check = FrameCheck(received_measurement(od))
         self._tick = od["Plate input.Tick"]
         self._gauge_tick = od["Plate input.Gauge tick"]
@@ -70,6 +75,7 @@ class Pairing:
         tick = self._tick.value
         if tick != self._gauge_tick.value or tick == self._answered:
             self._foreign.count()
+            self._on_foreign()
             return False
         self._begun = 0
         return True

@@ -17,10 +17,28 @@ from smarttac_can.od.cia import (
     TPDO_COMMUNICATION,
     TPDO_IDS,
 )
-from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
+_FIRST_SERIAL: Final = 1
+"""That of the packaged EDS files."""
+_FIRST_NODE_ID: Final = 33
 _PLATE_HEARTBEAT_MS: Final = 2000
 """Two heartbeats of a plate that has not been configured."""
+
+
+def plate_serial(entry: Entry, node_id: int) -> int:
+    """Return the serial number of a plate, or that which its calibration is for.
+
+    Parameters
+    ----------
+    entry
+        Holds it; a default that is not that of the packaged EDS is the answer.
+    node_id
+        Of the plate, 1..127: no two simulated ones on a bus have one number; that of 33 has 1.
+    """
+    default = int(entry.default)
+    simulated = (node_id - _FIRST_NODE_ID) % 127 + _FIRST_SERIAL
+    return simulated if default == _FIRST_SERIAL else default
 
 
 def link_to_plate(od: ObjectDictionary, plate: int, produce_sync: bool) -> None:

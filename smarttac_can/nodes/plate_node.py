@@ -23,6 +23,7 @@ from smarttac_can.nodes.loop_frames import (
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.missed_time import MissedTime
 from smarttac_can.nodes.plate_block import PlateBlock, Taken
+from smarttac_can.nodes.plate_link import plate_serial
 from smarttac_can.nodes.stage_state import StageState
 from smarttac_can.od.cia import (
     Abort,
@@ -83,6 +84,7 @@ class PlateNode(Application):
         self._stage_voltage = od["Stage.Voltage"]
         self._voltage_max = od["Limit.Voltage"]
         self._temperature_max = od["Limit.Temperature"]
+        self._serial = od["Plate serial number"]
         self._protecting: set[FaultCode] = set()
         self.start = self.device.start
         self.receive = self.device.receive
@@ -124,6 +126,7 @@ class PlateNode(Application):
         self._missed_time.restart()
         if state is NMTState.RESET_COMMUNICATION:
             self._protecting.clear()
+            self._serial.value = plate_serial(self._serial, self.device.node_id)
 
     def on_sync(self) -> bool:
         """Step to this tick; while there is no loop, no measurement goes out."""
@@ -142,7 +145,7 @@ class PlateNode(Application):
         return True
 
     def on_rpdo(self, number: int) -> None:
-        """Take a drive if it is sound, its voltage below the limit, and the plate not too hot.
+        """Take a drive if it is sound, its voltage below the limit, the plate cool and alone.
 
         A corrupt one is a drive that did not come.
         """
@@ -155,14 +158,14 @@ class PlateNode(Application):
             self._protect(FaultCode.VOLTAGE, ErrorRegister.VOLTAGE)
             return
         hot = self._temperature.value > self._temperature_max.value
-        if hot and self._voltage.value:
+        if (hot or self.device.collision) and self._voltage.value:
             return
         taken = self.block.take_drive()
         if taken is Taken.IN_TIME:
             self._unanswered.start(self._deadline.value * TICK_US)
         elif taken is Taken.DISOBEYED:
             self._protect(FaultCode.VOLTAGE, ErrorRegister.VOLTAGE)
-        if self._protecting and not self.block.barred and not hot:
+        if self._protecting and not (self.block.barred or hot or self.device.collision):
             for code in sorted(self._protecting):
                 self.device.clear_emergency(code)
             self._protecting.clear()
@@ -171,6 +174,11 @@ class PlateNode(Application):
         """Go to 0 V when a watched node falls silent, whatever the error behaviour says."""
         if lost:
             self.block.bar()
+
+    def on_collision(self, heard: bool) -> None:
+        """Go to 0 V, and stay there, while another node sends with an identifier of the plate."""
+        if heard:
+            self._protect(FaultCode.DOUBLE, ErrorRegister.COMMUNICATION)
 
     def _on_unanswered(self) -> None:
         """Go to 0 V, as no drive was taken for the time of the deadline.

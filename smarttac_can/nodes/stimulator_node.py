@@ -20,8 +20,9 @@ from smarttac_can.nodes.master_watch import MasterWatch
 from smarttac_can.nodes.missed_time import TICKS, MissedTime
 from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
-from smarttac_can.nodes.plate_link import link_to_plate
+from smarttac_can.nodes.plate_link import link_to_plate, plate_serial
 from smarttac_can.nodes.settings import mend_settings
+from smarttac_can.nodes.source_watch import SourceWatch
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.sync_watch import SyncWatch
@@ -100,9 +101,14 @@ class StimulatorNode(Application):
         self._told = 0
         if plate_node_id and deadline_ms is not None:
             set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
+        if plate_node_id:
+            serial = od["Calibration.Plate serial number"]
+            serial.default = serial.value = plate_serial(serial, plate_node_id)
         self._deadlines = deadlines(od, MEASUREMENT_RPDOS)
         self.clock = clock = Clock()
-        self._sync_watch = SyncWatch(od, clock, self._deadline_ms, self._trip, self.block.settle)
+        watching = (od, clock, self._deadline_ms, self._trip, self.block.settle)
+        self._sync_watch = SyncWatch(*watching)
+        self._source = SourceWatch(*watching)
         self._masters = MasterWatch(clock, plate_node_id, self._trip, self.block.settle)
         self._missed_time = MissedTime(clock)
         self._unanswered = clock.timer(self._on_unanswered)
@@ -113,7 +119,7 @@ class StimulatorNode(Application):
         )  # fmt: skip
         self._period = LoopPeriod(self.device)
         self._unfit = False
-        self._pairing = Pairing(od, lambda: self._trip(Watchdog.MEASUREMENT))
+        self._pairing = Pairing(od, lambda: self._trip(Watchdog.MEASUREMENT), self._source.strange)
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_max = od["Limit.Missed ticks"]
         self._sent = FrameCheck(sent_drive(od))
@@ -182,10 +188,12 @@ class StimulatorNode(Application):
             block.leave()
             self._pairing.forget()
             self._sync_watch.restart()
+            self._source.restart()
             self._masters.leave()
             block.settle(Watchdog.MEASUREMENT)
         if state in _RESETS:
             self._masters.restart()
+            self._source.forget()
             self._told = block.supervisor.latched
         else:
             # What was latched in a reset, or before it, is reported when there is a device again.
@@ -200,9 +208,17 @@ class StimulatorNode(Application):
             return True
         if self.device.sync_own:
             self._missed.count(self.device.sync_missed)
+            self._sync_watch.produced()
+        elif self.device.produces_sync:
+            return True
         else:
             self._sync_watch.heard(self.device.sync_counter)
+        self._source.sync()
         return True
+
+    def on_collision(self, heard: bool) -> None:
+        """Stop when another node has an identifier of this one."""
+        self._source.collide(heard)
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Stop when a watched node falls silent."""
@@ -213,9 +229,11 @@ class StimulatorNode(Application):
         self._masters.heard(node_id, state)
 
     def on_emergency(self, code: int) -> None:
-        """Stop when the plate has gone to 0 V without being told."""
+        """Stop when the plate has gone to 0 V without being told, or is not alone."""
         if code == FaultCode.DRIVE_LOST:
             self._trip(Watchdog.PLATE)
+        elif code == FaultCode.DOUBLE:
+            self._source.told()
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Stop when the master's set-points stay away; measurements have a watch of their own."""
@@ -234,7 +252,7 @@ class StimulatorNode(Application):
             return
         if not self._plate_node_id:
             return
-        if self._pairing.take(number):
+        if self._pairing.take(number) and self._source.may_answer():
             if not self._period.agrees():
                 self._trip(Watchdog.MEASUREMENT)
                 return

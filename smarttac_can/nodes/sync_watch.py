@@ -13,7 +13,7 @@ from smarttac_can.nodes.watchdogs import (
     sync_tolerance,
     sync_window,
 )
-from smarttac_can.od.cia import COB_SYNC_PRODUCER, SYNC_COB_ID, SYNC_COUNTER
+from smarttac_can.od.cia import SYNC_COUNTER
 from smarttac_can.od.dictionary import ObjectDictionary
 
 
@@ -76,10 +76,6 @@ class SyncWatch:
         How long the loop may be without a measurement, and so without SYNC.
     trip, settle
         Called with a watchdog whose fault comes or goes.
-
-    Notes
-    -----
-    A node that produces SYNC itself is not to hear any other.
     """
 
     def __init__(
@@ -91,7 +87,6 @@ class SyncWatch:
         settle: Callable[[Watchdog], None],
     ) -> None:
         self._overflow = od.entry(SYNC_COUNTER)
-        self._cob_id = od.entry(SYNC_COB_ID)
         self._silence = clock.timer(self._on_silence)
         self._window = _Window(clock, self._judge)
         self._long = _Window(clock, self._judge_drift)
@@ -99,10 +94,6 @@ class SyncWatch:
         self._trip = trip
         self._settle = settle
         self.restart()
-
-    @property
-    def _own(self) -> bool:
-        return bool(self._cob_id.value & COB_SYNC_PRODUCER)
 
     def restart(self) -> None:
         """Wait for a first SYNC."""
@@ -113,6 +104,11 @@ class SyncWatch:
         self._drifts = False
         self._settle(Watchdog.SYNC_LOST)
         self._settle(Watchdog.SYNC_IRREGULAR)
+
+    def produced(self) -> None:
+        """Watch nobody: the node has taken over SYNC."""
+        if self._window.open:
+            self.restart()
 
     def heard(self, counter: int) -> None:
         """Take a SYNC of another node with its counter, 0 where it has none."""
@@ -125,13 +121,10 @@ class SyncWatch:
         window.count += 1
         self._long.count += 1
         most = sync_window(window.deadline_ms) + sync_tolerance(window.deadline_ms)
-        if self._own or window.count > most:
+        if window.count > most:
             # At once, also where device time stands still and no window ends.
             self._irregular()
-        if self._own:
-            self._silence.stop()
-        else:
-            self._silence.start(deadline_ms * TICK_US)
+        self._silence.start(deadline_ms * TICK_US)
         self._settle(Watchdog.SYNC_LOST)
         before, self._counter = self._counter, counter
         if before and counter and counter != before % self._overflow.value + 1:
@@ -151,9 +144,7 @@ class SyncWatch:
         self._drifts = False
 
     def _judge(self, count: int, periods: int) -> None:
-        tolerance = sync_tolerance(self._window.deadline_ms)
-        right, tolerance = (0, 0) if self._own else (periods, tolerance)
-        if abs(count - right) > tolerance:
+        if abs(count - periods) > sync_tolerance(self._window.deadline_ms):
             self._irregular()
         elif not self._drifts:
             self._settle(Watchdog.SYNC_IRREGULAR)
@@ -161,8 +152,7 @@ class SyncWatch:
         self._window.begin(sync_window(deadline_ms), deadline_ms)
 
     def _judge_drift(self, count: int, periods: int) -> None:
-        wrong = abs(count - periods) > sync_drift_tolerance(self._long.deadline_ms)
-        self._drifts = wrong and not self._own
+        self._drifts = abs(count - periods) > sync_drift_tolerance(self._long.deadline_ms)
         if self._drifts:
             self._trip(Watchdog.SYNC_IRREGULAR)
         self._long.begin(SYNC_DRIFT_WINDOW, self._deadline_ms())

@@ -71,6 +71,7 @@ class Watchdog(IntEnum):
     CONTROLLER = 19
     CALIBRATION = 20
     PLATE = 21
+    DOUBLE = 22
     UNSEEN = 23
     MISSED_TIME = 24
 
@@ -214,6 +215,14 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         "event timer of the plate's RPDO 1",
         lasting=False,
     ),
+    Watchdog.DOUBLE: Row(
+        "another node sends with an identifier of this one or of its plate",
+        FaultCode.DOUBLE, _COMMUNICATION, 1,
+        "one frame is enough, and the plate tells of its own; without a plate that tells, as many "
+        "measurements beyond one a SYNC as the deadline has ms, in twice as many SYNCs and 2: one "
+        "less is what SYNCs that were not heard may leave. Present until 3 s without",
+        _DEADLINE,
+    ),
     Watchdog.UNSEEN: Row(
         "the drive may make more vibration than its limit, whatever the pick-up reads",
         FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
@@ -232,7 +241,12 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
 """Every watchdog."""
 
 _EVENT_DRIVEN: Final = frozenset(
-    (*range(Watchdog.NMT, Watchdog.VOLTAGE), Watchdog.PLATE, Watchdog.MISSED_TIME)
+    (
+        *range(Watchdog.NMT, Watchdog.VOLTAGE),
+        Watchdog.PLATE,
+        Watchdog.DOUBLE,
+        Watchdog.MISSED_TIME,
+    )
 )
 CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _EVENT_DRIVEN)
 """Bits of those that look at every cycle."""

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from smarttac_can.bench.open_link import STIMULATOR_ID
 from smarttac_can.control.cascade import Cascade
+from smarttac_can.device.collision import GONE_AFTER_US
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.mishaps import Disturbance, Mishap
 from smarttac_can.nodes.loop_period import TICK_US
@@ -181,6 +182,17 @@ def limit_amplitude(nm: int) -> Act:
     to be limited below 1500 nm, where it ends by itself.
     """
     return lambda rig: rig.write("Limit.Amplitude trip", nm)
+
+
+def speak_as(can_id: int) -> Act:
+    """Have somebody send empty frames with an identifier of another node."""
+    return lambda rig: rig.each_cycle.append(Frame(can_id))
+
+
+def fall_silent(rig: Rig) -> None:
+    """Have whoever spoke for another node be gone for as long as it takes to be forgotten."""
+    rig.each_cycle.clear()
+    rig.cycle(GONE_AFTER_US // TICK_US)
 
 
 def send_setpoints(rig: Rig) -> None:

@@ -82,6 +82,15 @@ def test_the_name_of_a_device_does_nothing_to_a_terminal() -> None:
     assert result.stdout.splitlines()[1].split()[2] == "\\x1b[31mred"
 
 
+def test_two_devices_with_one_node_id_are_named() -> None:
+    with running("double", rich(5), rich(9), rich(9)) as bus:
+        bare = run("scan", *bus)
+        result = run("scan", *bus, "--json")
+    assert bare.exit_code == result.exit_code == 0, (bare.output, result.output)
+    assert bare.stderr == "node 9: more than one device has this node-ID\n"
+    assert [device["doubled"] for device in json.loads(result.stdout)] == [False, True]
+
+
 def test_nobody_there() -> None:
     result = run("scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05")
     assert result.exit_code == 1

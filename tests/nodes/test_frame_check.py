@@ -80,14 +80,14 @@ def running() -> tuple[Line, PlateNode, StimulatorNode]:
 def test_a_measurement_with_any_wrong_bit_is_not_answered() -> None:
     line, stimulator = stimulator_alone()
     line.nmt(START)
-    assert DRIVE in ids(line.send(*measurement(0)))
+    assert DRIVE in ids(line.send(SYNC, *measurement(0)))
     for part in range(3):
         for bit in range(64):
-            frames = measurement(1)
-            frames[part] = flipped(frames[part], bit)
+            frames = [SYNC, *measurement(1)]
+            frames[part + 1] = flipped(frames[part + 1], bit)
             assert DRIVE not in ids(line.send(*frames)), f"part {part}, bit {bit}"
     assert stimulator.od["Cycle.Corrupt measurements"].value == 3 * 64
-    assert DRIVE in ids(line.send(*measurement(1)))
+    assert DRIVE in ids(line.send(SYNC, *measurement(1)))
 
 
 def test_three_unusable_measurements_in_a_row_are_a_fault() -> None:
@@ -108,6 +108,6 @@ def test_pdos_of_two_cycles_are_never_mixed() -> None:
     line, _ = stimulator_alone()
     line.nmt(START)
     first, second, last = measurement(0)
-    assert DRIVE not in ids(line.send(first, last, second))
+    assert DRIVE not in ids(line.send(SYNC, first, last, second))
     assert DRIVE not in ids(line.send(second, first, last))
     assert DRIVE in ids(line.send(first, second, last))

@@ -143,11 +143,12 @@ def test_nobody_else_produces_the_sync_of_a_producer() -> None:
     assert plate.od["Stage.Voltage"].value == 2000
     line.send(SYNC)
     assert plate.od["Stage.Voltage"].value == 0
-    assert node.od["Diagnosis.Latched"].value == 1 << Watchdog.SYNC_IRREGULAR
+    assert node.od["Diagnosis.Latched"].value == 1 << Watchdog.DOUBLE
     line.send(SYNC)
+    line.advance(2999)
     assert line.write(node, "Controlword", 0) == 0
     assert line.write(node, "Controlword", FAULT_RESET) == STATE
-    line.advance(20)
+    line.advance(1)
     assert line.write(node, "Controlword", 0) == 0
     assert line.write(node, "Controlword", FAULT_RESET) == 0
     line.run(node, 1)

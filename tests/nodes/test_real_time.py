@@ -99,7 +99,7 @@ def running_stimulator() -> StimulatorNode:
     node.receive(requests.nmt(START))
     node.od["Gauge zero.Zero of S1"].value = 1
     node.block.start_run()
-    for frame in measurement(0):
+    for frame in (requests.sync(), *measurement(0)):
         node.receive(frame)
     for word in (0, 1, 3):
         node.block.write("Controlword", word)
@@ -109,7 +109,9 @@ def running_stimulator() -> StimulatorNode:
 
 def test_a_stimulator_without_measurements_is_in_fault_to_the_microsecond() -> None:
     node = running_stimulator()
-    assert EMCY_STIMULATOR not in [f.can_id for f in node.advance(DEFAULT_US - 1)]
+    node.advance(DEFAULT_US - 1000)
+    node.receive(requests.sync())
+    assert EMCY_STIMULATOR not in [f.can_id for f in node.advance(999)]
     assert node.block.state is State.RUNNING
     sent = node.advance(1)
     assert node.block.state is State.FAULT

@@ -14,6 +14,7 @@ from line import (
     RESET_COMMUNICATION,
     START,
     STOP,
+    SYNC,
     Line,
     both_nodes,
     ids,
@@ -62,7 +63,7 @@ def test_the_last_measurement_is_answered_and_no_other() -> None:
     line, _ = waiting()
     for tick in range(300):
         first, second, last = measurement(tick & 0xFF)
-        assert line.send(first, second) == []
+        assert DRIVE not in ids(line.send(SYNC, first, second))
         assert driven(line.send(last)) == [(0, 4_339_000, tick & 0xFF)]
 
 
@@ -70,18 +71,20 @@ def test_the_drive_goes_out_before_the_public_pdos() -> None:
     line, node = waiting()
     for number in (1, 2, 3):
         assert line.write_entry(node, node.od.entry(0x1800 + number, 2), 0xFE) == 0
-    assert ids(line.send(*measurement(0))) == [DRIVE, *PUBLIC]
-    assert ids(line.send(*measurement(1))) == [DRIVE, *PUBLIC[1:]], "the status has not changed"
+    assert ids(line.send(SYNC, *measurement(0))) == [DRIVE, *PUBLIC]
+    assert ids(line.send(SYNC, *measurement(1))) == [DRIVE, *PUBLIC[1:]], (
+        "the status has not changed"
+    )
 
 
 def test_lost_and_foreign_measurements_are_counted_and_not_answered() -> None:
     line, node = waiting()
     first, _, last = measurement(0)
-    assert line.send(first, last) == []
-    assert driven(line.send(*measurement(1))) == [(0, 4_339_000, 1)]
+    assert line.send(SYNC, first, last) == []
+    assert driven(line.send(SYNC, *measurement(1))) == [(0, 4_339_000, 1)]
     assert node.od["Cycle.Lost cycles"].value == 1
-    assert driven(line.send(*measurement(2, gauge_tick=1))) == []
-    assert driven(line.send(*measurement(1))) == []
+    assert driven(line.send(SYNC, *measurement(2, gauge_tick=1))) == []
+    assert driven(line.send(SYNC, *measurement(1))) == []
     assert node.od["Cycle.Foreign ticks"].value == 2
     assert node.od["Cycle.Cycles"].value == 1
 
@@ -92,7 +95,7 @@ def test_a_measurement_begun_before_a_stop_is_forgotten() -> None:
     line.nmt(STOP)
     line.nmt(START)
     assert line.send(measurement(0)[2]) == []
-    assert driven(line.send(*measurement(1))) == [(0, 4_339_000, 1)]
+    assert driven(line.send(SYNC, *measurement(1))) == [(0, 4_339_000, 1)]
 
 
 def test_a_wrong_cycle_period_is_reported_once_and_stops_the_drive() -> None:
@@ -100,10 +103,10 @@ def test_a_wrong_cycle_period_is_reported_once_and_stops_the_drive() -> None:
     period = node.od.entry(0x1006)
     assert line.write_entry(node, period, 2000) == 0
     wrong = [Frame(EMCY_STIMULATOR, bytes.fromhex("00 63 01 00 00 00 00 00"))]
-    assert line.send(*measurement(0)) == wrong
-    assert line.send(*measurement(1)) == []
+    assert line.send(SYNC, *measurement(0)) == wrong
+    assert line.send(SYNC, *measurement(1)) == []
     assert line.write_entry(node, period, 1000) == 0
-    assert ids(line.send(*measurement(2)))[:2] == [EMCY_STIMULATOR, DRIVE]
+    assert ids(line.send(SYNC, *measurement(2)))[:2] == [EMCY_STIMULATOR, DRIVE]
 
 
 def test_event_timers_alone_publish_every_100_ms() -> None:

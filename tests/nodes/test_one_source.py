@@ -1,0 +1,332 @@
+"""One source of each frame of the loop: second plates and stimulators, a stranger's frames."""
+
+from __future__ import annotations
+
+import pytest
+from line import (
+    DRIVE,
+    EMCY_PLATE,
+    EMCY_STIMULATOR,
+    MEASUREMENT,
+    PREOP,
+    RESET_COMMUNICATION,
+    START,
+    SYNC,
+    Line,
+    both_nodes,
+    drive,
+    ids,
+    measurement,
+    plate_inside,
+    ready_plate,
+    stimulator_alone,
+)
+
+from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.nodes.watchdogs import Watchdog
+
+STATE = 0x08000022
+COLLISION = bytes.fromhex("50 81")
+GONE_MS = 3000
+OPEN_LOOP = 1
+DOUBLE = 1 << Watchdog.DOUBLE
+
+
+def running(deadline_ms: int = 3) -> tuple[Line, PlateNode, StimulatorNode]:
+    """Both nodes, with 20 V."""
+    plate = PlateNode(plate_od(), deadline_ms=deadline_ms)
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=deadline_ms)
+    line = Line(plate, node)
+    line.nmt(START)
+    line.sync(70)
+    assert line.write(node, "Setpoint.Voltage", 2000) == 0
+    line.run(node, OPEN_LOOP)
+    line.sync(5)
+    assert plate.od["Stage.Voltage"].value == 2000
+    return line, plate, node
+
+
+def stranger(line: Line, tick: int) -> list[Frame]:
+    """What follows a measurement that somebody makes up, the plate not hearing it."""
+    sent = []
+    for frame in measurement(tick & 0xFF):
+        sent += line.ports[1]._receive(frame) or []
+    return sent
+
+
+def told(line: Line, can_id: int) -> list[bytes]:
+    return [frame.data for frame in line.frames if frame.can_id == can_id]
+
+
+def test_two_plates_do_not_give_two_cycles_a_sync() -> None:
+    first, second = (PlateNode(plate_od(), deadline_ms=3) for _ in range(2))
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
+    line = Line(first, node)
+    line.nmt(START)
+    line.sync(10)
+    line.bus.attach(second)
+    line.nmt(START)
+    before = node.od["Cycle.Cycles"].value
+    line.sync(1000)
+    assert node.od["Cycle.Cycles"].value - before <= 1000
+    assert node.od["Cycle.Surplus measurements"].value >= 990
+    assert node.od["Diagnosis.Present"].value & DOUBLE
+    assert line.write(node, "Controlword", 1) == STATE, "it cannot be armed"
+    assert COLLISION in [data[:2] for data in told(line, EMCY_PLATE)]
+
+
+def test_a_second_plate_ends_a_run_at_once() -> None:
+    line, plate, node = running()
+    second = PlateNode(plate_od(), deadline_ms=3)
+    line.bus.attach(second)
+    assert plate.od["Stage.Voltage"].value == 0, "its boot-up message is enough"
+    assert node.block.state is State.FAULT
+    assert node.od["Diagnosis.Code"].value == 0x8150
+    assert node.od["Message"].value == (
+        "another node sends with an identifier of this one or of its plate"
+    )
+    line.nmt(START)
+    for _ in range(50):
+        line.sync()
+        assert plate.od["Stage.Voltage"].value == second.od["Stage.Voltage"].value == 0
+
+
+@pytest.mark.parametrize("deadline_ms", [3, 20])
+def test_a_stranger_with_a_measurement_a_sync_is_a_fault_after_a_deadline(deadline_ms: int) -> None:
+    line, _, node = running(deadline_ms)
+    cycles = node.od["Cycle.Cycles"].value
+    for count in range(2 * deadline_ms + 1):
+        if node.block.state is State.FAULT:
+            break
+        line.sync()
+        assert DRIVE not in ids(stranger(line, count + 100))
+    assert node.block.state is State.FAULT
+    assert deadline_ms < count <= 2 * deadline_ms
+    assert node.od["Diagnosis.Latched"].value & DOUBLE
+    assert node.od["Cycle.Cycles"].value - cycles == count
+
+
+@pytest.mark.parametrize("deadline_ms", [3, 20])
+def test_what_unheard_syncs_leave_is_no_fault(deadline_ms: int) -> None:
+    line, _, node = running(deadline_ms)
+    node_port = line.ports[1]
+    receive = node_port._receive
+    for _ in range(3):
+        # As many in a row as SYNC may be missed, in a window of its watch.
+        for _ in range(deadline_ms - 1):
+            node_port._receive = lambda frame: [] if frame.can_id == 0x80 else receive(frame)
+            line.bus._link_ports()
+            line.sync()
+        node_port._receive = receive
+        line.bus._link_ports()
+        line.sync(2 * deadline_ms + 2)
+        assert not node.od["Diagnosis.Latched"].value & DOUBLE
+    assert node.od["Cycle.Surplus measurements"].value == 3 * (deadline_ms - 1)
+
+
+def test_measurements_of_a_late_plate_are_all_answered() -> None:
+    line, _ = stimulator_alone()
+    line.nmt(START)
+    line.send(SYNC, SYNC, SYNC)
+    for tick in range(3):
+        assert DRIVE in ids(line.send(*measurement(tick)))
+    assert DRIVE not in ids(line.send(*measurement(3)))
+
+
+def test_more_syncs_than_the_deadline_do_not_add_up() -> None:
+    line, node = stimulator_alone()
+    line.nmt(START)
+    line.send(*[SYNC] * 100)
+    answers = [DRIVE in ids(line.send(*measurement(tick))) for tick in range(10)]
+    assert answers == [True] * 3 + [False] * 7
+    assert node.od["Cycle.Surplus measurements"].value == 7
+
+
+def test_a_backlog_is_late_and_no_other_source() -> None:
+    line, node = stimulator_alone()
+    line.nmt(START)
+    line.send(*[SYNC] * 300)
+    for tick in range(300):
+        line.send(*measurement(tick & 0xFF))
+    for tick in range(300, 400):
+        assert DRIVE in ids(line.send(SYNC, *measurement(tick & 0xFF)))
+    assert node.od["Diagnosis.Present"].value & DOUBLE == 0
+    for tick in range(400, 403):
+        line.send(SYNC, *measurement(tick & 0xFF), *measurement(tick + 100 & 0xFF))
+    line.send(SYNC)
+    assert node.od["Diagnosis.Present"].value & DOUBLE, "what was late is forgotten by now"
+
+
+def test_without_any_sync_nothing_is_answered_and_nobody_suspected() -> None:
+    line, node = stimulator_alone()
+    line.nmt(START)
+    for tick in range(50):
+        assert DRIVE not in ids(line.send(*measurement(tick)))
+    assert node.od["Diagnosis.Present"].value & DOUBLE == 0
+
+
+OWN = {
+    "EMCY": Frame(EMCY_STIMULATOR, bytes(8)),
+    "TPDO": Frame(0x2A0, bytes(8)),
+    "drive": drive(0, 0),
+    "SDO": Frame(0x5A0, bytes(8)),
+    "heartbeat": Frame(0x720, b"\5"),
+    "boot-up": Frame(0x720, b"\0"),
+    "an empty one": Frame(0x1A0),
+}
+
+
+@pytest.mark.parametrize("frame", OWN.values(), ids=OWN)
+def test_a_frame_with_an_identifier_of_the_stimulator_ends_a_run(frame: Frame) -> None:
+    line, plate, node = running()
+    line.send(frame)
+    assert node.block.state is State.FAULT
+    assert plate.od["Stage.Voltage"].value == 0
+    (emcy,) = told(line, EMCY_STIMULATOR)[-1:]
+    assert emcy[:4] == COLLISION + bytes((0x11, Watchdog.DOUBLE))
+
+
+def test_it_is_present_until_none_came_for_3_s_and_bars_the_reset() -> None:
+    line, _, node = running()
+    line.send(OWN["heartbeat"])
+    line.sync(GONE_MS - 1)
+    assert line.write(node, "Controlword", 0) == 0
+    assert line.write(node, "Controlword", 0x80) == STATE
+    line.send(OWN["heartbeat"])
+    line.sync(GONE_MS - 1)
+    assert node.od["Diagnosis.Present"].value == DOUBLE
+    line.sync()
+    assert node.od["Diagnosis.Present"].value == 0
+    assert line.write(node, "Controlword", 0) == 0
+    assert line.write(node, "Controlword", 0x80) == 0
+    line.sync()
+    line.run(node, OPEN_LOOP)
+
+
+def test_before_arming_it_bars_and_is_no_fault() -> None:
+    line, _, node = running()
+    assert line.write(node, "Controlword", 0) == 0
+    line.send(OWN["SDO"])
+    assert line.write(node, "Controlword", 1) == STATE
+    assert node.od["Diagnosis.Latched"].value == 0
+    assert told(line, EMCY_STIMULATOR) == []
+
+
+def test_a_plate_inside_is_at_0_v_too() -> None:
+    line, node = plate_inside()
+    line.nmt(START)
+    line.advance(70)
+    assert line.write(node, "Setpoint.Voltage", 2000) == 0
+    line.run(node, OPEN_LOOP)
+    line.advance(5)
+    assert node.block._plate is not None
+    line.send(OWN["heartbeat"])
+    assert node.block.state is State.FAULT
+    assert node.block._plate.od["Stage.Voltage"].value == 0
+
+
+def test_remote_frames_are_anybodys() -> None:
+    line, _, node = running()
+    line.send(Frame(0x2A0, rtr=True), Frame(0x720, rtr=True), Frame(MEASUREMENT[0], rtr=True))
+    line.sync(5)
+    assert node.block.state is State.RUNNING
+
+
+PLATES = {
+    "EMCY": Frame(EMCY_PLATE, bytes(8)),
+    "TPDO": Frame(MEASUREMENT[1], bytes(8)),
+    "SDO": Frame(0x5A1, bytes(8)),
+    "heartbeat": Frame(0x721, b"\5"),
+}
+
+
+@pytest.mark.parametrize("frame", PLATES.values(), ids=PLATES)
+def test_a_plate_that_is_not_alone_is_at_0_v_and_barred(frame: Frame) -> None:
+    line, plate = ready_plate()
+    line.send(drive(2000, 0))
+    assert plate.od["Stage.Voltage"].value == 2000
+    (emcy,) = line.send(frame)
+    assert emcy == Frame(EMCY_PLATE, COLLISION + bytes((0x11, 0, 0, 0, 0, 0)))
+    for _ in range(GONE_MS - 1):
+        line.sync()
+        tick = plate.od["Vibration.Tick"].value
+        line.send(drive(0, tick), drive(2000, tick))
+        assert plate.od["Stage.Voltage"].value == 0
+    line.sync()
+    line.send(drive(0, plate.od["Vibration.Tick"].value))
+    assert told(line, EMCY_PLATE)[-1] == bytes(8)
+    line.sync()
+    line.send(drive(2000, plate.od["Vibration.Tick"].value))
+    assert plate.od["Stage.Voltage"].value == 2000
+
+
+def test_nmt_is_obeyed_and_the_boot_up_sent_all_the_same() -> None:
+    line, plate, _ = running()
+    line.send(PLATES["heartbeat"])
+    line.nmt(PREOP)
+    assert plate.device.nmt_state == 0x7F
+    assert ids(line.nmt(RESET_COMMUNICATION, PLATE_ID)) == [0x721]
+    line.nmt(START)
+    assert plate.device.nmt_state == 5
+
+
+def test_two_stimulators_of_one_node_id_cannot_drive() -> None:
+    line, plate, node = running()
+    second = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
+    line.bus.attach(second)
+    line.nmt(START)
+    for _ in range(100):
+        line.sync()
+        assert plate.od["Stage.Voltage"].value == 0
+    for each in (node, second):
+        assert each.od["Diagnosis.Present"].value & DOUBLE
+
+
+def test_two_stimulators_at_one_plate_cannot_drive() -> None:
+    line, plate, node = running()
+    second = StimulatorNode(stimulator_od(40), plate_node_id=PLATE_ID, deadline_ms=3)
+    line.bus.attach(second)
+    line.nmt(START)
+    line.sync()
+    assert plate.od["Stage.Voltage"].value == 0
+    assert node.block.state is State.FAULT
+
+
+def test_simulated_plates_have_a_serial_number_of_their_own() -> None:
+    numbers = {}
+    for node_id in range(1, 128):
+        plate = PlateNode(plate_od(node_id))
+        plate.start()
+        numbers[node_id] = plate.od["Plate serial number"].value
+    assert numbers[PLATE_ID] == 1
+    assert len(set(numbers.values())) == 127
+    assert 0 not in numbers.values()
+
+
+def test_a_stimulator_expects_the_simulated_plate_it_is_linked_to() -> None:
+    for node_id in (5, PLATE_ID, 127):
+        plate = PlateNode(plate_od(node_id))
+        node = StimulatorNode(stimulator_od(), plate_node_id=node_id)
+        line = Line(plate, node)
+        line.nmt(START)
+        line.sync(70)
+        assert node.block.state is State.READY
+
+
+def test_an_eds_that_names_a_plate_wins() -> None:
+    od = stimulator_od()
+    od["Calibration.Plate serial number"].default = 4711
+    node = StimulatorNode(od, plate_node_id=5)
+    node.start()
+    assert node.od["Calibration.Plate serial number"].value == 4711
+
+
+def test_both_nodes_hear_what_is_their_own() -> None:
+    line, plate, node = both_nodes()
+    line.nmt(START)
+    assert {EMCY_PLATE, *MEASUREMENT, 0x5A1, 0x721} <= plate.ids.heard
+    assert {EMCY_STIMULATOR, DRIVE, 0x1A0, 0x2A0, 0x3A0, 0x4A0, 0x5A0, 0x720} <= node.ids.heard
