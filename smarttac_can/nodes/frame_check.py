@@ -34,6 +34,8 @@ _PAIRS: Final = b"".join(
     _TABLE.translate(bytes([_TABLE[byte ^ second] for byte in range(256)])) for second in range(256)
 )
 """The same for two bytes at a time, by the second and the first."""
+_INVERSE: Final = bytes(_TABLE.index(byte) for byte in range(256))
+"""What the table was asked for."""
 
 
 def crc8(data: bytes) -> int:
@@ -50,13 +52,13 @@ def crc8(data: bytes) -> int:
 
 
 class FrameCheck:
-    """Check sum of what a drive, or a measurement, carries.
+    """Check sum of what a drive, or a measurement, carries, and of bytes that both ends know.
 
     Parameters
     ----------
     entries
         Integers in the order in which they are put on the bus; the last, an UNSIGNED8, is the sum
-        of the others.
+        of the others, and of what is not sent.
     """
 
     __slots__ = ("_check", "_entries", "_pack")
@@ -67,13 +69,21 @@ class FrameCheck:
         codes = [_FORMATS[entry.data_type] for entry in self._entries]
         self._pack = Struct("<" + "".join(codes)).pack
 
-    def write(self) -> None:
-        """Put the check sum of what the entries hold now into its entry."""
-        self._check.value = self._sum()
+    def write(self, unsent: bytes = b"") -> None:
+        """Put the check sum of what the entries hold now, and of unsent bytes, into its entry."""
+        self._check.value = self._sum(unsent)
 
     def holds(self) -> bool:
         """Tell whether the check sum is that of what the entries hold."""
-        return bool(self._check.value == self._sum())
+        return bool(self._check.value == self._sum(b""))
 
-    def _sum(self) -> int:
-        return crc8(self._pack(*[entry.value for entry in self._entries]))
+    def last_unsent(self, before: bytes) -> int:
+        """Return the byte not sent that makes the sum right, behind others that are known.
+
+        There is exactly one: a sum that is wrong gives another.
+        """
+        check = int(self._check.value)
+        return _INVERSE[check ^ 0xFF] ^ self._sum(before) ^ 0xFF
+
+    def _sum(self, unsent: bytes) -> int:
+        return crc8(self._pack(*[entry.value for entry in self._entries]) + unsent)

@@ -17,6 +17,9 @@ DRIVE_TPDO: Final = 5
 DRIVE_RPDO: Final = 1
 """PDO in which the plate receives it."""
 
+LATCHED: Final = 0x80
+"""Added to the node-ID of a drive's sender while it is in FAULT."""
+
 
 def sent_measurement(plate: ObjectDictionary) -> list[Entry]:
     """Return what the plate puts into a measurement, its check last."""

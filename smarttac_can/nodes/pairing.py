@@ -7,6 +7,7 @@ from typing import Final
 
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, received_measurement
+from smarttac_can.nodes.plate_block import TICK_MASK
 from smarttac_can.od.dictionary import ObjectDictionary
 
 UNUSABLE_MAX: Final = 3
@@ -26,7 +27,7 @@ class Pairing:
     unusable
         Called when a measurement begins after `UNUSABLE_MAX` that were no good.
     foreign
-        Called with each sound one whose ticks differ, or that repeats the tick answered last.
+        Called with each sound one of another session, or that repeats the tick answered last.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Pairing:
         """Begin anew: no measurement is under way, none was answered."""
         self._come.clear()
         self._begun = 0
+        self._session = self._next_session = _NOTHING
         self.start_run()
 
     def start_run(self) -> None:
@@ -73,12 +75,25 @@ class Pairing:
             self._corrupt.count()
             return False
         tick = self._tick.value
-        if tick != self._gauge_tick.value or tick == self._answered:
+        session = self._gauge_tick.value - tick & TICK_MASK
+        if self._session == _NOTHING or session == self._next_session:
+            self._session = session
+        if session != self._session or tick == self._answered:
+            self._next_session = session
             self._foreign.count()
             self._on_foreign()
             return False
+        self._next_session = _NOTHING
         self._begun = 0
         return True
+
+    @property
+    def session(self) -> int:
+        """Number of the plate's session, 0..255, by which its second tick is ahead of the first.
+
+        Another one is that of the plate when two measurements in a row have it.
+        """
+        return max(0, self._session)
 
     def answered(self) -> None:
         """Note that the measurement got its drive."""

@@ -62,6 +62,8 @@ class PlateBlock:
         The plate of the present run, for tests and reports.
     state
         State of the power stage, to look at; `bar` and drives change it.
+    session
+        What the second tick of a measurement is ahead of the first, 0..255.
     """
 
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
@@ -73,6 +75,8 @@ class PlateBlock:
         self._frequency = od["Drive.Frequency"]
         self._drive_tick = od["Drive.Tick"]
         self.tick = od["Vibration.Tick"]
+        self._gauge_tick = od["Gauge tick"]
+        self.session = 0
         self._saturation = od["Vibration.Saturation"]
         self._measured = Quantiser(
             [
@@ -125,17 +129,23 @@ class PlateBlock:
         self._answered_before = self._answered
         self._answered = False
         self.tick.value = (self.tick.value + 1) & TICK_MASK
+        self._gauge_tick.value = (self.tick.value + self.session) & TICK_MASK
         self._ticks.count()
         W, gauges, temperature, saturated = plate.sample()
         self._measured.write((W.real, W.imag, temperature, *gauges))
         self._saturation.value = saturated
 
-    def take_drive(self) -> Taken:
+    def take_drive(self, *, latched: bool = False) -> Taken:
         """Take the drive in the object dictionary if it answers this tick, or the one before.
 
         A late answer is better than a voltage in force, which is older. Anything else, a second
         answer or an overtaken one included, is ignored and counted; a voltage while barred is only
-        ignored. 0 V is always taken, and lifts the bar.
+        ignored. 0 V is always taken, and lifts the bar, unless its sender is in FAULT.
+
+        Parameters
+        ----------
+        latched
+            Whether it is 0 V from a stimulator in FAULT, which bars.
         """
         in_time = self._drive_tick.value == self.tick.value
         late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
@@ -150,7 +160,7 @@ class PlateBlock:
             if self.state is not StageState.IN_USE:
                 self._follow(StageEvent.VOLTAGE)
         else:
-            self._follow(StageEvent.ZERO)
+            self._follow(StageEvent.LATCHED if latched else StageEvent.ZERO)
         if in_time:
             self._answered = True
         elif late:

@@ -12,17 +12,17 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
+from smarttac_can.nodes.drive_sender import DriveSender
 from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import (
     DRIVE_RPDO,
     MEASUREMENT_TPDOS,
-    received_drive,
     sent_measurement,
 )
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.missed_time import MissedTime
-from smarttac_can.nodes.plate_block import PlateBlock, Taken
+from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
 from smarttac_can.nodes.plate_link import plate_serial
 from smarttac_can.nodes.stage_state import StageState
 from smarttac_can.od.cia import (
@@ -75,16 +75,16 @@ class PlateNode(Application):
         self.segments = self.device.segments
         self._period = LoopPeriod(self.device)
         self._sent = FrameCheck(sent_measurement(od))
-        self._got = FrameCheck(received_drive(od))
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_time = MissedTime(clock)
-        self._corrupt = od["Cycle.Corrupt drives"]
+        self._sender = DriveSender(od)
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
         self._stage_voltage = od["Stage.Voltage"]
         self._voltage_max = od["Limit.Voltage"]
         self._temperature_max = od["Limit.Temperature"]
         self._serial = od["Plate serial number"]
+        self._next_session = 0
         self._protecting: set[FaultCode] = set()
         self.start = self.device.start
         self.receive = self.device.receive
@@ -127,6 +127,10 @@ class PlateNode(Application):
         if state is NMTState.RESET_COMMUNICATION:
             self._protecting.clear()
             self._serial.value = plate_serial(self._serial, self.device.node_id)
+            self._sender.forget()
+        if state is NMTState.OPERATIONAL:
+            self.block.session = self._next_session
+            self._next_session = (self._next_session + 1) & TICK_MASK
 
     def on_sync(self) -> bool:
         """Step to this tick; while there is no loop, no measurement goes out."""
@@ -137,6 +141,7 @@ class PlateNode(Application):
             return False
         self._missed.count(self._missed_time.cycle())
         self.block.cycle()
+        self._sender.follow(self.block.tick.value)
         self._sent.write()
         if self._temperature.value > self._temperature_max.value:
             self._protect(FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE)
@@ -147,20 +152,22 @@ class PlateNode(Application):
     def on_rpdo(self, number: int) -> None:
         """Take a drive if it is sound, its voltage below the limit, the plate cool and alone.
 
-        A corrupt one is a drive that did not come.
+        A corrupt one, and a stranger's, is a drive that did not come; several of them bar.
         """
         if number != DRIVE_RPDO:
             return
-        if not self._got.holds():
-            self._corrupt.count()
+        sender = self._sender
+        if not sender.sound(self.block.session):
+            if sender.disturbed:
+                self.block.bar()
             return
         if self._voltage.value > self._voltage_max.value:
             self._protect(FaultCode.VOLTAGE, ErrorRegister.VOLTAGE)
             return
         hot = self._temperature.value > self._temperature_max.value
-        if (hot or self.device.collision) and self._voltage.value:
+        if (hot or self.device.collision or sender.disturbed) and self._voltage.value:
             return
-        taken = self.block.take_drive()
+        taken = self.block.take_drive(latched=sender.latched)
         if taken is Taken.IN_TIME:
             self._unanswered.start(self._deadline.value * TICK_US)
         elif taken is Taken.DISOBEYED:

@@ -18,7 +18,8 @@ class StageState(Enum):
 class StageEvent(Enum):
     """What moves it from state to state."""
 
-    ZERO = "a drive of 0 V"
+    ZERO = "a drive of 0 V from a stimulator that is not in FAULT"
+    LATCHED = "a drive of 0 V from a stimulator in FAULT"
     VOLTAGE = "a drive with a voltage that counts"
     SWITCH_OFF = "told to switch off"
     BAR = "goes to 0 V by itself: see the watchdogs of the plate"
@@ -37,6 +38,8 @@ _S, _E = StageState, StageEvent
 STAGE_TRANSITIONS: Final = (
     StageTransition(_S.WAITING, _E.ZERO, _S.FREE),
     StageTransition(_S.TRIPPED, _E.ZERO, _S.FREE),
+    StageTransition(_S.FREE, _E.LATCHED, _S.WAITING),
+    StageTransition(_S.IN_USE, _E.LATCHED, _S.WAITING),
     StageTransition(_S.FREE, _E.VOLTAGE, _S.IN_USE),
     StageTransition(_S.IN_USE, _E.SWITCH_OFF, _S.FREE),
     StageTransition(_S.FREE, _E.BAR, _S.WAITING),

@@ -14,7 +14,12 @@ from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.frame_check import FrameCheck
-from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS, sent_drive
+from smarttac_can.nodes.loop_frames import (
+    DRIVE_TPDO,
+    LATCHED,
+    MEASUREMENT_RPDOS,
+    sent_drive,
+)
 from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.master_watch import MasterWatch
 from smarttac_can.nodes.missed_time import TICKS, MissedTime
@@ -266,7 +271,9 @@ class StimulatorNode(Application):
             self._publish()
 
     def _send_drive(self) -> None:
-        self._sent.write()
+        """Send the drive; who sends it, and whether in FAULT, is in its check alone."""
+        latched = LATCHED if self.block.state is State.FAULT else 0
+        self._sent.write(bytes((self._pairing.session, self.od.node_id | latched)))
         self.device.trigger(DRIVE_TPDO)
 
     def on_store(self) -> None:
@@ -340,13 +347,13 @@ class StimulatorNode(Application):
         self._publish()
 
     def _show_change(self, before: State) -> None:
-        """Publish another state at once, and 0 V if it was left with a voltage."""
+        """Publish another state at once, and 0 V for a plate that drives or awaits the reset."""
         if self.block.state is before:
             return
         if self.block.state is State.RUNNING:
             self._missed_time.restart()
         self.device.trigger(_STATUS_TPDO)
-        if before is State.RUNNING and self._plate_node_id:
+        if before in (State.RUNNING, State.FAULT) and self._plate_node_id:
             self._send_drive()
 
     def _tell(self) -> None:

@@ -119,11 +119,13 @@ class LoopTiming:
         drive = RPDO_COMMUNICATION + _DRIVE - 1
         self._handlers = {
             sync_id: self._on_sync,
+            plate.number(TPDO_COMMUNICATION, PDO_COB_ID) & CAN_ID_MASK: self._on_first,
             plate.number(measurement, PDO_COB_ID) & CAN_ID_MASK: self._on_measurement,
             plate.number(drive, PDO_COB_ID) & CAN_ID_MASK: self._on_drive,
         }
+        self._first_at = _place(plate, TPDO_MAPPING, Direction.TRANSMIT, "Vibration.Tick")
         self._measured_at = _place(
-            plate, TPDO_MAPPING + _LAST_MEASUREMENT - 1, Direction.TRANSMIT, "Vibration.Tick"
+            plate, TPDO_MAPPING + _LAST_MEASUREMENT - 1, Direction.TRANSMIT, "Gauge tick"
         )
         self._driven_at = _place(plate, RPDO_MAPPING + _DRIVE - 1, Direction.RECEIVE, "Drive.Tick")
         self._cycle: _Cycle | None = None
@@ -133,6 +135,8 @@ class LoopTiming:
         self._doubtful: deque[float] = deque(maxlen=_WAITING_MAX)
         self._unmeasured: deque[_Cycle] = deque(maxlen=_WAITING_MAX)
         self._unanswered: dict[int, _Cycle] = {}
+        self._first_tick: int | None = None
+        self._session = 0
         self._tick: int | None = None
         self._tick_time = 0.0
         self._measured = 0
@@ -217,10 +221,18 @@ class LoopTiming:
         elif not self._unheard_sync:
             self._doubtful.append(late)
 
+    def _on_first(self, _time: float, data: bytes) -> None:
+        if len(data) > self._first_at:
+            self._first_tick = data[self._first_at]
+
     def _on_measurement(self, time: float, data: bytes) -> None:
         if self._cycle is None or len(data) <= self._measured_at:
             return
-        tick = data[self._measured_at]
+        # The last tick of a measurement is ahead of the first by the number of the session.
+        ahead, first = data[self._measured_at], self._first_tick
+        if first is not None:
+            self._session, self._first_tick = (ahead - first) % _TICKS, None
+        tick = (ahead - self._session) % _TICKS
         self._forget_unheard(tick)
         self._tick = tick
         self._measured += 1

@@ -171,7 +171,8 @@ class Controller:
 
     def send_drive(self, tick: int, raw: int) -> None:
         values = struct.pack("<HIB", raw, 4_339_000, tick & 0xFF)
-        self.watch.send(0x200 + PLATE_ID, values + bytes((crc8(values),)))
+        check = crc8(values + bytes((0, STIMULATOR_ID)))
+        self.watch.send(0x200 + PLATE_ID, values + bytes((check,)))
 
     def drive_until_voltage(self) -> None:
         """Say 0 V once, then a voltage, until it is there, in the place of a stimulator."""

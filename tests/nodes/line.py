@@ -118,10 +118,18 @@ def both_nodes() -> tuple[Line, PlateNode, StimulatorNode]:
     return Line(plate, stimulator), plate, stimulator
 
 
-def drive(voltage: int, tick: int, frequency: int = 4_339_000, node_id: int = PLATE_ID) -> Frame:
-    """The drive PDO in 10 mV and 0.01 Hz."""
+def drive(
+    voltage: int,
+    tick: int,
+    frequency: int = 4_339_000,
+    node_id: int = PLATE_ID,
+    *,
+    session: int = 0,
+    source: int = STIMULATOR_ID,
+) -> Frame:
+    """The drive PDO in 10 mV and 0.01 Hz, of a sender that is told by its check alone."""
     data = struct.pack("<HIB", voltage, frequency, tick)
-    return Frame(0x200 + node_id, data + bytes((crc8(data),)))
+    return Frame(0x200 + node_id, data + bytes((crc8(data + bytes((session, source))),)))
 
 
 def measurement(tick: int, gauge_tick: int | None = None, W: int = 0) -> list[Frame]:

@@ -49,7 +49,9 @@ def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
     for bit in range(64):
         line.send(flipped(drive(2000, 0), bit))
         assert plate.od["Stage.Voltage"].value == 0, f"bit {bit}"
-    line.send(drive(2000, 0))
+    assert plate.od["Cycle.Corrupt drives"].value == 49, "the others are outside their limits"
+    line.sync(16)
+    line.send(drive(0, 99), drive(2000, 16))
     assert plate.od["Stage.Voltage"].value == 2000
 
 

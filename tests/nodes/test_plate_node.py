@@ -196,11 +196,11 @@ def test_a_plate_that_has_left_operational_is_told_0_v_again() -> None:
     line.nmt(PREOP)
     line.nmt(START)
     line.sync()
-    line.send(drive(2000, plate.block.tick.value))
+    line.send(drive(2000, plate.block.tick.value, session=1))
     assert stage(plate) == 0
-    line.send(drive(0, plate.block.tick.value))
+    line.send(drive(0, plate.block.tick.value, session=1))
     line.sync()
-    line.send(drive(2000, plate.block.tick.value))
+    line.send(drive(2000, plate.block.tick.value, session=1))
     assert stage(plate) == 2000
 
 

@@ -104,7 +104,7 @@ def test_plate_that_left_operational_waits_for_0_v() -> None:
     assert plate.od["Stage.Voltage"].value == 0
     line.nmt(START)
     line.sync()
-    line.send(drive(2000, tick_of(plate)))
+    line.send(drive(2000, tick_of(plate), session=1))
     assert plate.od["Stage.Voltage"].value == 0
 
 

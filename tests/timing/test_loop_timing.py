@@ -287,3 +287,13 @@ def test_without_a_deadline_there_is_no_stage(loop: Loop) -> None:
     figures = loop.timing.as_json()
     assert figures["deadline_ms"] is None
     assert figures["stage"] is None
+
+
+def test_the_session_of_the_plate_is_taken_off_its_last_tick() -> None:
+    loop = Loop()
+    for tick in range(300):
+        loop.feed(tick, sync())
+        loop.feed(tick + 0.1, Frame(0x1A1, struct.pack("<hhBBh", 0, 0, tick & 0xFF, 0, 0)))
+        loop.feed(tick + 0.2, measurement(tick + 200))
+        loop.feed(tick + 0.4, drive(tick))
+    assert loop.timing.drive.counts == {400: 300}

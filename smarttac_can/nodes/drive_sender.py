@@ -1,0 +1,67 @@
+"""Who sends the drives that a plate takes: their check says it, and whether it is in FAULT."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.loop_frames import LATCHED, received_drive
+from smarttac_can.od.dictionary import ObjectDictionary
+
+WRONG_MAX: Final = 3
+"""Drives with a wrong check that disturb, for what is left of as many cycles as below."""
+WRONG_CYCLES: Final = 16
+_NOBODY: Final = 0
+
+
+class DriveSender:
+    """The stimulator that a plate works with: the first that tells it 0 V.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``plate.eds``.
+
+    Attributes
+    ----------
+    latched
+        Whether the sender of the last drive was in FAULT.
+    """
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self._check = FrameCheck(received_drive(od))
+        self._voltage = od["Drive.Voltage"]
+        self._corrupt = od["Cycle.Corrupt drives"]
+        self.forget()
+
+    def forget(self) -> None:
+        """Work with whoever comes first."""
+        self._node_id = _NOBODY
+        self._wrong = 0
+        self.latched = False
+
+    def follow(self, tick: int) -> None:
+        """Note that a cycle has begun."""
+        if tick % WRONG_CYCLES == 0:
+            self._wrong = 0
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether too many drives had a wrong check."""
+        return self._wrong >= WRONG_MAX
+
+    def sound(self, session: int) -> bool:
+        """Whether the drive in the object dictionary is this sender's; a wrong one is counted."""
+        off = self._voltage.value == 0
+        if self._node_id == _NOBODY and not off:
+            return False
+        named = self._check.last_unsent(bytes((session,)))
+        self.latched = named >= LATCHED
+        node_id = named % LATCHED
+        if self._node_id == _NOBODY:
+            self._node_id = node_id
+        if node_id != _NOBODY and node_id == self._node_id and (off or not self.latched):
+            return True
+        self._corrupt.count()
+        self._wrong += 1
+        return False

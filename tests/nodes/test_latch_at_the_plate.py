@@ -1,0 +1,222 @@
+"""A plate takes drives of the stimulator it works with, and none while that is in FAULT."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from line import (
+    DRIVE,
+    PREOP,
+    RESET_COMMUNICATION,
+    START,
+    Line,
+    both_nodes,
+    drive,
+    ids,
+    measurement,
+    plate_alone,
+    ready_plate,
+    stimulator_alone,
+)
+
+from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.frame_check import crc8
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.state_machine import State
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+OPEN_LOOP = 1
+LATCHED = STIMULATOR_ID | 0x80
+
+
+def stage(plate: PlateNode) -> int:
+    return int(plate.od["Stage.Voltage"].value)
+
+
+def tick(plate: PlateNode) -> int:
+    return int(plate.od["Vibration.Tick"].value)
+
+
+def in_fault() -> tuple[Line, PlateNode, StimulatorNode]:
+    """Both nodes after 20 V: the stimulator is in FAULT."""
+    line, plate, node = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    assert line.write(node, "Setpoint.Voltage", 2000) == 0
+    line.run(node, OPEN_LOOP)
+    line.sync(5)
+    assert stage(plate) == 2000
+    assert line.write(node, "Limit.Temperature", 1500) == 0
+    line.sync()
+    assert node.block.state is State.FAULT
+    assert line.write(node, "Limit.Temperature", 6000) == 0
+    return line, plate, node
+
+
+def test_nobody_drives_the_plate_of_a_stimulator_in_fault_and_pre_operational() -> None:
+    line, plate, node = in_fault()
+    line.nmt(PREOP, STIMULATOR_ID)
+    for sender in range(1, 128):
+        if sender == STIMULATOR_ID:
+            continue
+        for _ in range(10):
+            line.sync()
+            now = tick(plate)
+            line.send(drive(0, now - 9 & 0xFF, source=sender))
+            line.send(drive(15_000, now, source=sender))
+            assert stage(plate) == 0
+    assert node.block.state is State.FAULT
+
+
+def test_0_v_in_fault_does_not_free_the_plate_and_the_reset_does() -> None:
+    line, plate, node = in_fault()
+    for _ in range(20):
+        line.sync()
+        assert plate.block.barred
+        line.send(drive(15_000, tick(plate)))
+        assert stage(plate) == 0
+    line.sync(3100)
+    assert line.write(node, "Controlword", 0) == 0
+    assert line.write(node, "Controlword", 0x80) == 0
+    assert not plate.block.barred, "told at once"
+    line.sync()
+    line.run(node, OPEN_LOOP)
+    line.sync(3)
+    assert stage(plate) == 2000
+
+
+def test_a_run_right_after_the_reset_is_driven() -> None:
+    line, plate, node = in_fault()
+    line.sync(5)
+    for word in (0, 0x80, 0, 1):
+        assert line.write(node, "Controlword", word) == 0
+    assert line.write(node, "Mode", OPEN_LOOP) == 0
+    assert line.write(node, "Controlword", 3) == 0
+    line.sync()
+    assert stage(plate) == 2000
+
+
+def test_a_latched_drive_with_a_voltage_is_wrong() -> None:
+    line, plate = ready_plate()
+    line.send(drive(2000, 0, source=LATCHED))
+    assert stage(plate) == 0
+    line.send(drive(2000, 0))
+    assert stage(plate) == 2000
+
+
+def test_the_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.sync()
+    line.send(drive(2000, 0, source=40), drive(0, 99, source=40), drive(2000, 0, source=40))
+    assert stage(plate) == 2000
+    line.sync()
+    line.send(drive(1000, 1, source=32))
+    assert stage(plate) == 2000, "another one's is none"
+    line.nmt(RESET_COMMUNICATION)
+    line.nmt(START)
+    line.sync()
+    now = tick(plate)
+    line.send(drive(0, 99, session=1), drive(1000, now, session=1))
+    assert stage(plate) == 1000
+
+
+def test_three_wrong_checks_in_16_cycles_bar_and_two_do_not() -> None:
+    line, plate = ready_plate()
+    line.send(drive(2000, 0))
+    wrong = 0
+    while tick(plate) < 64:
+        line.sync()
+        if tick(plate) % 16 in (3, 9):
+            line.send(drive(15_000, tick(plate), source=40))
+            wrong += 1
+        line.send(drive(2000, tick(plate)))
+        assert stage(plate) == 2000
+    assert plate.od["Cycle.Corrupt drives"].value == wrong == 8
+    for _ in range(3):
+        assert stage(plate) == 2000
+        line.sync()
+        line.send(drive(2000, tick(plate)), drive(15_000, tick(plate), source=40))
+    assert stage(plate) == 0
+    line.sync()
+    assert line.frames[-4].data[:2] == bytes.fromhex("53 82"), "8253h"
+    while tick(plate) < 79:
+        line.send(drive(0, 0), drive(2000, tick(plate)))
+        assert stage(plate) == 0
+        line.sync()
+    line.sync()
+    line.send(drive(0, 0), drive(2000, tick(plate)))
+    assert stage(plate) == 2000
+
+
+def test_a_new_session_of_the_plate_makes_old_drives_wrong() -> None:
+    line, plate = ready_plate()
+    line.nmt(PREOP)
+    line.nmt(START)
+    line.sync()
+    now = tick(plate)
+    line.send(drive(0, 99), drive(2000, now))
+    assert stage(plate) == 0
+    line.send(drive(0, 99, session=1), drive(2000, now, session=1))
+    assert stage(plate) == 2000
+
+
+def test_a_stimulator_follows_the_session_of_its_plate() -> None:
+    line, plate, node = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    for _ in range(3):
+        line.nmt(PREOP, PLATE_ID)
+        line.nmt(START, PLATE_ID)
+        line.sync(30)
+    assert plate.block.session == 3
+    assert line.write(node, "Setpoint.Voltage", 2000) == 0
+    line.run(node, OPEN_LOOP)
+    line.sync(3)
+    assert stage(plate) == 2000
+
+
+def test_one_measurement_of_another_session_is_foreign_and_two_are_the_plates() -> None:
+    line, node = stimulator_alone()
+    line.nmt(START)
+
+    def answer(number: int, session: int) -> list[Frame]:
+        line.sync()
+        return line.send(*measurement(number, number + session & 0xFF))
+
+    assert DRIVE in ids(answer(0, 7))
+    assert DRIVE not in ids(answer(1, 9))
+    assert DRIVE in ids(answer(2, 7))
+    assert DRIVE not in ids(answer(3, 9))
+    (sent,) = [frame for frame in answer(4, 9) if frame.can_id == DRIVE]
+    assert sent.data[7] == crc8(sent.data[:7] + bytes((9, STIMULATOR_ID)))
+    assert node.od["Cycle.Foreign ticks"].value == 2
+
+
+@given(st.binary(min_size=8, max_size=8))
+def test_what_a_stranger_makes_up_passes_with_one_of_256(data: bytes) -> None:
+    """The byte that the check stands for is another for each check."""
+    plate = PlateNode(plate_od())
+    named = set()
+    voltage, frequency, number, _ = struct.unpack("<HIBB", data)
+    for name, raw in (("Voltage", voltage), ("Frequency", frequency), ("Tick", number)):
+        plate.od[f"Drive.{name}"].value = raw
+    for check in range(256):
+        plate.od["Drive.Check"].value = check
+        named.add(plate._sender._check.last_unsent(b"\0"))
+    assert len(named) == 256
+    plate.od["Drive.Check"].value = crc8(data[:7] + bytes((0, STIMULATOR_ID)))
+    assert plate._sender._check.last_unsent(b"\0") == STIMULATOR_ID
+
+
+@pytest.mark.parametrize("sender", [0, 128])
+def test_a_sender_that_is_no_node_is_not_taken(sender: int) -> None:
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.sync()
+    line.send(drive(0, 0, source=sender))
+    assert plate.block.barred
