@@ -1,5 +1,5 @@
 import pytest
-from transcript import download, make_device, play, started
+from one_device import download, make_device, play, started
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
@@ -93,4 +93,4 @@ def test_a_reset_forgets_it_and_is_obeyed(listener: Listener) -> None:
 
 
 def test_nobody_speaks_because_of_it() -> None:
-    play(started(), "> 720 05\n> 720 00\n> 0A0 00 00 00 00 00 00 00 00\n+ 3x 1000ms")
+    play(started(), "> 720 05\n> 720 00\n> 0A0 00 00 00 00 00 00 00 00\n3x + 1000ms")
