@@ -7,6 +7,8 @@ from driven import MASTER, STATE, driven, write, write_entry
 from line import START, Line, plate_inside
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.timer import Clock
+from smarttac_can.nodes.master_watch import MasterWatch
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.supervisor import UNWATCHED
@@ -100,10 +102,14 @@ def test_a_master_that_is_gone_is_forgotten_with_its_watch() -> None:
 
 
 def test_the_plate_may_boot_as_it_has_watchdogs_of_its_own() -> None:
-    rig = driven()
-    say(rig, OPERATIONAL, 0x21)
-    say(rig, BOOT_UP, 0x21)
-    assert rig.state is State.RUNNING
+    tripped: list[Watchdog] = []
+    masters = MasterWatch(Clock(), 0x21, tripped.append, lambda watchdog: None)
+    for state in (OPERATIONAL, BOOT_UP):
+        masters.heard(0x21, state)
+    assert not tripped
+    masters.heard(MASTER, OPERATIONAL)
+    masters.heard(MASTER, BOOT_UP)
+    assert tripped == [Watchdog.HEARTBEAT]
 
 
 # Arming.

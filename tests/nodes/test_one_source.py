@@ -39,7 +39,9 @@ DOUBLE = 1 << Watchdog.DOUBLE
 def running(deadline_ms: int = 3) -> tuple[Line, PlateNode, StimulatorNode]:
     """Both nodes, with 20 V."""
     plate = PlateNode(plate_od(), deadline_ms=deadline_ms)
-    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=deadline_ms)
+    node = StimulatorNode(
+        stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=deadline_ms
+    )
     line = Line(plate, node)
     line.nmt(START)
     line.sync(70)
@@ -64,7 +66,7 @@ def told(line: Line, can_id: int) -> list[bytes]:
 
 def test_two_plates_do_not_give_two_cycles_a_sync() -> None:
     first, second = (PlateNode(plate_od(), deadline_ms=3) for _ in range(2))
-    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
     line = Line(first, node)
     line.nmt(START)
     line.sync(10)
@@ -276,7 +278,7 @@ def test_nmt_is_obeyed_and_the_boot_up_sent_all_the_same() -> None:
 
 def test_two_stimulators_of_one_node_id_cannot_drive() -> None:
     line, plate, node = running()
-    second = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=3)
+    second = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
     line.bus.attach(second)
     line.nmt(START)
     for _ in range(100):
@@ -288,7 +290,7 @@ def test_two_stimulators_of_one_node_id_cannot_drive() -> None:
 
 def test_two_stimulators_at_one_plate_cannot_drive() -> None:
     line, plate, node = running()
-    second = StimulatorNode(stimulator_od(40), plate_node_id=PLATE_ID, deadline_ms=3)
+    second = StimulatorNode(stimulator_od(40), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
     line.bus.attach(second)
     line.nmt(START)
     line.sync()

@@ -126,9 +126,9 @@ def test_what_the_design_follows_from_makes_another(name: str) -> None:
 def test_limits_that_cut_nothing_off_leave_the_drive_as_it_is_to_the_bit() -> None:
     disturbed, left_alone = driving(), driving()
     for k in range(100):
-        disturbed.write("Limit.Voltage", 14_000 + k)
-        disturbed.write("Limit.Highest frequency", 4_390_000 + k)
-        disturbed.write("Limit.Normal force", 3900 + k)
+        disturbed.write("Limit.Voltage", 14_000 - k)
+        disturbed.write("Limit.Highest frequency", 4_390_000 - k)
+        disturbed.write("Limit.Normal force", 3900 - k)
         disturbed.tick()
         left_alone.tick()
         assert disturbed.cascade.drive == left_alone.cascade.drive
