@@ -1,4 +1,4 @@
-"""Write docs/reference from the EDS files and the command line; --check fails when it is stale."""
+"""Write docs/reference and the hazards from their sources; --check fails when a page is stale."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from hazards_page import hazards_page
 from safety_reference import safety
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
@@ -152,6 +153,7 @@ def main() -> int:
         FOLDER / "objects.md": objects(),
         FOLDER / "cli.md": command_line(),
         FOLDER / "safety.md": safety(),
+        FOLDER.parent / "explanation" / "hazards.md": hazards_page(),
     }
     if sys.argv[1:] == ["--check"]:
         stale = [
