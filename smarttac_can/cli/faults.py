@@ -22,7 +22,8 @@ from smarttac_can.cli.result_file import (
 )
 from smarttac_can.control.cascade import Mode
 from smarttac_can.host.candump import CandumpWriter
-from smarttac_can.trials.fault_cases import CASES, DRIVING
+from smarttac_can.trials.fault_case import DRIVING
+from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_matrix import HOLD_CYCLES, cases, fault_matrix
 from smarttac_can.trials.fault_row import Row, rows_as_json
 from smarttac_can.trials.soak import CYCLES_PER_HOUR, Soak

@@ -81,8 +81,8 @@ class Fault(NamedTuple):
 
     def require_sense(self) -> None:
         """Raise ValueError if there is no such sensor, or the value makes no sense for the kind."""
-        gain = self.kind is FaultKind.GAIN
-        require("sensor", self.sensor, 1, PICKUP if gain else THERMOMETER)
+        both_axes = self.kind in (FaultKind.GAIN, FaultKind.NONE)
+        require("sensor", self.sensor, 1, PICKUP if both_axes else THERMOMETER)
         require(self.kind.name.lower(), self.value, *value_range(self.kind))
 
 

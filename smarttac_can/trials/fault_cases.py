@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
 from smarttac_can.control.cascade import Mode
@@ -18,6 +18,7 @@ from smarttac_can.nodes.watchdogs import (
     SILENT_CYCLES,
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
+    UNSEEN_CYCLES,
     Watchdog,
     sync_window,
 )
@@ -25,7 +26,6 @@ from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
 from smarttac_can.plant.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
 from smarttac_can.trials.fault_acts import (
     SETPOINT_DEADLINE_MS,
-    Act,
     another_plate,
     befall,
     bus_off,
@@ -36,6 +36,7 @@ from smarttac_can.trials.fault_acts import (
     fall_silent,
     jump,
     limit_amplitude,
+    limit_bound,
     lose,
     lower_force_limit,
     nothing,
@@ -54,18 +55,15 @@ from smarttac_can.trials.fault_acts import (
     stop_clock,
     transmit_failed,
 )
-from smarttac_can.trials.rig import NODE_LOST_MS, Rig
-
-DRIVING: Final = (
-    Mode.OPEN_LOOP,
-    Mode.AMPLITUDE,
-    Mode.AMPLITUDE_RESONANCE,
-    Mode.FRICTION,
-    Mode.IDENTIFY,
+from smarttac_can.trials.fault_case import (
+    REGULATED,
+    RING_DOWN_CYCLES,
+    TRACKED,
+    FaultCase,
+    broken,
 )
-"""Modes with a voltage."""
-TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
-"""Modes in which the frequency follows the resonance."""
+from smarttac_can.trials.rig import NODE_LOST_MS, Rig
+from smarttac_can.trials.weak_pickup import WEAK_PICKUP
 
 MEASUREMENTS: Final = tuple(base + PLATE_ID for base in TPDO_IDS[:3])
 DRIVE: Final = RPDO_IDS[0] + PLATE_ID
@@ -79,55 +77,6 @@ HUNTING_CYCLES: Final = SILENT_CYCLES
 """A loop that answers a wrong pick-up lets its excess come and go, but not for longer."""
 FORCE_PATH_CYCLES: Final = 6
 """What flexure and filter of 100 Hz take to show half of a sudden force, and a cycle."""
-RING_DOWN_CYCLES: Final = 3
-"""Time constants of the plate, 1 ms each, until 5 % of its vibration is left."""
-
-
-class FaultCase(NamedTuple):
-    """One fault."""
-
-    name: str
-    bound: int
-    """Cycles from the injection to the detection."""
-    watchdog: Watchdog | None
-    """What trips first in the stimulator; None if nothing does, as it restarts or is paused."""
-    inject: Act
-    remove: Act
-    modes: tuple[Mode, ...] = DRIVING
-    instead: Mapping[Mode, Watchdog] = MappingProxyType({})
-    """What trips before `watchdog` in some modes, whose loops answer a wrong reading otherwise."""
-    prepare: Act | None = None
-    """What the fault needs before the run."""
-    plate_inside: bool = False
-    forgets: bool = False
-    """Whether the stimulator starts anew, and so obeys the master again without a fault reset."""
-    deaf: bool = False
-    """Whether a node cannot hear or act, so that it may go on driving until its plate notices."""
-    breaks_stage: bool = False
-    """Whether the power stage ignores what is asked for."""
-    breaks_controller: bool = False
-    """Whether the controllers themselves are replaced."""
-    needs_voltage: bool = False
-    """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
-
-    def trips(self, mode: Mode) -> Watchdog | None:
-        """Return what trips first in a mode."""
-        return self.instead.get(mode, self.watchdog)
-
-
-def _broken(
-    name: str,
-    bound: int,
-    watchdog: Watchdog,
-    kind: FaultKind,
-    sensor: int = 1,
-    value: int = 0,
-    **more: Any,
-) -> FaultCase:
-    def inject(rig: Rig) -> None:
-        rig.inject(kind, sensor, value)
-
-    return FaultCase(name, bound, watchdog, inject, Rig.mend, **more)
 
 
 def _nmt(
@@ -151,9 +100,9 @@ def _sensor(
 ) -> list[FaultCase]:
     """Return the ways in which any sensor fails; `instead` is of a dead one."""
     return [
-        _broken(f"{name} stuck", STUCK_GAUGE_CYCLES, Watchdog.STUCK, FaultKind.STUCK, sensor),
-        _broken(f"{name} dead", STUCK_GAUGE_CYCLES, dead, FaultKind.DEAD, sensor, instead=instead),
-        _broken(f"{name} saturated", SATURATED_CYCLES, saturated, FaultKind.SATURATED, sensor),
+        broken(f"{name} stuck", STUCK_GAUGE_CYCLES, Watchdog.STUCK, FaultKind.STUCK, sensor),
+        broken(f"{name} dead", STUCK_GAUGE_CYCLES, dead, FaultKind.DEAD, sensor, instead=instead),
+        broken(f"{name} saturated", SATURATED_CYCLES, saturated, FaultKind.SATURATED, sensor),
     ]
 
 
@@ -206,38 +155,41 @@ CASES: Final[tuple[FaultCase, ...]] = (
     *_sensor("S4", 4, Watchdog.GAUGES, Watchdog.SATURATED),
     *_sensor("S5", 5, Watchdog.GAUGES, Watchdog.NORMAL_FORCE),
     *_sensor("S6", 6, Watchdog.GAUGES, Watchdog.NORMAL_FORCE),
-    *(_broken(f"S{number} jumps", GAUGE_CYCLES, Watchdog.GAUGES, FaultKind.OFFSET, number, 600)
+    *(broken(f"S{number} jumps", GAUGE_CYCLES, Watchdog.GAUGES, FaultKind.OFFSET, number, 600)
       for number in range(3, 7)),
     *_sensor("pick-up d", PICKUP_D, Watchdog.PICKUP, Watchdog.SATURATED, {
         Mode.AMPLITUDE: Watchdog.SATURATED, Mode.AMPLITUDE_RESONANCE: Watchdog.SATURATED,
         Mode.IDENTIFY: Watchdog.STUCK,
     }),
     *_sensor("pick-up q", PICKUP_Q, Watchdog.STUCK, Watchdog.SATURATED),
-    _broken("S3 saturated, plate inside", SATURATED_CYCLES, Watchdog.NORMAL_FORCE,
+    broken("S3 saturated, plate inside", SATURATED_CYCLES, Watchdog.NORMAL_FORCE,
             FaultKind.SATURATED, 3, plate_inside=True),
-    _broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.PICKUP,
+    broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.PICKUP,
             FaultKind.GAIN, PICKUP_D, 6000, instead={
                 Mode.OPEN_LOOP: Watchdog.SATURATED, Mode.FRICTION: Watchdog.SATURATED,
             }),
-    _broken("thermometer stuck", STUCK_THERMOMETER_CYCLES, Watchdog.STUCK,
+    *WEAK_PICKUP,
+    FaultCase("bound by the drive above its limit", UNSEEN_CYCLES, Watchdog.UNSEEN,
+              limit_bound(100), limit_bound(5000), needs_voltage=True),
+    broken("thermometer stuck", STUCK_THERMOMETER_CYCLES, Watchdog.STUCK,
             FaultKind.STUCK, THERMOMETER),
-    _broken("thermometer jumps", AT_ONCE, Watchdog.TEMPERATURE,
+    broken("thermometer jumps", AT_ONCE, Watchdog.TEMPERATURE,
             FaultKind.OFFSET, THERMOMETER, 6000),
-    _broken("plate too hot", AT_ONCE, Watchdog.TEMPERATURE, FaultKind.TEMPERATURE, 1, 7500),
-    _broken("finger slams", FORCE_PATH_CYCLES, Watchdog.NORMAL_FORCE, FaultKind.SLAM, 1, 9000),
-    _broken("lateral force", AT_ONCE, Watchdog.LATERAL_FORCE,
+    broken("plate too hot", AT_ONCE, Watchdog.TEMPERATURE, FaultKind.TEMPERATURE, 1, 7500),
+    broken("finger slams", FORCE_PATH_CYCLES, Watchdog.NORMAL_FORCE, FaultKind.SLAM, 1, 9000),
+    broken("lateral force", AT_ONCE, Watchdog.LATERAL_FORCE,
             FaultKind.OFFSET, 1, 2000, prepare=lower_force_limit),
-    _broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES, Watchdog.RESONANCE,
+    broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES, Watchdog.RESONANCE,
             FaultKind.RESONANCE_SHIFT, 1, -1500, modes=TRACKED, needs_voltage=True),
-    _broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, Watchdog.PICKUP,
+    broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, Watchdog.PICKUP,
             FaultKind.RESONANCE_SHIFT, 1, -9000, needs_voltage=True),
     FaultCase("vibration above its limit", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
               limit_amplitude(100), limit_amplitude(3200),
-              tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY), needs_voltage=True),
-    _broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
+              REGULATED, needs_voltage=True),
+    broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
             FaultKind.OFFSET, PICKUP_D, 500, modes=(Mode.IDENTIFY,),
             prepare=limit_amplitude(1000)),
-    _broken("power stage stuck", AT_ONCE, Watchdog.PICKUP,
+    broken("power stage stuck", AT_ONCE, Watchdog.PICKUP,
             FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True),
     FaultCase("measurements two cycles late", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), calm),

@@ -17,14 +17,17 @@ from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.trials.fault_cases import CASES, TOLERATED, FaultCase
+from smarttac_can.trials.fault_case import FaultCase
+from smarttac_can.trials.fault_cases import CASES, TOLERATED
 from smarttac_can.trials.fault_row import Row, mode_name
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import Rig
+from smarttac_can.trials.weak_pickup import NOT_SEEN
 
 HOLD_CYCLES: Final = 10_000
 """Cycles for which a plate has to stay at 0 V while the master does what it likes."""
 _LOGGED_CYCLES: Final = 50
+_UM_PER_M: Final = 1e6
 _RUN_UP: Final = {Mode.IDENTIFY: 440}
 """Cycles of driving before the fault; an identification is then in its sweep."""
 _OTHER_RUN_UP: Final = 500
@@ -52,6 +55,18 @@ class _Log:
         self.time = microseconds
         if self.on:
             self.frames.append((microseconds, frame))
+
+
+class _Peak:
+    """The largest vibration of a rig's plate, whatever its pick-up reads."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.um = 0.0
+        self._block = rig.plate_block
+        rig.observe = self._look
+
+    def _look(self) -> None:
+        self.um = max(self.um, abs(self._block.plate.W) * _UM_PER_M)
 
 
 def cases(faults: Sequence[str] = (), modes: Sequence[Mode] = ()) -> list[tuple[FaultCase, Mode]]:
@@ -161,7 +176,9 @@ def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) 
     seen = len(rig.emergencies)
     case.inject(rig)
     injected = log.time
+    reached = _Peak(rig)
     cycles_to_zero = _cycles_to_zero(rig, case.bound)
+    rig.observe = None
     state = rig.state
     codes = tuple(
         dict.fromkeys(f"{emcy.code:04X}h" for emcy in rig.emergencies[seen:] if emcy.code)
@@ -183,6 +200,7 @@ def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) 
         held=at_zero == hold,
         recovered=recovered,
         injected_at_s=injected * 1e-6,
+        reached_um=round(reached.um, 2),
     )
     return row, log.frames, log.time
 
@@ -259,6 +277,17 @@ def tolerated(case: FaultCase, mode: Mode) -> bool:
     return rig.state is State.RUNNING and rig.stage.value > 0
 
 
+def reached_unseen(case: FaultCase, mode: Mode) -> float | None:
+    """Return the largest vibration in um under a fault of `NOT_SEEN`; None if it ends the run."""
+    rig = driving_rig(case, mode)
+    case.inject(rig)
+    reached = _Peak(rig)
+    rig.cycle(_GO_ON)
+    return reached.um if rig.state is State.RUNNING else None
+
+
 _BY_NAME: Final = {case.name: case for case in CASES}
+ALL_NOT_SEEN: Final = tuple((case, mode) for case in NOT_SEEN for mode in case.modes)
+"""Every fault that is not seen, with every mode."""
 ALL_TOLERATED: Final = tuple((case, mode) for case in TOLERATED for mode in case.modes)
 """Every fault that must not end a run, with every mode."""

@@ -33,6 +33,8 @@ class Row:
     """Whether the run went on after cause and fault were cleared."""
     injected_at_s: float
     """Time stamp of the fault in the log."""
+    reached_um: float
+    """Largest vibration of the plate, from the fault until 0 V and 50 cycles."""
 
     @property
     def emcy_code(self) -> str | None:
@@ -70,6 +72,7 @@ def matrix_table(rows: Iterable[Row]) -> Iterator[str]:
             "Before [V]",
             "Bound",
             "To 0 V",
+            "Reached [um]",
             "EMCY",
             "State after",
             "Held",
@@ -82,6 +85,7 @@ def matrix_table(rows: Iterable[Row]) -> Iterator[str]:
                 f"{row.voltage_before_v:.0f}",
                 str(row.detection_bound_cycles),
                 "never" if row.cycles_to_zero is None else str(row.cycles_to_zero),
+                f"{row.reached_um:.2f}",
                 ", ".join(row.emcy_codes) or "none",
                 row.state_after.replace("_", " "),
                 _yes(row.held),

@@ -15,7 +15,8 @@ from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.trials.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
+from smarttac_can.trials.fault_case import DRIVING, FaultCase
+from smarttac_can.trials.fault_cases import CASES, TOLERATED
 from smarttac_can.trials.invariants import Invariants
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import Rig

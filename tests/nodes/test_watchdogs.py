@@ -18,7 +18,7 @@ from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
 from smarttac_can.plant.faults import PICKUP_D, FaultKind
 from smarttac_can.signals import Drive, Measurement, Setpoint
 from smarttac_can.trials.fault_acts import befall
-from smarttac_can.trials.fault_cases import DRIVING
+from smarttac_can.trials.fault_case import DRIVING
 
 VALUE, TOO_HIGH, TOO_LOW = 0x06090030, 0x06090031, 0x06090032
 TOUCHED = [mode for mode in DRIVING if mode is not Mode.IDENTIFY]

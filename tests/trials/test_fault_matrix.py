@@ -9,9 +9,11 @@ from smarttac_can.bench.open_link import PLATE_ID
 from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import EMCY_ID, RPDO_IDS, SYNC_ID
-from smarttac_can.trials.fault_cases import CASES, DRIVING, TOLERATED, FaultCase
-from smarttac_can.trials.fault_matrix import cases, fault_matrix, tolerated
+from smarttac_can.trials.fault_case import DRIVING, REGULATED, FaultCase
+from smarttac_can.trials.fault_cases import CASES, TOLERATED
+from smarttac_can.trials.fault_matrix import cases, fault_matrix, reached_unseen, tolerated
 from smarttac_can.trials.fault_row import Row, matrix_table, rows_as_json
+from smarttac_can.trials.weak_pickup import NOT_SEEN
 
 HOLD = 50
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
@@ -77,6 +79,16 @@ def test_row_can_be_checked_from_the_log() -> None:
     assert codes[0] == row.emcy_code
 
 
+@pytest.mark.parametrize("mode", REGULATED)
+def test_what_is_not_seen_goes_on_and_reaches_the_setpoint_over_the_gain(mode: Mode) -> None:
+    for case in NOT_SEEN:
+        reached = reached_unseen(case, mode)
+        assert reached is not None
+        gain = 1.0 if "q" in case.name else float(case.name.rpartition(" ")[2])
+        most = {Mode.OPEN_LOOP: 1.2, Mode.FRICTION: 3.0}.get(mode, 1.02 / gain)
+        assert 0.9 < reached < most
+
+
 def test_rows_repeat() -> None:
     assert one("measurements corrupt", Mode.FRICTION) == one("measurements corrupt", Mode.FRICTION)
 
@@ -105,7 +117,7 @@ def replace_inject(case: FaultCase) -> FaultCase:
     ],
 )
 def test_what_makes_a_row_fail(change: dict[str, float]) -> None:
-    good = Row("it", "friction", 10.0, 5, 6, ("5210h",), "fault", HOLD, True, True, 0.0)
+    good = Row("it", "friction", 10.0, 5, 6, ("5210h",), "fault", HOLD, True, True, 0.0, 1.0)
     assert good.passed
     assert not replace(good, **change).passed  # type: ignore[arg-type]
 
@@ -123,7 +135,7 @@ def test_unknown_fault_and_empty_choice_are_refused() -> None:
 
 
 def test_table_says_never_and_none() -> None:
-    bad = Row("it", "open_loop", 10.0, 5, None, (), "not_ready", 0, False, True, 0.0)
+    bad = Row("it", "open_loop", 10.0, 5, None, (), "not_ready", 0, False, True, 0.0, 1.5)
     line = list(matrix_table([bad]))[2]
-    assert line == "| it | open loop | 10 | 5 | never | none | not ready | no | yes |"
+    assert line == "| it | open loop | 10 | 5 | never | 1.50 | none | not ready | no | yes |"
     assert rows_as_json([bad])[0]["emcy_code"] is None

@@ -1,0 +1,77 @@
+"""What a fault of the fault matrix is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.nodes.watchdogs import Watchdog
+from smarttac_can.plant.faults import FaultKind
+from smarttac_can.trials.fault_acts import Act
+from smarttac_can.trials.rig import Rig
+
+DRIVING: Final = (
+    Mode.OPEN_LOOP,
+    Mode.AMPLITUDE,
+    Mode.AMPLITUDE_RESONANCE,
+    Mode.FRICTION,
+    Mode.IDENTIFY,
+)
+"""Modes with a voltage."""
+TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+"""Modes in which the frequency follows the resonance."""
+REGULATED: Final = tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)
+"""Modes that do not end by themselves."""
+RING_DOWN_CYCLES: Final = 3
+"""Time constants of the plate, 1 ms each, until 5 % of its vibration is left."""
+
+
+class FaultCase(NamedTuple):
+    """One fault."""
+
+    name: str
+    bound: int
+    """Cycles from the injection to the detection."""
+    watchdog: Watchdog | None
+    """What trips first in the stimulator; None if nothing does, as it restarts or is paused."""
+    inject: Act
+    remove: Act
+    modes: tuple[Mode, ...] = DRIVING
+    instead: Mapping[Mode, Watchdog] = MappingProxyType({})
+    """What trips before `watchdog` in some modes, whose loops answer a wrong reading otherwise."""
+    prepare: Act | None = None
+    """What the fault needs before the run."""
+    plate_inside: bool = False
+    forgets: bool = False
+    """Whether the stimulator starts anew, and so obeys the master again without a fault reset."""
+    deaf: bool = False
+    """Whether a node cannot hear or act, so that it may go on driving until its plate notices."""
+    breaks_stage: bool = False
+    """Whether the power stage ignores what is asked for."""
+    breaks_controller: bool = False
+    """Whether the controllers themselves are replaced."""
+    needs_voltage: bool = False
+    """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
+
+    def trips(self, mode: Mode) -> Watchdog | None:
+        """Return what trips first in a mode."""
+        return self.instead.get(mode, self.watchdog)
+
+
+def broken(
+    name: str,
+    bound: int,
+    watchdog: Watchdog,
+    kind: FaultKind,
+    sensor: int = 1,
+    value: int = 0,
+    **more: Any,
+) -> FaultCase:
+    """Return the case of a fault of the simulated plate; the further ones are of `FaultCase`."""
+
+    def inject(rig: Rig) -> None:
+        rig.inject(kind, sensor, value)
+
+    return FaultCase(name, bound, watchdog, inject, Rig.mend, **more)

@@ -1,0 +1,76 @@
+"""A pick-up that has lost gain: what of it is seen, and what is not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+from smarttac_can.control.cascade import Mode
+from smarttac_can.nodes.watchdogs import LACK_CYCLES, RESONANCE_CYCLES, Watchdog
+from smarttac_can.plant.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
+from smarttac_can.trials.fault_case import (
+    REGULATED,
+    RING_DOWN_CYCLES,
+    TRACKED,
+    FaultCase,
+    broken,
+)
+
+_PER_MILLE: Final = 1000
+_NAMES: Final = {PICKUP: "pick-up", PICKUP_D: "pick-up d", PICKUP_Q: "pick-up q"}
+LACK_BOUND: Final = 2 * LACK_CYCLES + RING_DOWN_CYCLES
+"""A friction loop that pauses begins the count of a lack anew, but not for longer."""
+_FIXED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
+_BY_AMPLITUDE: Final = {
+    Mode.AMPLITUDE: Watchdog.UNSEEN,
+    Mode.AMPLITUDE_RESONANCE: Watchdog.UNSEEN,
+}
+"""Loops that drive a plate beyond what it may reach, before the lack has lasted."""
+
+
+def _weak(
+    sensor: int,
+    per_mille: int,
+    modes: tuple[Mode, ...] = REGULATED,
+    instead: Mapping[Mode, Watchdog] = MappingProxyType({}),
+) -> FaultCase:
+    name = f"{_NAMES[sensor]} at {per_mille / _PER_MILLE:g}"
+    return broken(
+        name, LACK_BOUND, Watchdog.PICKUP, FaultKind.GAIN, sensor, per_mille,
+        modes=modes, instead=instead, needs_voltage=True,
+    )  # fmt: skip
+
+
+def _detuned(per_mille: int, instead: Mapping[Mode, Watchdog]) -> FaultCase:
+    """Return the loss of one axis whose wrong phase leads the resonance loop astray."""
+    return broken(
+        f"pick-up d at {per_mille / _PER_MILLE:g}, tracked", RESONANCE_CYCLES + LACK_BOUND,
+        Watchdog.RESONANCE, FaultKind.GAIN, PICKUP_D, per_mille,
+        modes=TRACKED, instead=instead, needs_voltage=True,
+    )  # fmt: skip
+
+
+WEAK_PICKUP: Final = (
+    _weak(PICKUP, 50),
+    _weak(PICKUP, 100, instead=_BY_AMPLITUDE),
+    _weak(PICKUP, 200, instead=_BY_AMPLITUDE),
+    _weak(PICKUP, 300),
+    _weak(PICKUP, 400),
+    _weak(PICKUP_D, 50, _FIXED),
+    _weak(PICKUP_D, 100, _FIXED, _BY_AMPLITUDE),
+    _weak(PICKUP_D, 200, _FIXED, _BY_AMPLITUDE),
+    _detuned(50, {Mode.FRICTION: Watchdog.PICKUP}),
+    _detuned(100, {}),
+    _detuned(200, {}),
+    _weak(PICKUP_D, 300),
+    _weak(PICKUP_D, 400),
+)
+"""Losses of gain that end a run."""
+NOT_SEEN: Final = (
+    *(_weak(PICKUP, per_mille) for per_mille in (500, 600, 700, 800, 900)),
+    *(_weak(PICKUP_D, per_mille) for per_mille in (500, 600, 700, 800, 900)),
+    *(_weak(PICKUP_Q, per_mille) for per_mille in (50, 300, 600, 900)),
+)
+"""Losses that a finger of unknown damping explains as well, or that the vibration does not show:
+what is left when all is watched."""
