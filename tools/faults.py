@@ -61,11 +61,10 @@ loop, 1 ms.
   fault to reset: there the master does not arm.
 - **Recovered**: cause gone, fault reset, armed and run again: it drives.
 
-Every watchdog trips in every mode; that of the resonance only where the resonance is tracked. That of
-missed time has no row: without SYNC others are sooner, and a process that has no time is no fault of
-the bus. A
-plate process that is paused is paused with its plate: no time passes for either, and the cycles
-count from where it goes on.
+Every watchdog trips in every mode; that of the resonance only where the resonance is tracked.
+Missed time has no row: without SYNC others are sooner, and a process without time is no fault of
+the bus. A plate process that is paused is paused with its plate: no time passes for either, and the
+cycles count from where it goes on.
 """
 
 
