@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from queue import Empty, Queue
 from typing import Any
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node

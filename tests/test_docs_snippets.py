@@ -13,12 +13,12 @@ from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.local_link import LocalLink
-from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.plant.finger import Trajectory
+from smarttac_can.vocabulary.states import State
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from smarttac_can.host.faulty_bus import FaultyBus
-from smarttac_can.host.mishaps import Mishap
-from smarttac_can.nodes.read_back import STATE_SHIFT, Status
-from smarttac_can.nodes.state_machine import State
-from smarttac_can.plant.faults import SENSOR_KINDS, Fault, FaultKind
+from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.plant.faults import Fault
 from smarttac_can.timing.frozen_stage import frozen_stage
+from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
+from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
 
 GUIDES = Path(__file__).parents[1] / "docs" / "how-to"
 
@@ -43,7 +43,9 @@ def test_kinds_of_faults_of_the_plate_and_their_ranges() -> None:
 def test_faults_of_the_bus() -> None:
     rows = table("break-things.md", "| Fault | By | Range |")
     ways = " ".join(row[1] for row in rows)
-    assert re.findall(r"Mishap\.(\w+)", ways) == [mishap.name for mishap in Mishap]
+    assert re.findall(r"FrameFault\.(\w+)", ways) == [
+        frame_fault.name for frame_fault in FrameFault
+    ]
     for name, arguments in re.findall(r"`(\w+)\((port.*?|frames.*?)\)`", ways):
         parameters = list(inspect.signature(getattr(FaultyBus, name)).parameters)
         assert parameters == ["self", *arguments.split(", ")]

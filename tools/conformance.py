@@ -27,10 +27,10 @@ import durand
 from durand.scheduler import AsyncScheduler
 
 from smarttac_can.conformance.case import Result
+from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.device_time import DeviceTimeBus
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import run_cases
-from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.conformance.table import CASES, GROUPS
 from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
@@ -72,13 +72,13 @@ certificate.
 def ours(text: str) -> list[Result]:
     """Judge the device of this package in device time."""
     bus = DeviceTimeBus(PlainNode(Device(load_eds(text, NODE_ID))))
-    return run_cases(Probe(bus, Sheet(text, NODE_ID), clock=bus.time), CASES)
+    return run_cases(Examiner(bus, DeviceDescription(text, NODE_ID), clock=bus.time), CASES)
 
 
 def over_virtual_bus(text: str, channel: str) -> list[Result]:
     """Judge the node on a channel of the virtual bus."""
     with closing(PythonCanBus("virtual", channel)) as bus:
-        return run_cases(Probe(bus, Sheet(text, NODE_ID), timeout=TIME_OUT_S), CASES)
+        return run_cases(Examiner(bus, DeviceDescription(text, NODE_ID), timeout=TIME_OUT_S), CASES)
 
 
 def python_canopen(text: str) -> list[Result]:

@@ -16,8 +16,6 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.control.cascade import Mode
-from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
 from smarttac_can.od.object_reference import table
 from smarttac_can.trials.fault_case import DRIVING, REGULATED, TRACKED
 from smarttac_can.trials.fault_cases import TOLERATED
@@ -30,8 +28,10 @@ from smarttac_can.trials.fault_matrix import (
     reached_unseen,
     tolerated,
 )
-from smarttac_can.trials.fault_row import Row, matrix_table, mode_name
+from smarttac_can.trials.fault_row import FaultRow, matrix_table, mode_name
 from smarttac_can.trials.weak_pickup import NOT_SEEN
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "faults.md"
 CHECK_HOLD_CYCLES = 1000
@@ -68,7 +68,7 @@ cycles count from where it goes on.
 """
 
 
-def page(rows: list[Row], reached: dict[tuple[str, Mode], float]) -> str:
+def page(rows: list[FaultRow], reached: dict[tuple[str, Mode], float]) -> str:
     """Return the page."""
     names = ", ".join(case.name for case in TOLERATED)
     lines = [
@@ -95,7 +95,7 @@ def page(rows: list[Row], reached: dict[tuple[str, Mode], float]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def undetected(rows: list[Row]) -> list[str]:
+def undetected(rows: list[FaultRow]) -> list[str]:
     """Name the watchdogs whose emergency code is in no row of a mode."""
     seen = {(row.mode, code) for row in rows for code in row.emcy_codes}
     return [

@@ -12,18 +12,15 @@ import click
 from hazards_page import hazards_page
 from safety_reference import safety
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli import main as smarttac
-from smarttac_can.control.cascade import Mode
-from smarttac_can.control.friction import Law
-from smarttac_can.control.identification import State
 from smarttac_can.host.eds_files import read_eds
-from smarttac_can.nodes import state_machine as nodes
-from smarttac_can.nodes.read_back import Status
-from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od import cia
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import LEGEND, object_reference, table
+from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference"
 NODES = (("stimulator.eds", STIMULATOR_ID), ("plate.eds", PLATE_ID))
@@ -54,16 +51,16 @@ def objects() -> str:
                     f"{int(bit).bit_length() - 1} {(bit.name or '').lower()}" for bit in Status
                 ),
             ),
-            ("Statusword, bits 8 to 10", _members(nodes.State)),
+            ("Statusword, bits 8 to 10", _members(State)),
             (
                 "Controlword, bits",
                 ", ".join(
                     f"{int(bit).bit_length() - 1} {(bit.name or '').lower().replace('_', ' ')}"
-                    for bit in nodes.Control
+                    for bit in Control
                 ),
             ),
             ("Diagnosis.Present, Diagnosis.Latched, bits", _members(Watchdog)),
-            ("Model.State", _members(State)),
+            ("Model.State", _members(IdentificationState)),
             ("Finger.Motion", "0 lifted, 1 stroke, 2 recorded"),
             ("Saturation, bits", "0..5 S1..S6, 6 pick-up"),
             ("AI status, bits", "0 not valid, 1 positive overload"),

@@ -11,10 +11,9 @@ import matplotlib as mpl
 import numpy as np
 
 from smarttac_can.bench.local_link import LocalLink
-from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
-from smarttac_can.control.friction import Law
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.paper.dead_time import loop_dead_time
@@ -26,6 +25,7 @@ from smarttac_can.paper.summary import summary
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.vocabulary.modes import Law
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt  # after the choice of its back end

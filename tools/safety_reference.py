@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.stage_state import STAGE_TRANSITIONS, StageEvent, StageState
-from smarttac_can.nodes.state_machine import TRANSITIONS, Control, Guard, State
+from smarttac_can.nodes.state_machine import TRANSITIONS, Guard
 from smarttac_can.nodes.stricter import BY_INDEX, BY_NAME, Place
-from smarttac_can.nodes.watchdogs import WATCHDOGS
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.od.object_reference import table
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS
 
 _WITHOUT_GUARD = ""
 _OF_THE_PLATE = (
@@ -123,8 +124,8 @@ def safety() -> str:
         "# States and watchdogs",
         "",
         "Made by `tools/reference.py` from `smarttac_can/nodes/state_machine.py` and "
-        "`smarttac_can/nodes/watchdogs.py`: change those. [Safety](../explanation/safety.md) says "
-        "why it is so.",
+        "`smarttac_can/vocabulary/watchdogs.py`: change those. "
+        "[Safety](../explanation/safety.md) says why it is so.",
         "",
         "## States",
         "",

@@ -4,8 +4,6 @@ from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
-from smarttac_can.control.cascade import Mode
-from smarttac_can.control.friction import Law
 from smarttac_can.master.errors import (
     BenchError,
     BusLostError,
@@ -14,7 +12,8 @@ from smarttac_can.master.errors import (
     RefusedError,
     WrongDeviceError,
 )
-from smarttac_can.nodes.state_machine import State
+from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.states import State
 
 __all__ = [
     "BenchError",

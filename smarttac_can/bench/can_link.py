@@ -11,18 +11,15 @@ from typing import Final
 import can
 import canopen
 
+from smarttac_can.bench.bench_heartbeat import BenchHeartbeat, bench_id
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
-from smarttac_can.bench.presence import Presence, bench_id
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
-from smarttac_can.control.cascade import Mode
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.master.errors import BenchError, BusLostError
-from smarttac_can.nodes.state_machine import Control
-from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
     HEARTBEAT_ID,
@@ -31,6 +28,9 @@ from smarttac_can.od.cia import (
     TPDO_COMMUNICATION,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.objects import SIMULATION
+from smarttac_can.vocabulary.states import Control
 
 LOST_CYCLE_S: Final = 1.0
 """How long a cycle in lockstep may take before it counts as lost."""
@@ -88,15 +88,15 @@ class CanLink:
             if device is not None:
                 device.start()
         # In lockstep the nodes' time stands still without the bench.
-        self._presence = None if lockstep else Presence(network, self._stimulator)
+        self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
         if self._threaded:
             heartbeat = HEARTBEAT_ID + bench_id(stimulator.node_id)
             hear_only(network.bus, {*network.subscribers, heartbeat})
 
     def drive(self) -> None:
         """Have this bench watched from now on, in real time; refused while another one drives."""
-        if self._presence is not None:
-            self._presence.begin()
+        if self._heartbeat is not None:
+            self._heartbeat.begin()
 
     def read(self, name: str) -> int:
         """Read the raw value of an object over SDO."""
@@ -165,11 +165,11 @@ class CanLink:
     @property
     def only_read(self) -> bool:
         """Whether the stimulator may be driven by another bench, and is not by this one."""
-        return self._presence is not None and not self._presence.begun
+        return self._heartbeat is not None and not self._heartbeat.begun
 
     def close(self) -> None:
         """Leave the bus; may be called twice."""
-        presence, self._presence = self._presence, None
+        presence, self._heartbeat = self._heartbeat, None
         if presence is not None and presence.begun:
             with suppress(BenchError):
                 presence.end(self._at_rest())

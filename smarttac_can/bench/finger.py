@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE
+from smarttac_can.vocabulary.objects import LIFTED, RECORDED, STROKE
 
 
 class SimulatedFinger:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.bench.link import PUBLISHED, RECORDED, Row, Snapshot
-from smarttac_can.bench.refusal import refused_write
+from smarttac_can.bench.refused import refused_write
 from smarttac_can.master.errors import RefusedError
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode

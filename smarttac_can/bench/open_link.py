@@ -12,41 +12,28 @@ from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 from smarttac_can.bench.link import Link
 from smarttac_can.bench.local_link import LocalLink
+from smarttac_can.bench.simulation import (
+    PLATE_ID,
+    STIMULATOR_ID,
+    attach_nodes,
+    plate_od,
+    simulated_block,
+    stimulator_od,
+)
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.eds_files import read_eds
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.errors import BenchError
-from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
 
 if TYPE_CHECKING:
     import canopen
 
 LinkName = Literal["local", "bus"]
 
-STIMULATOR_ID = 32
-"""Node-ID of the stimulator unless another is given."""
-PLATE_ID = 33
-"""Node-ID of the plate node unless another is given."""
 _CLOSING_S: Final = 0.02
 _OWN_ARGUMENTS: Final = ("node_id", "plate_node_id", "lockstep")
 _NEAR: Final = 0.7
 """Likeness of a misspelt argument to what was meant, at least; 1 is the same."""
-
-
-def stimulator_od(node_id: int = STIMULATOR_ID) -> ObjectDictionary:
-    """Load the EDS of the stimulator for a node-ID, 1..127."""
-    return load_eds(read_eds("stimulator.eds"), node_id)
-
-
-def plate_od(node_id: int = PLATE_ID) -> ObjectDictionary:
-    """Load the EDS of the plate for a node-ID, 1..127."""
-    return load_eds(read_eds("plate.eds"), node_id)
 
 
 def open_can_link(
@@ -104,29 +91,12 @@ def open_simulated_link(
     if link not in get_args(LinkName):
         raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
     if link == "local":
-        block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
-        for name, raw in presets.items():
-            block.write(name, raw)
-        block.start_run()
+        block = simulated_block(presets)
         return LocalLink(block), block.od
     from smarttac_can.bench.local_network import LocalNetwork  # noqa: PLC0415 - only over CAN
 
     bus = LocalBus(log=log)
-    if plate_inside:
-        inside = PlateBlock(plate_od())
-        bus.attach(StimulatorNode(stimulator_od(), inside, lockstep=True, presets=presets))
-    else:
-        short = SHORT_DEADLINE_MS
-        bus.attach(PlateNode(plate_od(), deadline_ms=short))
-        bus.attach(
-            StimulatorNode(
-                stimulator_od(),
-                plate_node_id=PLATE_ID,
-                lockstep=True,
-                deadline_ms=short,
-                presets=presets,
-            )
-        )
+    attach_nodes(bus, plate_inside=plate_inside, presets=presets)
     return _over_can(
         LocalNetwork(bus),
         STIMULATOR_ID,

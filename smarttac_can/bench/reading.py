@@ -7,9 +7,9 @@ from typing import Self
 
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.link import PUBLISHED, Snapshot
-from smarttac_can.control.cascade import Mode
-from smarttac_can.nodes.read_back import Status
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Status
 
 
 @dataclass(frozen=True, slots=True)

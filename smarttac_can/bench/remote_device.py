@@ -12,7 +12,7 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from smarttac_can.bench.errors import NotRunningError
-from smarttac_can.bench.refusal import refused_write, write_action
+from smarttac_can.bench.refused import refused_write, write_action
 from smarttac_can.commissioning.scan import STATES, UNKNOWN
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.master.errors import (

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from smarttac_can.bench.named_objects import NamedObjects, finite
-from smarttac_can.control.cascade import Mode
-from smarttac_can.control.friction import Law
+from smarttac_can.vocabulary.modes import Law, Mode
 
 _SIDES: Final = 2
 

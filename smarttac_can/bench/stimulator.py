@@ -10,27 +10,20 @@ from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import Link, Row
 from smarttac_can.bench.named_objects import finite
-from smarttac_can.bench.open_link import (
-    STIMULATOR_ID,
-    LinkName,
-    open_can_link,
-    open_simulated_link,
-)
+from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.set_points import SetPoints, by_name
+from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.traces import Trace
-from smarttac_can.control import identification
-from smarttac_can.control.cascade import Mode
-from smarttac_can.control.model import PlateModel
-from smarttac_can.control.tribometer import TARE_SAMPLES
 from smarttac_can.host.bus import LogHook
 from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
-from smarttac_can.nodes.read_back import STATE_SHIFT
-from smarttac_can.nodes.state_machine import Control, State
-from smarttac_can.nodes.supervisor import UNWATCHED
-from smarttac_can.nodes.watchdogs import WATCHDOGS, watchdogs_in
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.objects import AUTO_ZERO, UNWATCHED, ZERO
+from smarttac_can.vocabulary.signals import TARE_SAMPLES
+from smarttac_can.vocabulary.states import STATE_SHIFT, Control, IdentificationState, State
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 CYCLES_PER_SECOND: Final = 1000
 _READY_CYCLES: Final = 100
@@ -354,11 +347,11 @@ class Stimulator(SetPoints):
             if progress is not None:
                 progress(self._link.read("Model.Progress"))
             found = self._link.read("Model.State")
-            if found != identification.State.RUNNING or self.state is not State.RUNNING:
+            if found != IdentificationState.RUNNING or self.state is not State.RUNNING:
                 break
         self.disarm()
         self._require_no_fault(self.state)
-        if found != identification.State.DONE:
+        if found != IdentificationState.DONE:
             raise BenchError(
                 f"the plate could not be identified ({self.message or 'no end in sight'}): lift "
                 "the finger, tare, and set the frequency within 300 Hz of the resonance"

@@ -10,12 +10,12 @@ from pathlib import Path
 import click
 
 from smarttac_can.cli.options import NODE_ID, SECONDS, BusChoice, bus_options
-from smarttac_can.cli.refusal import naming, plain_errors
+from smarttac_can.cli.plain_errors import naming, plain_errors
 from smarttac_can.conformance.case import Case, Result
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.description import DeviceDescription
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.report import as_json, line, markdown, summary
 from smarttac_can.conformance.run import failed, run_cases
-from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.conformance.table import CASES
 from smarttac_can.host.eds_files import read_eds_file
 
@@ -81,10 +81,10 @@ def conform(
     """
     with plain_errors():
         with naming(eds):
-            sheet = Sheet(read_eds_file(eds), node_id)
+            sheet = DeviceDescription(read_eds_file(eds), node_id)
         with closing(bus.open()) as connection:
-            probe = Probe(connection, sheet, timeout=time_out)
-            results = run_cases(probe, cases, lambda result: click.echo(line(result)))
+            examiner = Examiner(connection, sheet, timeout=time_out)
+            results = run_cases(examiner, cases, lambda result: click.echo(line(result)))
         device = f"node {node_id} by {eds.name}"
         click.echo(summary(results))
         _write(results, device, report, json_file)

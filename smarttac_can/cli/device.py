@@ -14,8 +14,8 @@ from smarttac_can.cli.options import (
     storage_option,
     unconfigured_option,
 )
+from smarttac_can.cli.plain_errors import naming, plain_errors, warn
 from smarttac_can.cli.process import Pace, lockstep_option, run_in_process
-from smarttac_can.cli.refusal import naming, plain_errors, warn
 from smarttac_can.device.device import Device
 from smarttac_can.host.eds_files import read_eds_file
 from smarttac_can.host.storage_file import StorageFile

@@ -19,7 +19,7 @@ from smarttac_can.cli.options import (
     json_option,
     timeout_option,
 )
-from smarttac_can.cli.refusal import one_line, plain_errors
+from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
 from smarttac_can.host.eds_files import read_eds_file

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from smarttac_can.cli.options import FiniteRange
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.cli.result_file import (
     json_file_option,
     opened_results,
@@ -20,14 +20,14 @@ from smarttac_can.cli.result_file import (
     result_file,
     result_path,
 )
-from smarttac_can.control.cascade import Mode
 from smarttac_can.host.candump import CandumpWriter
 from smarttac_can.trials.fault_case import DRIVING
 from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_matrix import HOLD_CYCLES, cases, fault_matrix
-from smarttac_can.trials.fault_row import Row, rows_as_json
+from smarttac_can.trials.fault_row import FaultRow, rows_as_json
 from smarttac_can.trials.soak import CYCLES_PER_HOUR, Soak
 from smarttac_can.trials.soak_report import SoakReport
+from smarttac_can.vocabulary.modes import Mode
 
 _NAMES = sorted({case.name for case in CASES})
 _MODES = [mode.name.lower() for mode in DRIVING]
@@ -176,7 +176,7 @@ def soak(hours: float, seed: int, json_file: Path | None) -> None:
         raise click.ClickException(f"{report.violated} violated invariants")
 
 
-def _line(row: Row) -> str:
+def _line(row: FaultRow) -> str:
     zero = "never at 0 V" if row.cycles_to_zero is None else f"0 V after {row.cycles_to_zero:4d}"
     verdict = "ok    " if row.passed else "FAILED"
     return (

@@ -11,13 +11,13 @@ from typing import Any
 import click
 
 from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
-from smarttac_can.cli.refusal import need_matplotlib, plain_errors
+from smarttac_can.cli.plain_errors import need_matplotlib, plain_errors
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.timing.frozen_stage import SHORTEST_MS
 from smarttac_can.timing.loop_run import LoopRun, measure_loop
 from smarttac_can.timing.loop_timing import DEADLINE_RULE, LoopTiming
+from smarttac_can.vocabulary.states import State
 
 PICTURE = "jitter.png"
 _SECONDS_MAX = 86_400

@@ -11,7 +11,7 @@ from smarttac_can.cli.options import (
     closing_network,
     timeout_option,
 )
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.commissioning.node_ids import Identity, assign_node_id
 from smarttac_can.master.errors import NodeNotFoundError
 

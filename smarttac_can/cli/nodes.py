@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli.options import (
     NODE_ID,
     BusChoice,
@@ -20,19 +20,20 @@ from smarttac_can.cli.options import (
     unconfigured_option,
     with_options,
 )
+from smarttac_can.cli.plain_errors import naming, one_line, plain_errors, warn
 from smarttac_can.cli.process import Pace, pace_options, run_in_process
-from smarttac_can.cli.refusal import naming, one_line, plain_errors, warn
 from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.fault_file import FaultFile, read_lines
 from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.storage_file import StorageFile
-from smarttac_can.nodes.plate_block import LIFTED, RECORDED, STROKE, PlateBlock
+from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.plant.finger import Trajectory
+from smarttac_can.vocabulary.objects import LIFTED, RECORDED, STROKE
 
 
 def _finger(

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import canopen
 import click
 
-from smarttac_can.cli.refusal import plain_errors
+from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import StorageFile

@@ -12,7 +12,6 @@ import click
 
 from smarttac_can.cli.options import BusChoice, Command, with_options
 from smarttac_can.cli.state_lines import StateLines
-from smarttac_can.host.lasting_bus import LastingBus
 from smarttac_can.host.line_writer import LineWriter
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.realtime import (
@@ -20,11 +19,12 @@ from smarttac_can.host.realtime import (
     request_real_time,
     request_short_slices,
 )
+from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.host.runner import run_node
-from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
 
 
 class Pace(NamedTuple):
@@ -105,7 +105,7 @@ def run_in_process(
         stop = stack.enter_context(stop_on_signals())
         writer = stack.enter_context(LineWriter(_stdout()))
         lines = StateLines(name, bus.where, node, writer.say)
-        lasting = LastingBus(bus.open, node, lost=lines.lost, back=lines.back)
+        lasting = ReconnectingBus(bus.open, node, lost=lines.lost, back=lines.back)
         if pace.lockstep:
             run_node(lines, lasting, stop, lockstep=True, full=lines.full)
         else:

@@ -14,8 +14,7 @@ import click
 
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.cli.refusal import need_matplotlib, one_line, plain_errors
-from smarttac_can.control.friction import Law
+from smarttac_can.cli.plain_errors import need_matplotlib, one_line, plain_errors
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import Conditions
@@ -29,6 +28,7 @@ from smarttac_can.paper.reproduce import (
     friction_step,
 )
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
+from smarttac_can.vocabulary.modes import Law
 
 _DEAD_TIME_MAX_US = 999.0
 BIT_RATE = 1_000_000

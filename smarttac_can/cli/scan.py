@@ -14,7 +14,7 @@ from smarttac_can.cli.options import (
     json_option,
     timeout_option,
 )
-from smarttac_can.cli.refusal import naming, one_line, plain_errors
+from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
 from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
 from smarttac_can.host.eds_files import read_eds, read_eds_file

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Identifiers
@@ -13,6 +12,7 @@ from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import UNCONFIGURED
+from smarttac_can.vocabulary.modes import Mode
 
 
 class StateLines:

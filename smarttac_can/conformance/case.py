@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from smarttac_can.conformance.probe import Probe
-    from smarttac_can.conformance.sheet import Sheet
+    from smarttac_can.conformance.description import DeviceDescription
+    from smarttac_can.conformance.examiner import Examiner
 
-Need = Callable[["Sheet"], str | None]
+Need = Callable[["DeviceDescription"], str | None]
 """Returns why a device of that data sheet cannot be asked, None if it can."""
 
 
@@ -44,7 +44,7 @@ class Case:
     title: str
     rule: str
     needs: tuple[Need, ...]
-    check: Callable[[Probe], None]
+    check: Callable[[Examiner], None]
 
     @property
     def group(self) -> str:
@@ -52,10 +52,10 @@ class Case:
         return self.number.partition("-")[0]
 
 
-def case(number: str, rule: str, *needs: Need) -> Callable[[Callable[[Probe], None]], Case]:
+def case(number: str, rule: str, *needs: Need) -> Callable[[Callable[[Examiner], None]], Case]:
     """Make a case of a function that asks the device; its docstring, a noun, is the title."""
 
-    def made(check: Callable[[Probe], None]) -> Case:
+    def made(check: Callable[[Examiner], None]) -> Case:
         return Case(number, (check.__doc__ or "").rstrip("."), rule, needs, check)
 
     return made

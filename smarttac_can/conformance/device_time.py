@@ -1,4 +1,4 @@
-"""A bus between the probe and a device in this process, on which waiting takes no real time."""
+"""A bus between the examiner and a device in this process, on which waiting takes no real time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _STEP_US: Final = 1000
 
 
 class DeviceTimeBus:
-    """The probe's place on a local bus: who waits here lets the time of the device pass.
+    """The examiner's place on a local bus: who waits here lets the time of the device pass.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class DeviceTimeBus:
         self._bus.attach(node, lockstep=False)
 
     def time(self) -> float:
-        """Return the time of the device in s; the clock for `Probe`."""
+        """Return the time of the device in s; the clock for `Examiner`."""
         return self._bus.time * 1e-6
 
     def send(self, frame: Frame) -> None:

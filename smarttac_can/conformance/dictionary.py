@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from functools import partial
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.description import COMMANDS
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import download, upload
-from smarttac_can.conformance.sheet import COMMANDS
 from smarttac_can.od.cia import (
     ERROR_FIELD,
     Abort,
@@ -36,14 +36,14 @@ def where(entry: Entry) -> str:
     return f"{entry.index:04X}h:{entry.subindex:02X}"
 
 
-def _readable(probe: Probe) -> list[Entry]:
-    return [e for e in probe.sheet.od if e.readable and e.index not in COMMANDS]
+def _readable(examiner: Examiner) -> list[Entry]:
+    return [e for e in examiner.sheet.od if e.readable and e.index not in COMMANDS]
 
 
-def _read(probe: Probe, entry: Entry) -> bytes | None:
+def _read(examiner: Examiner, entry: Entry) -> bytes | None:
     """Read the bytes of an entry; None where the device has no data for it now."""
     try:
-        return upload(probe, entry.index, entry.subindex)
+        return upload(examiner, entry.index, entry.subindex)
     except Abort as abort:
         if abort.code == AbortCode.NO_DATA:
             return None
@@ -51,24 +51,24 @@ def _read(probe: Probe, entry: Entry) -> bytes | None:
 
 
 @case("OD-01", "7.4.1: each readable entry of the EDS can be read.")
-def every_object(probe: Probe) -> None:
+def every_object(examiner: Examiner) -> None:
     """Every object exists."""
-    entries, faults = _readable(probe), []
+    entries, faults = _readable(examiner), []
     for entry in entries:
         try:
-            _read(probe, entry)
+            _read(examiner, entry)
         except Abort as abort:
             faults.append(f"{where(entry)} {abort}")
     report(faults, len(entries))
 
 
 @case("OD-02", "7.1: each value is as long as its data type.")
-def lengths(probe: Probe) -> None:
+def lengths(examiner: Examiner) -> None:
     """Length by data type."""
-    entries, faults = _readable(probe), []
+    entries, faults = _readable(examiner), []
     for entry in entries:
         try:
-            data = _read(probe, entry)
+            data = _read(examiner, entry)
         except Abort:
             continue
         if data is not None and entry.size and len(data) != entry.size:
@@ -80,17 +80,19 @@ def lengths(probe: Probe) -> None:
     "OD-03",
     "CiA 306, 4.6: constants and parameters, not process data, have the EDS's DefaultValue.",
 )
-def defaults(probe: Probe) -> None:
+def defaults(examiner: Examiner) -> None:
     """Values after a reset."""
     entries = [
         entry
-        for entry in _readable(probe)
-        if entry.access in ("const", "rw") and not entry.pdo and probe.sheet.states_default(entry)
+        for entry in _readable(examiner)
+        if entry.access in ("const", "rw")
+        and not entry.pdo
+        and examiner.sheet.states_default(entry)
     ]
     faults = []
     for entry in entries:
         try:
-            data = _read(probe, entry)
+            data = _read(examiner, entry)
         except Abort:
             continue
         wanted = pack(entry.data_type, entry.default)
@@ -100,20 +102,20 @@ def defaults(probe: Probe) -> None:
 
 
 @case("OD-04", "Table 22: writing any of them is aborted by 06010002h.")
-def read_only(probe: Probe) -> None:
+def read_only(examiner: Examiner) -> None:
     """Read-only entries."""
-    entries = [e for e in probe.sheet.od if not e.writable]
+    entries = [e for e in examiner.sheet.od if not e.writable]
     faults = []
     for entry in entries:
         data = bytes(entry.size or 1)
-        faults += _wrong_refusal(probe, entry, data, AbortCode.READ_ONLY)
+        faults += _wrong_refusal(examiner, entry, data, AbortCode.READ_ONLY)
     report(faults, len(entries))
 
 
-def _wrong_refusal(probe: Probe, entry: Entry, data: bytes, *codes: AbortCode) -> list[str]:
+def _wrong_refusal(examiner: Examiner, entry: Entry, data: bytes, *codes: AbortCode) -> list[str]:
     try:
-        probe.refuse(
-            lambda: download(probe, entry.index, entry.subindex, data), where(entry), *codes
+        examiner.refuse(
+            lambda: download(examiner, entry.index, entry.subindex, data), where(entry), *codes
         )
     except Failure as failure:
         return [str(failure)]
@@ -121,16 +123,16 @@ def _wrong_refusal(probe: Probe, entry: Entry, data: bytes, *codes: AbortCode) -
 
 
 @case("OD-05", "Table 22: reading any of them is aborted by 06010001h.")
-def write_only(probe: Probe) -> None:
+def write_only(examiner: Examiner) -> None:
     """Write-only entries."""
-    entries = [e for e in probe.sheet.od if not e.readable]
+    entries = [e for e in examiner.sheet.od if not e.readable]
     if not entries:
         raise NotApplicable("the EDS has no write-only entry")
     faults = []
     for entry in entries:
         try:
-            probe.refuse(
-                partial(upload, probe, entry.index, entry.subindex),
+            examiner.refuse(
+                partial(upload, examiner, entry.index, entry.subindex),
                 where(entry),
                 AbortCode.WRITE_ONLY,
             )
@@ -151,11 +153,11 @@ def _beyond(entry: Entry) -> Iterator[bytes]:
     "OD-06",
     "CiA 306, 4.6 and table 22: beyond LowLimit and HighLimit 06090030h, 31h or 32h.",
 )
-def limits(probe: Probe) -> None:
+def limits(examiner: Examiner) -> None:
     """Limits."""
     entries = [
         e
-        for e in probe.sheet.numeric()
+        for e in examiner.sheet.numeric()
         if e.writable and e.index not in COMMANDS and (e.low, e.high) != bounds(e.data_type)
     ]
     if not entries:
@@ -163,7 +165,7 @@ def limits(probe: Probe) -> None:
     faults = []
     for entry in entries:
         for data in _beyond(entry):
-            faults += _wrong_refusal(probe, entry, data, *_OUT_OF_RANGE)
+            faults += _wrong_refusal(examiner, entry, data, *_OUT_OF_RANGE)
     report(faults, len(entries))
 
 
@@ -171,15 +173,15 @@ def limits(probe: Probe) -> None:
     "OD-07",
     "A master that writes each rw entry back with its own value gets no abort.",
 )
-def write_back(probe: Probe) -> None:
+def write_back(examiner: Examiner) -> None:
     """Write-back."""
-    entries = [e for e in _readable(probe) if e.writable and e.data_type != DataType.DOMAIN]
+    entries = [e for e in _readable(examiner) if e.writable and e.data_type != DataType.DOMAIN]
     faults = []
     for entry in entries:
         try:
-            data = _read(probe, entry)
+            data = _read(examiner, entry)
             if data is not None:
-                download(probe, entry.index, entry.subindex, data)
+                download(examiner, entry.index, entry.subindex, data)
         except Abort as abort:
             faults.append(f"{where(entry)} {abort}")
     report(faults, len(entries))
@@ -189,12 +191,14 @@ def write_back(probe: Probe) -> None:
     "OD-08",
     "7.4.5: sub-index 0 of arrays and records is the highest one; none beyond it exists.",
 )
-def highest_subindex(probe: Probe) -> None:
+def highest_subindex(examiner: Examiner) -> None:
     """Highest sub-index."""
-    mapping_or_history = [ERROR_FIELD] + [p.mapping for p in probe.sheet.tpdos + probe.sheet.rpdos]
+    mapping_or_history = [ERROR_FIELD] + [
+        p.mapping for p in examiner.sheet.tpdos + examiner.sheet.rpdos
+    ]
     objects = [
         item
-        for item in probe.sheet.od.objects.values()
+        for item in examiner.sheet.od.objects.values()
         if item.object_type in (ObjectType.ARRAY, ObjectType.RECORD)
         and item.index not in mapping_or_history
         and 0 in item.entries
@@ -203,7 +207,7 @@ def highest_subindex(probe: Probe) -> None:
     for item in objects:
         highest = max(item.entries)
         try:
-            data = upload(probe, item.index, 0)
+            data = upload(examiner, item.index, 0)
         except Abort as abort:
             faults.append(f"{item.index:04X}h:00 {abort}")
             continue
@@ -216,13 +220,13 @@ def highest_subindex(probe: Probe) -> None:
     "OD-09",
     "7.4.7.2: it gives data type and object code, or does not exist (06090011h).",
 )
-def structure(probe: Probe) -> None:
+def structure(examiner: Examiner) -> None:
     """Sub-index FFh."""
-    objects = [i for i in probe.sheet.od.objects.values() if _STRUCTURE not in i.entries]
+    objects = [i for i in examiner.sheet.od.objects.values() if _STRUCTURE not in i.entries]
     faults = []
     for item in objects:
         try:
-            data = upload(probe, item.index, _STRUCTURE)
+            data = upload(examiner, item.index, _STRUCTURE)
         except Abort as abort:
             if abort.code != AbortCode.NO_SUBINDEX:
                 faults.append(f"{item.index:04X}h:FF {abort}")

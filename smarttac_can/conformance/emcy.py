@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.conformance.case import Failure, case
+from smarttac_can.conformance.description import needs_object
 from smarttac_can.conformance.emcy_setup import (
     WATCH_MS,
     emcy_id,
@@ -13,9 +14,8 @@ from smarttac_can.conformance.emcy_setup import (
     needs_emcy,
     watch,
 )
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import download, number, upload, write_number
-from smarttac_can.conformance.sheet import needs_object
 from smarttac_can.od.cia import (
     COB_INVALID,
     EMCY_COB_ID,
@@ -38,11 +38,11 @@ _has_history = needs_object(ERROR_FIELD)
     needs_emcy,
     needs_consumer,
 )
-def message(probe: Probe) -> None:
+def message(examiner: Examiner) -> None:
     """Message of an error."""
-    data = lose_node(probe)
-    probe.silence(emcy_id(probe), "second EMCY of one error")
-    register = upload(probe, ERROR_REGISTER)[0]
+    data = lose_node(examiner)
+    examiner.silence(emcy_id(examiner), "second EMCY of one error")
+    register = upload(examiner, ERROR_REGISTER)[0]
     if data[2] != register:
         raise Failure(f"EMCY with error register {data[2]:02X}h, object 1001h is {register:02X}h")
     if not register & ErrorRegister.GENERIC or not register & ErrorRegister.COMMUNICATION:
@@ -55,12 +55,12 @@ def message(probe: Probe) -> None:
     needs_emcy,
     needs_consumer,
 )
-def error_reset(probe: Probe) -> None:
+def error_reset(examiner: Examiner) -> None:
     """End of an error."""
-    lose_node(probe)
-    heartbeat(probe)
-    data = expect_emcy(probe, EmergencyCode.RESET)
-    if data[2] or upload(probe, ERROR_REGISTER)[0]:
+    lose_node(examiner)
+    heartbeat(examiner)
+    data = expect_emcy(examiner, EmergencyCode.RESET)
+    if data[2] or upload(examiner, ERROR_REGISTER)[0]:
         raise Failure("the error register is not 0 when the last error is gone")
 
 
@@ -71,16 +71,16 @@ def error_reset(probe: Probe) -> None:
     needs_consumer,
     _has_history,
 )
-def history(probe: Probe) -> None:
+def history(examiner: Examiner) -> None:
     """History."""
-    if probe.sheet.writable(ERROR_FIELD):
-        write_number(probe, ERROR_FIELD, 0, 0)
-    before = number(probe, ERROR_FIELD)
-    lose_node(probe)
-    count = number(probe, ERROR_FIELD)
+    if examiner.sheet.writable(ERROR_FIELD):
+        write_number(examiner, ERROR_FIELD, 0, 0)
+    before = number(examiner, ERROR_FIELD)
+    lose_node(examiner)
+    count = number(examiner, ERROR_FIELD)
     if count != before + 1:
         raise Failure(f"{before} errors in the history, then {count} after one more")
-    newest = number(probe, ERROR_FIELD, 1) & 0xFFFF
+    newest = number(examiner, ERROR_FIELD, 1) & 0xFFFF
     if newest != EmergencyCode.ERROR_CONTROL:
         raise Failure(f"{newest:04X}h is the newest error, 8130h was sent")
 
@@ -90,18 +90,20 @@ def history(probe: Probe) -> None:
     "7.5.2.2: only 0 may be written to sub-index 0; an empty place has no data.",
     _has_history,
 )
-def clear_history(probe: Probe) -> None:
+def clear_history(examiner: Examiner) -> None:
     """Clearing the history."""
 
     def write(value: int) -> None:
-        download(probe, ERROR_FIELD, 0, bytes((value,)))
+        download(examiner, ERROR_FIELD, 0, bytes((value,)))
 
-    probe.refuse(lambda: write(1), "1 written to the history", AbortCode.VALUE, AbortCode.TOO_HIGH)
+    examiner.refuse(
+        lambda: write(1), "1 written to the history", AbortCode.VALUE, AbortCode.TOO_HIGH
+    )
     write(0)
-    if number(probe, ERROR_FIELD):
+    if number(examiner, ERROR_FIELD):
         raise Failure("the history is not empty after it was cleared")
-    probe.refuse(
-        lambda: upload(probe, ERROR_FIELD, 1),
+    examiner.refuse(
+        lambda: upload(examiner, ERROR_FIELD, 1),
         "an empty place of the history",
         AbortCode.NO_DATA,
         AbortCode.NO_SUBINDEX,
@@ -114,17 +116,17 @@ def clear_history(probe: Probe) -> None:
     needs_object(EMCY_COB_ID, writable=True),
     needs_consumer,
 )
-def cob_id(probe: Probe) -> None:
+def cob_id(examiner: Examiner) -> None:
     """COB-ID."""
-    value = number(probe, EMCY_COB_ID)
-    if value != probe.sheet.od.number(EMCY_COB_ID):
+    value = number(examiner, EMCY_COB_ID)
+    if value != examiner.sheet.od.number(EMCY_COB_ID):
         raise Failure(f"COB-ID EMCY is {value:08X}h, not as the EDS says")
-    probe.refuse(
-        lambda: write_number(probe, EMCY_COB_ID, 0, value ^ 0x100), "CAN-ID of a valid EMCY"
+    examiner.refuse(
+        lambda: write_number(examiner, EMCY_COB_ID, 0, value ^ 0x100), "CAN-ID of a valid EMCY"
     )
-    write_number(probe, EMCY_COB_ID, 0, value | COB_INVALID)
-    watch(probe)
-    probe.silence(emcy_id(probe), "EMCY that is disabled", WATCH_MS * 1e-3 + probe.timeout)
+    write_number(examiner, EMCY_COB_ID, 0, value | COB_INVALID)
+    watch(examiner)
+    examiner.silence(emcy_id(examiner), "EMCY that is disabled", WATCH_MS * 1e-3 + examiner.timeout)
 
 
 @case(
@@ -134,13 +136,13 @@ def cob_id(probe: Probe) -> None:
     needs_object(EMCY_INHIBIT, writable=True),
     needs_consumer,
 )
-def inhibit_time(probe: Probe) -> None:
+def inhibit_time(examiner: Examiner) -> None:
     """Inhibit time."""
-    write_number(probe, EMCY_INHIBIT, 0, 10 * _INHIBIT_MS)
-    watch(probe)
-    first = probe.wait(emcy_id(probe), WATCH_MS * 1e-3 + probe.timeout)
-    heartbeat(probe)
-    second = probe.wait(emcy_id(probe), _INHIBIT_MS * 1e-3 + probe.timeout)
+    write_number(examiner, EMCY_INHIBIT, 0, 10 * _INHIBIT_MS)
+    watch(examiner)
+    first = examiner.wait(emcy_id(examiner), WATCH_MS * 1e-3 + examiner.timeout)
+    heartbeat(examiner)
+    second = examiner.wait(emcy_id(examiner), _INHIBIT_MS * 1e-3 + examiner.timeout)
     if first is None or second is None:
         raise Failure("not two EMCYs for an error that comes and goes")
     gap = 1000 * (second.time - first.time)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import pairwise
 
 from smarttac_can.conformance.case import Failure
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.description import DeviceDescription, needs_object
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import write_number
-from smarttac_can.conformance.sheet import Sheet, needs_object
 from smarttac_can.conformance.tpdo import LEAST, PERIODS, SPREAD
 from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
 
@@ -25,45 +25,45 @@ needs_guarding = needs_object(GUARD_TIME, writable=True)
 needs_life_time = needs_object(LIFE_TIME_FACTOR, writable=True)
 
 
-def heartbeat_can_end(sheet: Sheet) -> str | None:
+def heartbeat_can_end(sheet: DeviceDescription) -> str | None:
     """Require that the EDS lets node guarding take the heartbeat's place."""
     if sheet.od.number(HEARTBEAT_PRODUCER) and not sheet.writable(HEARTBEAT_PRODUCER):
         return "the EDS has a heartbeat that cannot be switched off"
     return None
 
 
-def end_heartbeat(probe: Probe) -> None:
+def end_heartbeat(examiner: Examiner) -> None:
     """Switch the heartbeat off, which lets guarding take its place."""
-    if probe.sheet.od.number(HEARTBEAT_PRODUCER):
-        set_period(probe, 0)
-        probe.settle()
+    if examiner.sheet.od.number(HEARTBEAT_PRODUCER):
+        set_period(examiner, 0)
+        examiner.settle()
 
 
-def ask_state(probe: Probe) -> int:
+def ask_state(examiner: Examiner) -> int:
     """Ask for the NMT state by a remote frame; return the answer, state and toggle bit."""
-    probe.drain()
-    probe.send(probe.heartbeat_id, rtr=True)
-    data = probe.expect(probe.heartbeat_id, "answer to guarding").data
+    examiner.drain()
+    examiner.send(examiner.heartbeat_id, rtr=True)
+    data = examiner.expect(examiner.heartbeat_id, "answer to guarding").data
     if len(data) != 1:
         raise Failure(f"answer to guarding of {len(data)} bytes")
     return data[0]
 
 
-def no_answer(probe: Probe, why: str) -> None:
+def no_answer(examiner: Examiner, why: str) -> None:
     """Raise `Failure` if a remote frame is answered; a heartbeat has no toggle bit set."""
-    probe.drain()
-    probe.send(probe.heartbeat_id, rtr=True)
-    for arrival in probe.collect(probe.heartbeat_id):
+    examiner.drain()
+    examiner.send(examiner.heartbeat_id, rtr=True)
+    for arrival in examiner.collect(examiner.heartbeat_id):
         if arrival.frame.data and arrival.frame.data[0] & TOGGLE:
             raise Failure(f"answer to guarding {why}")
 
 
-def set_period(probe: Probe, period_ms: int = PERIOD_MS) -> None:
+def set_period(examiner: Examiner, period_ms: int = PERIOD_MS) -> None:
     """Write the producer time of the device's heartbeat in ms."""
-    write_number(probe, HEARTBEAT_PRODUCER, 0, period_ms)
+    write_number(examiner, HEARTBEAT_PRODUCER, 0, period_ms)
 
 
-def beats(probe: Probe, period_ms: int = PERIOD_MS) -> list[int]:
+def beats(examiner: Examiner, period_ms: int = PERIOD_MS) -> list[int]:
     """Hear the heartbeats of 8 periods, and return the NMT states in them.
 
     Raises
@@ -71,8 +71,8 @@ def beats(probe: Probe, period_ms: int = PERIOD_MS) -> list[int]:
     Failure
         If fewer than 3 come, or they do not keep the time.
     """
-    probe.drain()
-    arrivals = probe.collect(probe.heartbeat_id, 1e-3 * PERIODS * period_ms)
+    examiner.drain()
+    arrivals = examiner.collect(examiner.heartbeat_id, 1e-3 * PERIODS * period_ms)
     if len(arrivals) < LEAST:
         raise Failure(f"{len(arrivals)} heartbeats in {PERIODS} periods of {period_ms} ms")
     gaps = [1000 * (b.time - a.time) for a, b in pairwise(arrivals)]
@@ -85,10 +85,10 @@ def beats(probe: Probe, period_ms: int = PERIOD_MS) -> list[int]:
     return [arrival.frame.data[0] for arrival in arrivals]
 
 
-def start_life_guarding(probe: Probe) -> None:
+def start_life_guarding(examiner: Examiner) -> None:
     """Write guard time and life time factor, which make the device expect to be asked."""
-    write_number(probe, GUARD_TIME, 0, PERIOD_MS)
-    write_number(probe, LIFE_TIME_FACTOR, 0, _FACTOR)
+    write_number(examiner, GUARD_TIME, 0, PERIOD_MS)
+    write_number(examiner, LIFE_TIME_FACTOR, 0, _FACTOR)
 
 
 LIFE_TIME_S = 1e-3 * PERIOD_MS * _FACTOR

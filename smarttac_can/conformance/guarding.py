@@ -15,7 +15,7 @@ from smarttac_can.conformance.error_control import (
     needs_life_time,
     start_life_guarding,
 )
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.od.cia import EmergencyCode, NMTCommand
 
 
@@ -25,10 +25,10 @@ from smarttac_can.od.cia import EmergencyCode, NMTCommand
     needs_guarding,
     heartbeat_can_end,
 )
-def guard_answer(probe: Probe) -> None:
+def guard_answer(examiner: Examiner) -> None:
     """Answer to a remote frame."""
-    end_heartbeat(probe)
-    if ask_state(probe) & TOGGLE:
+    end_heartbeat(examiner)
+    if ask_state(examiner) & TOGGLE:
         raise Failure("toggle bit 1 in the first answer")
 
 
@@ -38,10 +38,10 @@ def guard_answer(probe: Probe) -> None:
     needs_guarding,
     heartbeat_can_end,
 )
-def guard_toggle(probe: Probe) -> None:
+def guard_toggle(examiner: Examiner) -> None:
     """Toggle bit."""
-    end_heartbeat(probe)
-    toggles = [ask_state(probe) & TOGGLE for _ in range(4)]
+    end_heartbeat(examiner)
+    toggles = [ask_state(examiner) & TOGGLE for _ in range(4)]
     if toggles != [0, TOGGLE, 0, TOGGLE]:
         raise Failure(f"toggle bits {[bool(t) for t in toggles]}")
 
@@ -52,12 +52,12 @@ def guard_toggle(probe: Probe) -> None:
     needs_guarding,
     heartbeat_can_end,
 )
-def guard_state(probe: Probe) -> None:
+def guard_state(examiner: Examiner) -> None:
     """State in the answer."""
-    end_heartbeat(probe)
+    end_heartbeat(examiner)
     for command, state in STATES:
-        probe.enter(command)
-        got = ask_state(probe) & ~TOGGLE
+        examiner.enter(command)
+        got = ask_state(examiner) & ~TOGGLE
         if got != state:
             raise Failure(f"state {got} after NMT command {command:02X}h, not {state}")
 
@@ -70,12 +70,12 @@ def guard_state(probe: Probe) -> None:
     heartbeat_can_end,
     needs_emcy,
 )
-def life_guarding(probe: Probe) -> None:
+def life_guarding(examiner: Examiner) -> None:
     """Life guarding."""
-    end_heartbeat(probe)
-    start_life_guarding(probe)
-    ask_state(probe)
-    expect_emcy(probe, EmergencyCode.ERROR_CONTROL, LIFE_TIME_S + probe.timeout)
+    end_heartbeat(examiner)
+    start_life_guarding(examiner)
+    ask_state(examiner)
+    expect_emcy(examiner, EmergencyCode.ERROR_CONTROL, LIFE_TIME_S + examiner.timeout)
 
 
 @case(
@@ -86,11 +86,13 @@ def life_guarding(probe: Probe) -> None:
     heartbeat_can_end,
     needs_emcy,
 )
-def life_guarding_start(probe: Probe) -> None:
+def life_guarding_start(examiner: Examiner) -> None:
     """Start of life guarding."""
-    end_heartbeat(probe)
-    start_life_guarding(probe)
-    probe.silence(emcy_id(probe), "EMCY before guarding began", LIFE_TIME_S + probe.timeout)
+    end_heartbeat(examiner)
+    start_life_guarding(examiner)
+    examiner.silence(
+        emcy_id(examiner), "EMCY before guarding began", LIFE_TIME_S + examiner.timeout
+    )
 
 
 @case(
@@ -99,11 +101,11 @@ def life_guarding_start(probe: Probe) -> None:
     needs_guarding,
     heartbeat_can_end,
 )
-def guard_reset(probe: Probe) -> None:
+def guard_reset(examiner: Examiner) -> None:
     """Toggle bit after a reset."""
-    end_heartbeat(probe)
-    ask_state(probe)
-    probe.reset(NMTCommand.RESET_COMMUNICATION)
-    end_heartbeat(probe)
-    if ask_state(probe) & TOGGLE:
+    end_heartbeat(examiner)
+    ask_state(examiner)
+    examiner.reset(NMTCommand.RESET_COMMUNICATION)
+    end_heartbeat(examiner)
+    if ask_state(examiner) & TOGGLE:
         raise Failure("toggle bit 1 in the first answer after reset communication")

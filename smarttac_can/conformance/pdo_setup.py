@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from smarttac_can.conformance.case import Failure, NotApplicable
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.description import Pdo
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import download, number, upload, write_number
-from smarttac_can.conformance.sheet import Pdo
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
@@ -32,12 +32,12 @@ _NAMES = {
 }
 
 
-def tpdo(probe: Probe) -> Pdo:
+def tpdo(examiner: Examiner) -> Pdo:
     """Return the first TPDO that can be configured."""
-    return probe.sheet.usable(probe.sheet.tpdos)[0]
+    return examiner.sheet.usable(examiner.sheet.tpdos)[0]
 
 
-def rpdo(probe: Probe) -> Pdo:
+def rpdo(examiner: Examiner) -> Pdo:
     """Return the first RPDO that can be configured and whose values can be read back.
 
     Raises
@@ -45,37 +45,37 @@ def rpdo(probe: Probe) -> Pdo:
     NotApplicable
         If there is none.
     """
-    for pdo in probe.sheet.usable(probe.sheet.rpdos):
-        if any(entry.readable for entry in entries(probe, pdo)):
+    for pdo in examiner.sheet.usable(examiner.sheet.rpdos):
+        if any(entry.readable for entry in entries(examiner, pdo)):
             return pdo
     raise NotApplicable("no RPDO carries a value that can be read back")
 
 
-def can_id(probe: Probe, pdo: Pdo) -> int:
+def can_id(examiner: Examiner, pdo: Pdo) -> int:
     """Return the CAN-ID that the data sheet gives a PDO."""
-    return probe.sheet.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
+    return examiner.sheet.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
 
 
-def entries(probe: Probe, pdo: Pdo) -> list[Entry]:
+def entries(examiner: Examiner, pdo: Pdo) -> list[Entry]:
     """Return the entries of the default mapping; dummies are left out."""
-    found = (probe.sheet.od.get(m >> 16, m >> 8 & 0xFF) for m in probe.sheet.mapped(pdo))
+    found = (examiner.sheet.od.get(m >> 16, m >> 8 & 0xFF) for m in examiner.sheet.mapped(pdo))
     return [entry for entry in found if entry is not None]
 
 
-def disable(probe: Probe, pdo: Pdo) -> int:
+def disable(examiner: Examiner, pdo: Pdo) -> int:
     """Set the invalid bit of a PDO; return its COB-ID on the device without that bit."""
-    cob_id = number(probe, pdo.communication, PDO_COB_ID)
-    write_number(probe, pdo.communication, PDO_COB_ID, cob_id | COB_INVALID)
-    return cob_id & ~COB_INVALID | can_id(probe, pdo)
+    cob_id = number(examiner, pdo.communication, PDO_COB_ID)
+    write_number(examiner, pdo.communication, PDO_COB_ID, cob_id | COB_INVALID)
+    return cob_id & ~COB_INVALID | can_id(examiner, pdo)
 
 
-def enable(probe: Probe, pdo: Pdo, cob_id: int) -> None:
+def enable(examiner: Examiner, pdo: Pdo, cob_id: int) -> None:
     """Clear the invalid bit of a PDO, with this COB-ID."""
-    write_number(probe, pdo.communication, PDO_COB_ID, cob_id & ~COB_INVALID)
+    write_number(examiner, pdo.communication, PDO_COB_ID, cob_id & ~COB_INVALID)
 
 
 def configure(
-    probe: Probe,
+    examiner: Examiner,
     pdo: Pdo,
     transmission: int,
     *,
@@ -91,7 +91,7 @@ def configure(
     NotApplicable
         The EDS has no such parameter, or the device does not take the value.
     """
-    cob_id = disable(probe, pdo)
+    cob_id = disable(examiner, pdo)
     wanted = {
         PDO_TRANSMISSION: transmission,
         PDO_INHIBIT: inhibit,
@@ -101,50 +101,50 @@ def configure(
     for subindex, value in wanted.items():
         if value is None:
             continue
-        if not probe.sheet.writable(pdo.communication, subindex):
+        if not examiner.sheet.writable(pdo.communication, subindex):
             raise NotApplicable(f"{pdo.communication:04X}h has no {_NAMES[subindex]} to write")
         try:
-            write_number(probe, pdo.communication, subindex, value)
+            write_number(examiner, pdo.communication, subindex, value)
         except Abort as abort:
             reason = f"the device refuses {_NAMES[subindex]} {value}: {abort}"
             raise NotApplicable(reason) from None
     if rtr is not None:
         cob_id = cob_id & ~COB_NO_RTR if rtr else cob_id | COB_NO_RTR
     try:
-        enable(probe, pdo, cob_id)
+        enable(examiner, pdo, cob_id)
     except Abort as abort:
         if rtr:
             raise NotApplicable(f"the device allows no RTR: {abort}") from None
         raise
 
 
-def configure_rpdo(probe: Probe, pdo: Pdo, transmission: int) -> None:
+def configure_rpdo(examiner: Examiner, pdo: Pdo, transmission: int) -> None:
     """Configure an RPDO without a deadline, whose end may undo what it brought."""
-    watched = probe.sheet.writable(pdo.communication, PDO_EVENT)
-    configure(probe, pdo, transmission, event=0 if watched else None)
+    watched = examiner.sheet.writable(pdo.communication, PDO_EVENT)
+    configure(examiner, pdo, transmission, event=0 if watched else None)
 
 
-def refuse_own_events(probe: Probe, pdo: Pdo) -> None:
+def refuse_own_events(examiner: Examiner, pdo: Pdo) -> None:
     """Raise `NotApplicable` if the application makes a TPDO go all the time by its own events."""
-    timed = probe.sheet.writable(pdo.communication, PDO_EVENT)
-    configure(probe, pdo, EVENT_MANUFACTURER, event=0 if timed else None)
-    operational(probe)
-    if len(probe.collect(can_id(probe, pdo))) > _OWN_EVENTS:
+    timed = examiner.sheet.writable(pdo.communication, PDO_EVENT)
+    configure(examiner, pdo, EVENT_MANUFACTURER, event=0 if timed else None)
+    operational(examiner)
+    if len(examiner.collect(can_id(examiner, pdo))) > _OWN_EVENTS:
         raise NotApplicable("the application has events all the time")
-    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
+    examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
 
 
-def operational(probe: Probe) -> None:
+def operational(examiner: Examiner) -> None:
     """Start the device and let the first event-driven TPDOs pass."""
-    probe.enter(NMTCommand.START)
+    examiner.enter(NMTCommand.START)
 
 
-def content(probe: Probe, mapped: Iterable[int]) -> bytes:
+def content(examiner: Examiner, mapped: Iterable[int]) -> bytes:
     """Read by SDO what a PDO with these mapping entries would carry now."""
-    return b"".join(upload(probe, m >> 16, m >> 8 & 0xFF)[: (m & 0xFF) // 8] for m in mapped)
+    return b"".join(upload(examiner, m >> 16, m >> 8 & 0xFF)[: (m & 0xFF) // 8] for m in mapped)
 
 
-def changed(probe: Probe, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, bytes]]]:
+def changed(examiner: Examiner, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, bytes]]]:
     """Make the content of an RPDO with values other than the present ones.
 
     Returns
@@ -154,15 +154,15 @@ def changed(probe: Probe, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, bytes]]]:
     """
     data = b""
     wanted = []
-    for mapping in probe.sheet.mapped(pdo):
+    for mapping in examiner.sheet.mapped(pdo):
         size = (mapping & 0xFF) // 8
-        entry = probe.sheet.od.get(mapping >> 16, mapping >> 8 & 0xFF)
+        entry = examiner.sheet.od.get(mapping >> 16, mapping >> 8 & 0xFF)
         if entry is None:
             data += bytes(size)
             continue
         part = entry.pack()
         if entry.readable:
-            part = upload(probe, entry.index, entry.subindex)
+            part = upload(examiner, entry.index, entry.subindex)
             present = entry.unpack(part)
             if isinstance(present, int | float):
                 value = present + 1 if present + 1 <= entry.high else present - 1
@@ -180,19 +180,19 @@ def _pack(entry: Entry, value: float) -> bytes:
         entry.value = before
 
 
-def reads(probe: Probe, wanted: list[tuple[Entry, bytes]]) -> bool:
+def reads(examiner: Examiner, wanted: list[tuple[Entry, bytes]]) -> bool:
     """Tell whether all entries read as wanted."""
-    return all(upload(probe, e.index, e.subindex) == part for e, part in wanted)
+    return all(upload(examiner, e.index, e.subindex) == part for e, part in wanted)
 
 
-def expect_values(probe: Probe, wanted: list[tuple[Entry, bytes]], when: str) -> None:
+def expect_values(examiner: Examiner, wanted: list[tuple[Entry, bytes]], when: str) -> None:
     """Raise `Failure` unless all entries read as wanted."""
     for entry, part in wanted:
-        got = upload(probe, entry.index, entry.subindex)
+        got = upload(examiner, entry.index, entry.subindex)
         if got != part:
             raise Failure(f"{entry.name} is {got.hex(' ')} {when}, not {part.hex(' ')}")
 
 
-def write_back(probe: Probe, index: int, subindex: int) -> None:
+def write_back(examiner: Examiner, index: int, subindex: int) -> None:
     """Write the present value of an entry."""
-    download(probe, index, subindex, upload(probe, index, subindex))
+    download(examiner, index, subindex, upload(examiner, index, subindex))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from smarttac_can.conformance.case import Failure, case
+from smarttac_can.conformance.description import needs_object, needs_rpdo
 from smarttac_can.conformance.emcy_setup import expect_emcy
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import (
     can_id,
     changed,
@@ -15,8 +17,6 @@ from smarttac_can.conformance.pdo_setup import (
     reads,
     rpdo,
 )
-from smarttac_can.conformance.probe import Probe
-from smarttac_can.conformance.sheet import needs_object, needs_rpdo
 from smarttac_can.od.cia import (
     EMCY_COB_ID,
     EVENT_MANUFACTURER,
@@ -30,15 +30,15 @@ _DEADLINE_MS = 60
 
 
 @case("PDO-20", "7.5.2.35: its values are taken at once.", needs_rpdo)
-def event_driven(probe: Probe) -> None:
+def event_driven(examiner: Examiner) -> None:
     """Event-driven RPDO."""
-    pdo = rpdo(probe)
-    configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
-    operational(probe)
-    data, wanted = changed(probe, pdo)
-    probe.send(can_id(probe, pdo), data)
-    probe.settle()
-    expect_values(probe, wanted, "after the RPDO")
+    pdo = rpdo(examiner)
+    configure_rpdo(examiner, pdo, EVENT_MANUFACTURER)
+    operational(examiner)
+    data, wanted = changed(examiner, pdo)
+    examiner.send(can_id(examiner, pdo), data)
+    examiner.settle()
+    expect_values(examiner, wanted, "after the RPDO")
 
 
 @case(
@@ -47,19 +47,19 @@ def event_driven(probe: Probe) -> None:
     needs_rpdo,
     _has_sync,
 )
-def synchronous(probe: Probe) -> None:
+def synchronous(examiner: Examiner) -> None:
     """Synchronous RPDO."""
-    pdo = rpdo(probe)
-    configure_rpdo(probe, pdo, 1)
-    operational(probe)
-    data, wanted = changed(probe, pdo)
-    probe.send(can_id(probe, pdo), data)
-    probe.settle()
-    if reads(probe, wanted):
+    pdo = rpdo(examiner)
+    configure_rpdo(examiner, pdo, 1)
+    operational(examiner)
+    data, wanted = changed(examiner, pdo)
+    examiner.send(can_id(examiner, pdo), data)
+    examiner.settle()
+    if reads(examiner, wanted):
         raise Failure("the values of a synchronous RPDO are taken before SYNC")
-    probe.sync()
-    probe.settle()
-    expect_values(probe, wanted, "after SYNC")
+    examiner.sync()
+    examiner.settle()
+    expect_values(examiner, wanted, "after SYNC")
 
 
 @case(
@@ -67,34 +67,34 @@ def synchronous(probe: Probe) -> None:
     "7.3.2.2: not taken in PRE-OPERATIONAL and STOPPED.",
     needs_rpdo,
 )
-def rpdo_by_state(probe: Probe) -> None:
+def rpdo_by_state(examiner: Examiner) -> None:
     """RPDO by NMT state."""
-    pdo = rpdo(probe)
-    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
-    configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
-    data, wanted = changed(probe, pdo)
+    pdo = rpdo(examiner)
+    examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
+    configure_rpdo(examiner, pdo, EVENT_MANUFACTURER)
+    data, wanted = changed(examiner, pdo)
     for command, state in (
         (NMTCommand.ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL"),
         (NMTCommand.STOP, "STOPPED"),
     ):
-        probe.enter(command)
-        probe.send(can_id(probe, pdo), data)
-        probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
-        if reads(probe, wanted):
+        examiner.enter(command)
+        examiner.send(can_id(examiner, pdo), data)
+        examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
+        if reads(examiner, wanted):
             raise Failure(f"RPDO taken in {state}")
 
 
 @case("PDO-23", "7.5.2.35: with bit 31 it is not taken.", needs_rpdo)
-def disabled_rpdo(probe: Probe) -> None:
+def disabled_rpdo(examiner: Examiner) -> None:
     """Disabled RPDO."""
-    pdo = rpdo(probe)
-    configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
-    disable(probe, pdo)
-    operational(probe)
-    data, wanted = changed(probe, pdo)
-    probe.send(can_id(probe, pdo), data)
-    probe.settle()
-    if reads(probe, wanted):
+    pdo = rpdo(examiner)
+    configure_rpdo(examiner, pdo, EVENT_MANUFACTURER)
+    disable(examiner, pdo)
+    operational(examiner)
+    data, wanted = changed(examiner, pdo)
+    examiner.send(can_id(examiner, pdo), data)
+    examiner.settle()
+    if reads(examiner, wanted):
         raise Failure("RPDO taken that is disabled")
 
 
@@ -103,17 +103,17 @@ def disabled_rpdo(probe: Probe) -> None:
     "7.2.2.5.1, 7.2.7.1: not taken; EMCY 8210h if the device has emergencies.",
     needs_rpdo,
 )
-def too_short(probe: Probe) -> None:
+def too_short(examiner: Examiner) -> None:
     """RPDO that is too short."""
-    pdo = rpdo(probe)
-    configure_rpdo(probe, pdo, EVENT_MANUFACTURER)
-    operational(probe)
-    data, wanted = changed(probe, pdo)
-    probe.drain()
-    probe.send(can_id(probe, pdo), data[:-1])
-    if probe.sheet.has(EMCY_COB_ID):
-        expect_emcy(probe, EmergencyCode.PDO_LENGTH)
-    if reads(probe, wanted):
+    pdo = rpdo(examiner)
+    configure_rpdo(examiner, pdo, EVENT_MANUFACTURER)
+    operational(examiner)
+    data, wanted = changed(examiner, pdo)
+    examiner.drain()
+    examiner.send(can_id(examiner, pdo), data[:-1])
+    if examiner.sheet.has(EMCY_COB_ID):
+        expect_emcy(examiner, EmergencyCode.PDO_LENGTH)
+    if reads(examiner, wanted):
         raise Failure("RPDO taken that is too short")
 
 
@@ -123,13 +123,13 @@ def too_short(probe: Probe) -> None:
     needs_rpdo,
     needs_object(EMCY_COB_ID),
 )
-def deadline(probe: Probe) -> None:
+def deadline(examiner: Examiner) -> None:
     """RPDO deadline."""
-    pdo = rpdo(probe)
-    configure(probe, pdo, EVENT_MANUFACTURER, event=_DEADLINE_MS)
-    operational(probe)
-    data, _ = changed(probe, pdo)
-    probe.send(can_id(probe, pdo), data)
-    expect_emcy(probe, EmergencyCode.RPDO_TIME_OUT, _DEADLINE_MS * 1e-3 + probe.timeout)
-    probe.send(can_id(probe, pdo), data)
-    expect_emcy(probe, EmergencyCode.RESET)
+    pdo = rpdo(examiner)
+    configure(examiner, pdo, EVENT_MANUFACTURER, event=_DEADLINE_MS)
+    operational(examiner)
+    data, _ = changed(examiner, pdo)
+    examiner.send(can_id(examiner, pdo), data)
+    expect_emcy(examiner, EmergencyCode.RPDO_TIME_OUT, _DEADLINE_MS * 1e-3 + examiner.timeout)
+    examiner.send(can_id(examiner, pdo), data)
+    expect_emcy(examiner, EmergencyCode.RESET)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from smarttac_can.conformance.case import Case, Failure, NotApplicable, Result
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.od.cia import Abort, AbortCode
 
 
 def run_cases(
-    probe: Probe, cases: Iterable[Case], on_result: Callable[[Result], None] | None = None
+    examiner: Examiner, cases: Iterable[Case], on_result: Callable[[Result], None] | None = None
 ) -> list[Result]:
     """Judge a device.
 
@@ -26,41 +26,41 @@ def run_cases(
     """
     results = []
     for case in cases:
-        result = _run(probe, case)
+        result = _run(examiner, case)
         results.append(result)
         if on_result is not None:
             on_result(result)
     return results
 
 
-def _run(probe: Probe, case: Case) -> Result:
+def _run(examiner: Examiner, case: Case) -> Result:
     for need in case.needs:
-        reason = need(probe.sheet)
+        reason = need(examiner.sheet)
         if reason is not None:
             return Result(case, "not applicable", reason)
-    _reset(probe)
-    probe.trace.clear()
+    _reset(examiner)
+    examiner.trace.clear()
     try:
-        case.check(probe)
+        case.check(examiner)
     except NotApplicable as refusal:
         return Result(case, "not applicable", str(refusal))
     except (Failure, Abort) as failure:
-        return Result(case, "fail", str(failure), tuple(probe.trace))
+        return Result(case, "fail", str(failure), tuple(examiner.trace))
     finally:
-        _reset(probe)
+        _reset(examiner)
     return Result(case, "pass")
 
 
-def _reset(probe: Probe) -> None:
+def _reset(examiner: Examiner) -> None:
     """Reset; a device that sends no boot-up is judged by the cases that ask for it.
 
     A transfer that a failed case left open is aborted: not every device drops it in a reset.
     """
-    probe.sdo_send(b"\x80\0\0\0" + AbortCode.GENERAL.to_bytes(4, "little"))
+    examiner.sdo_send(b"\x80\0\0\0" + AbortCode.GENERAL.to_bytes(4, "little"))
     try:
-        probe.reset()
+        examiner.reset()
     except Failure:
-        probe.settle()
+        examiner.settle()
 
 
 def failed(results: Sequence[Result]) -> list[Result]:

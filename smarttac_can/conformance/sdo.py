@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.description import needs_number
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import (
     address,
     confirm,
@@ -13,7 +14,6 @@ from smarttac_can.conformance.sdo_client import (
     download_segments,
     upload,
 )
-from smarttac_can.conformance.sheet import needs_number
 from smarttac_can.od.cia import (
     DEVICE_TYPE,
     SDO_TX_ID,
@@ -28,7 +28,7 @@ SERVER_TIME_OUT_S = 2.0
 """Longest time after which an abandoned transfer must not be in the way any more."""
 
 
-def number_entry(probe: Probe) -> Entry:
+def number_entry(examiner: Examiner) -> Entry:
     """Find the first rw number of 4 bytes of the EDS that the device really has.
 
     Raises
@@ -36,47 +36,47 @@ def number_entry(probe: Probe) -> Entry:
     Failure
         If it has none.
     """
-    for entry in probe.sheet.number_entries():
+    for entry in examiner.sheet.number_entries():
         try:
-            upload(probe, entry.index, entry.subindex)
+            upload(examiner, entry.index, entry.subindex)
         except Abort:
             continue
         return entry
     raise Failure("the device has none of the rw numbers of 4 bytes that the EDS has")
 
 
-def _long(probe: Probe) -> Entry:
-    entry = probe.sheet.long_entry()
+def _long(examiner: Examiner) -> Entry:
+    entry = examiner.sheet.long_entry()
     if entry is None:
         raise NotApplicable("the EDS has no entry of more than 4 bytes")
     return entry
 
 
-def other_value(probe: Probe, entry: Entry) -> bytes:
+def other_value(examiner: Examiner, entry: Entry) -> bytes:
     """Return the bytes of a value next to the present one, within the limits."""
-    present = unpack(entry.data_type, upload(probe, entry.index, entry.subindex))
+    present = unpack(entry.data_type, upload(examiner, entry.index, entry.subindex))
     return pack(entry.data_type, present + 1 if present < entry.high else present - 1)
 
 
-def read_back(probe: Probe, entry: Entry, data: bytes) -> None:
+def read_back(examiner: Examiner, entry: Entry, data: bytes) -> None:
     """Raise `Failure` unless an entry reads as written."""
-    back = upload(probe, entry.index, entry.subindex)
+    back = upload(examiner, entry.index, entry.subindex)
     if back != data:
         raise Failure(f"{entry.name}: {data.hex(' ')} written, {back.hex(' ')} read")
 
 
-def alive(probe: Probe) -> None:
+def alive(examiner: Examiner) -> None:
     """Raise `Failure` unless the server answers a plain upload."""
     try:
-        upload(probe, DEVICE_TYPE)
+        upload(examiner, DEVICE_TYPE)
     except (Abort, Failure) as error:
         raise Failure(f"the SDO server does not work afterwards: {error}") from error
 
 
 @case("SDO-01", "7.2.4.3.5: up to 4 bytes come in the initiate response.")
-def expedited_upload(probe: Probe) -> None:
+def expedited_upload(examiner: Examiner) -> None:
     """Expedited upload."""
-    response = probe.request(b"\x40" + address(DEVICE_TYPE, 0))
+    response = examiner.request(b"\x40" + address(DEVICE_TYPE, 0))
     if response[0] != _EXPEDITED_4_BYTES or response[1:4] != address(DEVICE_TYPE, 0):
         raise Failure(f"upload of the device type answered by {response.hex(' ')}")
 
@@ -86,12 +86,12 @@ def expedited_upload(probe: Probe) -> None:
     "7.2.4.3.3: a value of up to 4 bytes is confirmed and then read back.",
     needs_number,
 )
-def expedited_download(probe: Probe) -> None:
+def expedited_download(examiner: Examiner) -> None:
     """Expedited download."""
-    entry = number_entry(probe)
-    data = other_value(probe, entry)
-    download(probe, entry.index, entry.subindex, data)
-    read_back(probe, entry, data)
+    entry = number_entry(examiner)
+    data = other_value(examiner, entry)
+    download(examiner, entry.index, entry.subindex, data)
+    read_back(examiner, entry, data)
 
 
 @case(
@@ -99,35 +99,35 @@ def expedited_download(probe: Probe) -> None:
     "7.2.4.3.3: with s = 0 the length is that of the entry.",
     needs_number,
 )
-def expedited_download_without_size(probe: Probe) -> None:
+def expedited_download_without_size(examiner: Examiner) -> None:
     """Expedited download without size."""
-    entry = number_entry(probe)
-    data, where = other_value(probe, entry), address(entry.index, entry.subindex)
-    confirm(probe.request(b"\x22" + where + data), where)
-    read_back(probe, entry, data)
+    entry = number_entry(examiner)
+    data, where = other_value(examiner, entry), address(entry.index, entry.subindex)
+    confirm(examiner.request(b"\x22" + where + data), where)
+    read_back(examiner, entry, data)
 
 
 @case(
     "SDO-04",
     "7.2.4.3.5, .6: more than 4 bytes come in segments with alternating toggle.",
 )
-def segmented_upload(probe: Probe) -> None:
+def segmented_upload(examiner: Examiner) -> None:
     """Segmented upload."""
-    entry = _long(probe)
-    data = upload(probe, entry.index, entry.subindex)
+    entry = _long(examiner)
+    data = upload(examiner, entry.index, entry.subindex)
     if entry.size and len(data) != entry.size:
         raise Failure(f"{entry.name}: {len(data)} bytes instead of {entry.size}")
 
 
-def _segmented_download(probe: Probe, *, say_size: bool) -> None:
-    entry = probe.sheet.long_writable()
+def _segmented_download(examiner: Examiner, *, say_size: bool) -> None:
+    entry = examiner.sheet.long_writable()
     if entry is None:
-        entry = number_entry(probe)
-        data = other_value(probe, entry)
+        entry = number_entry(examiner)
+        data = other_value(examiner, entry)
     else:
-        data = upload(probe, entry.index, entry.subindex)
-    download_segments(probe, entry.index, entry.subindex, data, say_size=say_size)
-    read_back(probe, entry, data)
+        data = upload(examiner, entry.index, entry.subindex)
+    download_segments(examiner, entry.index, entry.subindex, data, say_size=say_size)
+    read_back(examiner, entry, data)
 
 
 @case(
@@ -135,9 +135,9 @@ def _segmented_download(probe: Probe, *, say_size: bool) -> None:
     "7.2.4.3.3, .4: segments are confirmed with their toggle, the value is read back.",
     needs_number,
 )
-def segmented_download(probe: Probe) -> None:
+def segmented_download(examiner: Examiner) -> None:
     """Segmented download with size."""
-    _segmented_download(probe, say_size=True)
+    _segmented_download(examiner, say_size=True)
 
 
 @case(
@@ -145,21 +145,23 @@ def segmented_download(probe: Probe) -> None:
     "7.2.4.3.3: with s = 0 the length follows from the last segment.",
     needs_number,
 )
-def segmented_download_without_size(probe: Probe) -> None:
+def segmented_download_without_size(examiner: Examiner) -> None:
     """Segmented download without size."""
-    _segmented_download(probe, say_size=False)
+    _segmented_download(examiner, say_size=False)
 
 
 @case(
     "SDO-07",
     "7.2.4.3.6: a segment request whose toggle did not alternate is aborted by 05030000h.",
 )
-def upload_toggle(probe: Probe) -> None:
+def upload_toggle(examiner: Examiner) -> None:
     """Wrong toggle in an upload."""
-    entry = _long(probe)
-    probe.request(b"\x40" + address(entry.index, entry.subindex))
-    probe.refuse(lambda: probe.request(b"\x70"), "toggle 1 in the first segment", AbortCode.TOGGLE)
-    alive(probe)
+    entry = _long(examiner)
+    examiner.request(b"\x40" + address(entry.index, entry.subindex))
+    examiner.refuse(
+        lambda: examiner.request(b"\x70"), "toggle 1 in the first segment", AbortCode.TOGGLE
+    )
+    alive(examiner)
 
 
 @case(
@@ -167,15 +169,17 @@ def upload_toggle(probe: Probe) -> None:
     "7.2.4.3.4: a segment whose toggle did not alternate is aborted by 05030000h.",
     needs_number,
 )
-def download_toggle(probe: Probe) -> None:
+def download_toggle(examiner: Examiner) -> None:
     """Wrong toggle in a download."""
-    entry = number_entry(probe)
+    entry = number_entry(examiner)
     where = address(entry.index, entry.subindex)
-    before = upload(probe, entry.index, entry.subindex)
-    confirm(probe.request(b"\x21" + where + b"\x04"), where)
+    before = upload(examiner, entry.index, entry.subindex)
+    confirm(examiner.request(b"\x21" + where + b"\x04"), where)
     segment = b"\x17" + other_value_of(before)
-    probe.refuse(lambda: probe.request(segment), "toggle 1 in the first segment", AbortCode.TOGGLE)
-    read_back(probe, entry, before)
+    examiner.refuse(
+        lambda: examiner.request(segment), "toggle 1 in the first segment", AbortCode.TOGGLE
+    )
+    read_back(examiner, entry, before)
 
 
 def other_value_of(data: bytes) -> bytes:
@@ -187,65 +191,65 @@ def other_value_of(data: bytes) -> bytes:
     "SDO-09",
     "7.2.4.3: a segment that belongs to no transfer is aborted by 05040001h.",
 )
-def segment_without_transfer(probe: Probe) -> None:
+def segment_without_transfer(examiner: Examiner) -> None:
     """Segment without a transfer."""
     for command, what in ((0x60, "upload"), (0x00, "download")):
-        probe.refuse(
-            partial(probe.request, bytes((command,))),
+        examiner.refuse(
+            partial(examiner.request, bytes((command,))),
             f"{what} segment without a transfer",
             AbortCode.COMMAND,
         )
-    alive(probe)
+    alive(examiner)
 
 
 @case(
     "SDO-10",
     "7.2.4.3.17: an unknown command specifier is aborted by 05040001h.",
 )
-def unknown_command(probe: Probe) -> None:
+def unknown_command(examiner: Examiner) -> None:
     """Unknown command."""
-    probe.refuse(lambda: probe.request(b"\xe0"), "command specifier 7", AbortCode.COMMAND)
-    alive(probe)
+    examiner.refuse(lambda: examiner.request(b"\xe0"), "command specifier 7", AbortCode.COMMAND)
+    alive(examiner)
 
 
 @case(
     "SDO-11",
     "7.2.4.3.17: an abort ends the transfer and is not answered.",
 )
-def client_abort(probe: Probe) -> None:
+def client_abort(examiner: Examiner) -> None:
     """Abort by the client."""
-    entry = _long(probe)
+    entry = _long(examiner)
     where = address(entry.index, entry.subindex)
-    probe.request(b"\x40" + where)
-    probe.sdo_send(b"\x80" + where + AbortCode.GENERAL.to_bytes(4, "little"))
-    probe.silence(SDO_TX_ID + probe.node_id, "answer to an abort")
-    probe.refuse(
-        lambda: probe.request(b"\x60"), "segment request after the abort", AbortCode.COMMAND
+    examiner.request(b"\x40" + where)
+    examiner.sdo_send(b"\x80" + where + AbortCode.GENERAL.to_bytes(4, "little"))
+    examiner.silence(SDO_TX_ID + examiner.node_id, "answer to an abort")
+    examiner.refuse(
+        lambda: examiner.request(b"\x60"), "segment request after the abort", AbortCode.COMMAND
     )
-    alive(probe)
+    alive(examiner)
 
 
 @case(
     "SDO-12",
     "7.2.4.3: an initiate request is served while an abandoned transfer is open.",
 )
-def abandoned_transfer(probe: Probe) -> None:
+def abandoned_transfer(examiner: Examiner) -> None:
     """A new transfer after one left behind."""
-    entry = _long(probe)
-    probe.request(b"\x40" + address(entry.index, entry.subindex))
-    alive(probe)
+    entry = _long(examiner)
+    examiner.request(b"\x40" + address(entry.index, entry.subindex))
+    alive(examiner)
 
 
 @case(
     "SDO-13",
     "7.2.4.3.17: a server that waits in vain gives up, by 05040000h or in silence.",
 )
-def transfer_time_out(probe: Probe) -> None:
+def transfer_time_out(examiner: Examiner) -> None:
     """Time-out of a transfer left behind."""
-    entry = _long(probe)
-    probe.request(b"\x40" + address(entry.index, entry.subindex))
+    entry = _long(examiner)
+    examiner.request(b"\x40" + address(entry.index, entry.subindex))
     try:
-        probe.sdo_response(SERVER_TIME_OUT_S)
+        examiner.sdo_response(SERVER_TIME_OUT_S)
     except Abort as abort:
         if abort.code != AbortCode.TIME_OUT:
             raise Failure(f"the transfer ended with {abort}") from None
@@ -253,4 +257,4 @@ def transfer_time_out(probe: Probe) -> None:
         pass
     else:
         raise Failure("the server goes on without a request")
-    alive(probe)
+    alive(examiner)

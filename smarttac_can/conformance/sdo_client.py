@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.conformance.case import Failure
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.od.cia import EXPEDITED_BYTES
 
 _UPLOAD_RESPONSE = 2
@@ -16,7 +16,7 @@ def address(index: int, subindex: int) -> bytes:
     return index.to_bytes(2, "little") + bytes((subindex,))
 
 
-def upload(probe: Probe, index: int, subindex: int = 0) -> bytes:
+def upload(examiner: Examiner, index: int, subindex: int = 0) -> bytes:
     """Read the bytes of an entry, expedited or segmented.
 
     Raises
@@ -27,7 +27,7 @@ def upload(probe: Probe, index: int, subindex: int = 0) -> bytes:
         If it does not answer, or breaks the protocol.
     """
     where = address(index, subindex)
-    response = probe.request(b"\x40" + where)
+    response = examiner.request(b"\x40" + where)
     command = response[0]
     if command >> 5 != _UPLOAD_RESPONSE or response[1:4] != where:
         raise Failure(f"upload of {index:04X}h:{subindex:02X} answered by {response.hex(' ')}")
@@ -37,7 +37,7 @@ def upload(probe: Probe, index: int, subindex: int = 0) -> bytes:
     data = bytearray()
     toggle = 0
     while len(data) < _LONGEST:
-        segment = probe.request(bytes((0x60 | toggle,)))
+        segment = examiner.request(bytes((0x60 | toggle,)))
         if segment[0] >> 5 or segment[0] & 0x10 != toggle:
             raise Failure(f"upload segment with command byte {segment[0]:02X}h, toggle {toggle:X}h")
         data += segment[1 : 8 - (segment[0] >> 1 & 7)]
@@ -49,7 +49,7 @@ def upload(probe: Probe, index: int, subindex: int = 0) -> bytes:
     return bytes(data)
 
 
-def download(probe: Probe, index: int, subindex: int, data: bytes) -> None:
+def download(examiner: Examiner, index: int, subindex: int, data: bytes) -> None:
     """Write an entry, expedited up to 4 bytes, else segmented.
 
     Raises
@@ -60,26 +60,26 @@ def download(probe: Probe, index: int, subindex: int, data: bytes) -> None:
         If it does not answer, or breaks the protocol.
     """
     if not 1 <= len(data) <= EXPEDITED_BYTES:
-        download_segments(probe, index, subindex, data)
+        download_segments(examiner, index, subindex, data)
         return
     where = address(index, subindex)
     command = 0x23 | (4 - len(data)) << 2
-    confirm(probe.request(bytes((command,)) + where + data), where)
+    confirm(examiner.request(bytes((command,)) + where + data), where)
 
 
 def download_segments(
-    probe: Probe, index: int, subindex: int, data: bytes, *, say_size: bool = True
+    examiner: Examiner, index: int, subindex: int, data: bytes, *, say_size: bool = True
 ) -> None:
     """Write an entry by segments, whatever its length."""
     where = address(index, subindex)
     size = len(data).to_bytes(4, "little") if say_size else bytes(4)
-    confirm(probe.request(bytes((0x20 | say_size,)) + where + size), where)
+    confirm(examiner.request(bytes((0x20 | say_size,)) + where + size), where)
     toggle = 0
     parts = [data[i : i + _SEGMENT] for i in range(0, len(data), _SEGMENT)] or [b""]
     for number, part in enumerate(parts, 1):
         last = number == len(parts)
         command = toggle | (_SEGMENT - len(part)) << 1 | last
-        response = probe.request(bytes((command,)) + part)
+        response = examiner.request(bytes((command,)) + part)
         if response[0] != 0x20 | toggle:
             raise Failure(f"download segment answered by {response.hex(' ')}")
         toggle ^= 0x10
@@ -91,12 +91,12 @@ def confirm(response: bytes, where: bytes) -> None:
         raise Failure(f"download answered by {response.hex(' ')}")
 
 
-def number(probe: Probe, index: int, subindex: int = 0) -> int:
+def number(examiner: Examiner, index: int, subindex: int = 0) -> int:
     """Read an unsigned number of any length."""
-    return int.from_bytes(upload(probe, index, subindex), "little")
+    return int.from_bytes(upload(examiner, index, subindex), "little")
 
 
-def write_number(probe: Probe, index: int, subindex: int, value: int) -> None:
+def write_number(examiner: Examiner, index: int, subindex: int, value: int) -> None:
     """Write an unsigned number in the length that the data sheet gives the entry."""
-    size = probe.sheet.od.entry(index, subindex).size
-    download(probe, index, subindex, value.to_bytes(size, "little"))
+    size = examiner.sheet.od.entry(index, subindex).size
+    download(examiner, index, subindex, value.to_bytes(size, "little"))

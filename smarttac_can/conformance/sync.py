@@ -6,11 +6,11 @@ from functools import partial
 from itertools import pairwise
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
+from smarttac_can.conformance.description import needs_object, needs_tpdo
 from smarttac_can.conformance.emcy_setup import expect_emcy, needs_emcy
+from smarttac_can.conformance.examiner import Arrival, Examiner
 from smarttac_can.conformance.pdo_setup import can_id, configure, operational, tpdo
-from smarttac_can.conformance.probe import Arrival, Probe
 from smarttac_can.conformance.sdo_client import number, write_number
-from smarttac_can.conformance.sheet import needs_object, needs_tpdo
 from smarttac_can.conformance.tpdo import LEAST, PERIODS, SPREAD
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
@@ -39,16 +39,16 @@ _has_counter = needs_object(SYNC_COUNTER, writable=True)
     _has_cob_id,
     needs_tpdo,
 )
-def consumer(probe: Probe) -> None:
+def consumer(examiner: Examiner) -> None:
     """COB-ID and consumer."""
-    value, stated = number(probe, SYNC_COB_ID), probe.sheet.od.number(SYNC_COB_ID)
+    value, stated = number(examiner, SYNC_COB_ID), examiner.sheet.od.number(SYNC_COB_ID)
     if value != stated:
         raise Failure(f"COB-ID SYNC is {value:08X}h, the EDS says {stated:08X}h")
-    pdo = tpdo(probe)
-    configure(probe, pdo, 1)
-    operational(probe)
-    probe.sync()
-    probe.expect(can_id(probe, pdo), "TPDO at SYNC")
+    pdo = tpdo(examiner)
+    configure(examiner, pdo, 1)
+    operational(examiner)
+    examiner.sync()
+    examiner.expect(can_id(examiner, pdo), "TPDO at SYNC")
 
 
 @case(
@@ -57,18 +57,18 @@ def consumer(probe: Probe) -> None:
     _has_writable,
     needs_tpdo,
 )
-def new_can_id(probe: Probe) -> None:
+def new_can_id(examiner: Examiner) -> None:
     """New CAN-ID."""
-    old = probe.sync_id
-    write_number(probe, SYNC_COB_ID, 0, _OTHER_ID)
-    pdo = tpdo(probe)
-    configure(probe, pdo, 1)
-    operational(probe)
-    payload = b"\x01" if probe.sheet.od.number(SYNC_COUNTER) else b""
-    probe.send(_OTHER_ID, payload)
-    probe.expect(can_id(probe, pdo), f"TPDO at SYNC under {_OTHER_ID:03X}h")
-    probe.send(old, payload)
-    probe.silence(can_id(probe, pdo), "TPDO at SYNC under the old CAN-ID")
+    old = examiner.sync_id
+    write_number(examiner, SYNC_COB_ID, 0, _OTHER_ID)
+    pdo = tpdo(examiner)
+    configure(examiner, pdo, 1)
+    operational(examiner)
+    payload = b"\x01" if examiner.sheet.od.number(SYNC_COUNTER) else b""
+    examiner.send(_OTHER_ID, payload)
+    examiner.expect(can_id(examiner, pdo), f"TPDO at SYNC under {_OTHER_ID:03X}h")
+    examiner.send(old, payload)
+    examiner.silence(can_id(examiner, pdo), "TPDO at SYNC under the old CAN-ID")
 
 
 @case(
@@ -76,11 +76,11 @@ def new_can_id(probe: Probe) -> None:
     "Table 39: CAN-IDs of NMT, SDO and error control are refused.",
     _has_writable,
 )
-def restricted_ids(probe: Probe) -> None:
+def restricted_ids(examiner: Examiner) -> None:
     """Restricted CAN-IDs."""
     for value in (0x000, 0x001, 0x101, 0x581, 0x601, 0x701):
-        probe.refuse(
-            partial(write_number, probe, SYNC_COB_ID, 0, value),
+        examiner.refuse(
+            partial(write_number, examiner, SYNC_COB_ID, 0, value),
             f"CAN-ID {value:03X}h for SYNC",
             AbortCode.VALUE,
             AbortCode.TOO_HIGH,
@@ -88,21 +88,21 @@ def restricted_ids(probe: Probe) -> None:
         )
 
 
-def free_counter(probe: Probe) -> None:
+def free_counter(examiner: Examiner) -> None:
     """Set the period to 0, without which the overflow value is fixed."""
-    if probe.sheet.writable(SYNC_PERIOD):
-        write_number(probe, SYNC_PERIOD, 0, 0)
+    if examiner.sheet.writable(SYNC_PERIOD):
+        write_number(examiner, SYNC_PERIOD, 0, 0)
 
 
-def _produce(probe: Probe, period_ms: int = _PERIOD_MS) -> None:
-    write_number(probe, SYNC_PERIOD, 0, 1000 * period_ms)
+def _produce(examiner: Examiner, period_ms: int = _PERIOD_MS) -> None:
+    write_number(examiner, SYNC_PERIOD, 0, 1000 * period_ms)
     try:
-        write_number(probe, SYNC_COB_ID, 0, probe.sync_id | COB_SYNC_PRODUCER)
+        write_number(examiner, SYNC_COB_ID, 0, examiner.sync_id | COB_SYNC_PRODUCER)
     except Abort as abort:
         raise NotApplicable(f"the device produces no SYNC: {abort}") from None
 
 
-def _produced(probe: Probe, period_ms: int = _PERIOD_MS) -> list[Arrival]:
+def _produced(examiner: Examiner, period_ms: int = _PERIOD_MS) -> list[Arrival]:
     """Hear the SYNCs of 8 periods, and return them.
 
     Raises
@@ -110,8 +110,8 @@ def _produced(probe: Probe, period_ms: int = _PERIOD_MS) -> list[Arrival]:
     Failure
         If fewer than 3 come, or they do not keep the time.
     """
-    probe.drain()
-    arrivals = probe.collect(probe.sync_id, 1e-3 * PERIODS * period_ms)
+    examiner.drain()
+    arrivals = examiner.collect(examiner.sync_id, 1e-3 * PERIODS * period_ms)
     if len(arrivals) < LEAST:
         raise Failure(f"{len(arrivals)} SYNCs in {PERIODS} periods of {period_ms} ms")
     gaps = [1000 * (b.time - a.time) for a, b in pairwise(arrivals)]
@@ -127,14 +127,14 @@ def _produced(probe: Probe, period_ms: int = _PERIOD_MS) -> list[Arrival]:
     _has_writable,
     _has_period,
 )
-def producer(probe: Probe) -> None:
+def producer(examiner: Examiner) -> None:
     """Producer."""
-    _produce(probe)
-    _produced(probe)
-    operational(probe)
-    _produced(probe)
-    probe.enter(NMTCommand.STOP)
-    probe.silence(probe.sync_id, "SYNC in STOPPED")
+    _produce(examiner)
+    _produced(examiner)
+    operational(examiner)
+    _produced(examiner)
+    examiner.enter(NMTCommand.STOP)
+    examiner.silence(examiner.sync_id, "SYNC in STOPPED")
 
 
 @case(
@@ -143,14 +143,14 @@ def producer(probe: Probe) -> None:
     _has_writable,
     _has_period,
 )
-def can_id_fixed(probe: Probe) -> None:
+def can_id_fixed(examiner: Examiner) -> None:
     """CAN-ID of a producer."""
-    _produce(probe)
-    probe.refuse(
-        lambda: write_number(probe, SYNC_COB_ID, 0, _OTHER_ID | COB_SYNC_PRODUCER),
+    _produce(examiner)
+    examiner.refuse(
+        lambda: write_number(examiner, SYNC_COB_ID, 0, _OTHER_ID | COB_SYNC_PRODUCER),
         "CAN-ID of a SYNC producer",
     )
-    if number(probe, SYNC_COB_ID) & CAN_ID_MASK != probe.sync_id:
+    if number(examiner, SYNC_COB_ID) & CAN_ID_MASK != examiner.sync_id:
         raise Failure("the refused CAN-ID was taken")
 
 
@@ -160,16 +160,16 @@ def can_id_fixed(probe: Probe) -> None:
     _has_writable,
     _has_period,
 )
-def new_period(probe: Probe) -> None:
+def new_period(examiner: Examiner) -> None:
     """New period."""
-    _produce(probe)
-    _produced(probe)
-    write_number(probe, SYNC_PERIOD, 0, 2000 * _PERIOD_MS)
-    probe.settle()
-    _produced(probe, 2 * _PERIOD_MS)
-    write_number(probe, SYNC_PERIOD, 0, 0)
-    probe.settle()
-    probe.silence(probe.sync_id, "SYNC with period 0")
+    _produce(examiner)
+    _produced(examiner)
+    write_number(examiner, SYNC_PERIOD, 0, 2000 * _PERIOD_MS)
+    examiner.settle()
+    _produced(examiner, 2 * _PERIOD_MS)
+    write_number(examiner, SYNC_PERIOD, 0, 0)
+    examiner.settle()
+    examiner.silence(examiner.sync_id, "SYNC with period 0")
 
 
 @case(
@@ -179,13 +179,13 @@ def new_period(probe: Probe) -> None:
     _has_period,
     _has_counter,
 )
-def counter(probe: Probe) -> None:
+def counter(examiner: Examiner) -> None:
     """Counter of a producer."""
     overflow = 3
-    free_counter(probe)
-    write_number(probe, SYNC_COUNTER, 0, overflow)
-    _produce(probe)
-    counters = [arrival.frame.data for arrival in _produced(probe)]
+    free_counter(examiner)
+    write_number(examiner, SYNC_COUNTER, 0, overflow)
+    _produce(examiner)
+    counters = [arrival.frame.data for arrival in _produced(examiner)]
     for before, after in pairwise(counters):
         if len(before) != 1 or len(after) != 1 or after[0] != before[0] % overflow + 1:
             raise Failure(f"counters {[c.hex() for c in counters]}, overflow {overflow}")
@@ -196,22 +196,22 @@ def counter(probe: Probe) -> None:
     "7.5.2.21: 1 and 241 to 255 are refused, and all while the period is not 0 (08000022h).",
     _has_counter,
 )
-def overflow_value(probe: Probe) -> None:
+def overflow_value(examiner: Examiner) -> None:
     """Overflow value."""
-    free_counter(probe)
+    free_counter(examiner)
     for value in (1, 241, 255):
-        probe.refuse(
-            partial(write_number, probe, SYNC_COUNTER, 0, value),
+        examiner.refuse(
+            partial(write_number, examiner, SYNC_COUNTER, 0, value),
             f"overflow value {value}",
             AbortCode.VALUE,
             AbortCode.TOO_HIGH,
             AbortCode.TOO_LOW,
         )
-    if not probe.sheet.writable(SYNC_PERIOD):
+    if not examiner.sheet.writable(SYNC_PERIOD):
         return
-    write_number(probe, SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
-    probe.refuse(
-        lambda: write_number(probe, SYNC_COUNTER, 0, 10),
+    write_number(examiner, SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
+    examiner.refuse(
+        lambda: write_number(examiner, SYNC_COUNTER, 0, 10),
         "overflow value while the period is not 0",
         AbortCode.STATE,
     )
@@ -224,18 +224,18 @@ def overflow_value(probe: Probe) -> None:
     needs_tpdo,
     _has_cob_id,
 )
-def window(probe: Probe) -> None:
+def window(examiner: Examiner) -> None:
     """Synchronous window."""
     length = 1000 * _PERIOD_MS
-    write_number(probe, SYNC_WINDOW, 0, length)
-    if number(probe, SYNC_WINDOW) != length:
+    write_number(examiner, SYNC_WINDOW, 0, length)
+    if number(examiner, SYNC_WINDOW) != length:
         raise Failure("the window does not read as written")
-    pdo = tpdo(probe)
-    configure(probe, pdo, 1)
-    operational(probe)
+    pdo = tpdo(examiner)
+    configure(examiner, pdo, 1)
+    operational(examiner)
     for _ in range(2):
-        probe.sync()
-        probe.expect(can_id(probe, pdo), "TPDO within the window")
+        examiner.sync()
+        examiner.expect(can_id(examiner, pdo), "TPDO within the window")
 
 
 @case(
@@ -244,9 +244,9 @@ def window(probe: Probe) -> None:
     _has_counter,
     needs_emcy,
 )
-def wrong_length(probe: Probe) -> None:
+def wrong_length(examiner: Examiner) -> None:
     """Wrong length."""
-    operational(probe)
-    probe.drain()
-    probe.send(probe.sync_id, b"" if probe.sheet.od.number(SYNC_COUNTER) else b"\x01")
-    expect_emcy(probe, EmergencyCode.SYNC_LENGTH)
+    operational(examiner)
+    examiner.drain()
+    examiner.send(examiner.sync_id, b"" if examiner.sheet.od.number(SYNC_COUNTER) else b"\x01")
+    expect_emcy(examiner, EmergencyCode.SYNC_LENGTH)

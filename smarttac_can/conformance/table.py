@@ -7,16 +7,16 @@ from typing import Final
 from smarttac_can.conformance import (
     dictionary,
     emcy,
-    exclusive,
+    general,
     guarding,
+    guarding_or_heartbeat,
     heartbeat,
     mapping,
     nmt,
-    other,
     rpdo,
     sdo,
+    sdo_aborts,
     sdo_block,
-    sdo_refusals,
     sync,
     tpdo,
     tpdo_parameters,
@@ -40,8 +40,8 @@ GROUPS: Final = {
 """What the first part of a case's number stands for."""
 
 _MODULES = (
-    sdo, sdo_block, sdo_refusals, tpdo, tpdo_parameters, rpdo, mapping, dictionary, emcy, sync,
-    guarding, heartbeat, exclusive, other, nmt,
+    sdo, sdo_block, sdo_aborts, tpdo, tpdo_parameters, rpdo, mapping, dictionary, emcy, sync,
+    guarding, heartbeat, guarding_or_heartbeat, general, nmt,
 )  # fmt: skip
 _ORDER = list(GROUPS)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
+from smarttac_can.conformance.description import needs_object, needs_tpdo
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import (
     can_id,
     configure,
@@ -13,9 +15,7 @@ from smarttac_can.conformance.pdo_setup import (
     operational,
     tpdo,
 )
-from smarttac_can.conformance.probe import Probe
 from smarttac_can.conformance.sdo_client import number, write_number
-from smarttac_can.conformance.sheet import needs_object, needs_tpdo
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
@@ -32,13 +32,13 @@ from smarttac_can.od.cia import (
 _has_sync = needs_object(SYNC_COB_ID)
 
 
-def _fixed_while_valid(probe: Probe, subindex: int, value: int, name: str) -> None:
-    pdo = tpdo(probe)
-    if not probe.sheet.writable(pdo.communication, subindex):
+def _fixed_while_valid(examiner: Examiner, subindex: int, value: int, name: str) -> None:
+    pdo = tpdo(examiner)
+    if not examiner.sheet.writable(pdo.communication, subindex):
         raise NotApplicable(f"{pdo.communication:04X}h has no {name} to write")
-    enable(probe, pdo, disable(probe, pdo))
-    probe.refuse(
-        lambda: write_number(probe, pdo.communication, subindex, value),
+    enable(examiner, pdo, disable(examiner, pdo))
+    examiner.refuse(
+        lambda: write_number(examiner, pdo.communication, subindex, value),
         f"{name} of a valid TPDO",
     )
 
@@ -48,9 +48,9 @@ def _fixed_while_valid(probe: Probe, subindex: int, value: int, name: str) -> No
     "7.5.2.37: it cannot be changed while the PDO exists.",
     needs_tpdo,
 )
-def inhibit_time_fixed(probe: Probe) -> None:
+def inhibit_time_fixed(examiner: Examiner) -> None:
     """Inhibit time of a valid TPDO."""
-    _fixed_while_valid(probe, PDO_INHIBIT, 100, "inhibit time")
+    _fixed_while_valid(examiner, PDO_INHIBIT, 100, "inhibit time")
 
 
 @case(
@@ -59,22 +59,22 @@ def inhibit_time_fixed(probe: Probe) -> None:
     needs_tpdo,
     needs_object(SYNC_COUNTER, writable=True),
 )
-def start_value(probe: Probe) -> None:
+def start_value(examiner: Examiner) -> None:
     """SYNC start value."""
-    pdo = tpdo(probe)
-    period = number(probe, SYNC_PERIOD) if probe.sheet.writable(SYNC_PERIOD) else 0
+    pdo = tpdo(examiner)
+    period = number(examiner, SYNC_PERIOD) if examiner.sheet.writable(SYNC_PERIOD) else 0
     if period:
-        write_number(probe, SYNC_PERIOD, 0, 0)
-    write_number(probe, SYNC_COUNTER, 0, 10)
+        write_number(examiner, SYNC_PERIOD, 0, 0)
+    write_number(examiner, SYNC_COUNTER, 0, 10)
     if period:
-        write_number(probe, SYNC_PERIOD, 0, period)
-    configure(probe, pdo, 1, start=3)
-    operational(probe)
+        write_number(examiner, SYNC_PERIOD, 0, period)
+    configure(examiner, pdo, 1, start=3)
+    operational(examiner)
     for counter in (1, 2):
-        probe.sync(counter)
-        probe.silence(can_id(probe, pdo), f"TPDO at counter {counter}, start value 3")
-    probe.sync(3)
-    probe.expect(can_id(probe, pdo), "TPDO at its start value")
+        examiner.sync(counter)
+        examiner.silence(can_id(examiner, pdo), f"TPDO at counter {counter}, start value 3")
+    examiner.sync(3)
+    examiner.expect(can_id(examiner, pdo), "TPDO at its start value")
 
 
 @case(
@@ -82,9 +82,9 @@ def start_value(probe: Probe) -> None:
     "7.5.2.37: it cannot be changed while the PDO exists.",
     needs_tpdo,
 )
-def start_value_fixed(probe: Probe) -> None:
+def start_value_fixed(examiner: Examiner) -> None:
     """SYNC start value of a valid TPDO."""
-    _fixed_while_valid(probe, PDO_SYNC_START, 5, "SYNC start value")
+    _fixed_while_valid(examiner, PDO_SYNC_START, 5, "SYNC start value")
 
 
 @case(
@@ -92,26 +92,26 @@ def start_value_fixed(probe: Probe) -> None:
     "7.5.2.37: types 241 to 251 are refused.",
     needs_tpdo,
 )
-def reserved_types(probe: Probe) -> None:
+def reserved_types(examiner: Examiner) -> None:
     """Reserved transmission types."""
-    pdo = tpdo(probe)
-    disable(probe, pdo)
+    pdo = tpdo(examiner)
+    disable(examiner, pdo)
     for value in (241, 251):
-        probe.refuse(
-            partial(write_number, probe, pdo.communication, PDO_TRANSMISSION, value),
+        examiner.refuse(
+            partial(write_number, examiner, pdo.communication, PDO_TRANSMISSION, value),
             f"transmission type {value}",
         )
 
 
 @case("PDO-16", "7.5.2.37: with bit 31 it is silent.", needs_tpdo, _has_sync)
-def disabled(probe: Probe) -> None:
+def disabled(examiner: Examiner) -> None:
     """Disabled TPDO."""
-    pdo = tpdo(probe)
-    configure(probe, pdo, 1)
-    disable(probe, pdo)
-    operational(probe)
-    probe.sync()
-    probe.silence(can_id(probe, pdo), "TPDO that is disabled")
+    pdo = tpdo(examiner)
+    configure(examiner, pdo, 1)
+    disable(examiner, pdo)
+    operational(examiner)
+    examiner.sync()
+    examiner.silence(can_id(examiner, pdo), "TPDO that is disabled")
 
 
 @case(
@@ -119,16 +119,16 @@ def disabled(probe: Probe) -> None:
     "7.5.2.37: bits 0 to 29 cannot be changed while the PDO exists.",
     needs_tpdo,
 )
-def can_id_fixed(probe: Probe) -> None:
+def can_id_fixed(examiner: Examiner) -> None:
     """CAN-ID of a valid TPDO."""
-    pdo = tpdo(probe)
-    cob_id = disable(probe, pdo)
-    enable(probe, pdo, cob_id)
-    probe.refuse(
-        lambda: write_number(probe, pdo.communication, PDO_COB_ID, _moved(cob_id)),
+    pdo = tpdo(examiner)
+    cob_id = disable(examiner, pdo)
+    enable(examiner, pdo, cob_id)
+    examiner.refuse(
+        lambda: write_number(examiner, pdo.communication, PDO_COB_ID, _moved(cob_id)),
         "another CAN-ID of a valid TPDO",
     )
-    if number(probe, pdo.communication, PDO_COB_ID) & CAN_ID_MASK != cob_id & CAN_ID_MASK:
+    if number(examiner, pdo.communication, PDO_COB_ID) & CAN_ID_MASK != cob_id & CAN_ID_MASK:
         raise Failure("the refused CAN-ID was taken")
 
 
@@ -142,16 +142,16 @@ def _moved(cob_id: int) -> int:
     needs_tpdo,
     _has_sync,
 )
-def new_can_id(probe: Probe) -> None:
+def new_can_id(examiner: Examiner) -> None:
     """New CAN-ID."""
-    pdo = tpdo(probe)
-    configure(probe, pdo, 1)
-    moved = _moved(disable(probe, pdo))
-    write_number(probe, pdo.communication, PDO_COB_ID, moved | COB_INVALID)
-    enable(probe, pdo, moved)
-    operational(probe)
-    probe.sync()
-    probe.expect(moved & CAN_ID_MASK, "TPDO under its new CAN-ID")
+    pdo = tpdo(examiner)
+    configure(examiner, pdo, 1)
+    moved = _moved(disable(examiner, pdo))
+    write_number(examiner, pdo.communication, PDO_COB_ID, moved | COB_INVALID)
+    enable(examiner, pdo, moved)
+    operational(examiner)
+    examiner.sync()
+    examiner.expect(moved & CAN_ID_MASK, "TPDO under its new CAN-ID")
 
 
 @case(
@@ -160,16 +160,16 @@ def new_can_id(probe: Probe) -> None:
     needs_tpdo,
     _has_sync,
 )
-def tpdo_by_state(probe: Probe) -> None:
+def tpdo_by_state(examiner: Examiner) -> None:
     """TPDO by NMT state."""
-    pdo = tpdo(probe)
-    probe.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
-    configure(probe, pdo, 1)
-    probe.sync()
-    probe.silence(can_id(probe, pdo), "TPDO in PRE-OPERATIONAL")
-    operational(probe)
-    probe.sync()
-    probe.expect(can_id(probe, pdo), "TPDO in OPERATIONAL")
-    probe.enter(NMTCommand.STOP)
-    probe.sync()
-    probe.silence(can_id(probe, pdo), "TPDO in STOPPED")
+    pdo = tpdo(examiner)
+    examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
+    configure(examiner, pdo, 1)
+    examiner.sync()
+    examiner.silence(can_id(examiner, pdo), "TPDO in PRE-OPERATIONAL")
+    operational(examiner)
+    examiner.sync()
+    examiner.expect(can_id(examiner, pdo), "TPDO in OPERATIONAL")
+    examiner.enter(NMTCommand.STOP)
+    examiner.sync()
+    examiner.silence(can_id(examiner, pdo), "TPDO in STOPPED")

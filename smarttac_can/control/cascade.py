@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-from enum import IntEnum, IntFlag
+from enum import IntFlag
 from math import isfinite, sqrt
 
 from smarttac_can.control.design import amplitude_pi, resonance_pi
 from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
 from smarttac_can.control.identification import Identification
-from smarttac_can.control.model import PlateModel
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import Tribometer
 from smarttac_can.control.vibration import AmplitudeLoop, ResonanceLoop
-from smarttac_can.signals import Contact, Drive, Measurement, Setpoint
-
-
-class Mode(IntEnum):
-    """What the cascade controls."""
-
-    OFF = 0
-    """0 V at the frequency of the set-point."""
-    OPEN_LOOP = 1
-    """Voltage and frequency of the set-point."""
-    AMPLITUDE = 2
-    """Amplitude by voltage, at the frequency of the set-point."""
-    AMPLITUDE_RESONANCE = 3
-    """Amplitude by voltage, and the resonance tracked by frequency."""
-    FRICTION = 4
-    """COF by amplitude, over both loops of the mode before."""
-    IDENTIFY = 5
-    """Identification of the unloaded plate; ends by itself in OFF."""
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
 
 
 class Limit(IntFlag):

@@ -23,9 +23,9 @@ from __future__ import annotations
 
 import math
 
-from smarttac_can.control.model import PlateModel, require
 from smarttac_can.control.pi import PI
-from smarttac_can.signals import TICK
+from smarttac_can.vocabulary.model import PlateModel, require
+from smarttac_can.vocabulary.signals import TICK
 
 POLE_MAX = 0.95
 """Slowest closed-loop pole that may be asked for: 20 ms."""

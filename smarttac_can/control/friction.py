@@ -2,18 +2,7 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
-
-
-class Law(IntEnum):
-    """What the step dW of eq. (9) is added to; the paper leaves it open."""
-
-    MEASURED = 0
-    """``W_ref = |W| + dW``: integral action through the inner loop."""
-    ACCUMULATE = 1
-    """``W_ref += dW``: integral action before the inner loop; less margin than the above."""
-    NOMINAL = 2
-    """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""
+from smarttac_can.vocabulary.modes import Law
 
 
 def relative_error(mu: float, mu_ref: float) -> float:

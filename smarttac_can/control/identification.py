@@ -17,10 +17,10 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Generator
-from enum import IntEnum
 
-from smarttac_can.control.model import PlateModel
-from smarttac_can.signals import TICK, Drive
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.signals import TICK, Drive
+from smarttac_can.vocabulary.states import IdentificationState
 
 W_CEILING = 1.5e-6
 """Amplitude in m at which identification gives up; it aims well below."""
@@ -48,15 +48,6 @@ Procedure = Generator[Drive, complex, PlateModel]
 Samples = Generator[Drive, complex, list[complex]]
 
 
-class State(IntEnum):
-    """How far an identification is."""
-
-    IDLE = 0
-    RUNNING = 1
-    DONE = 2
-    FAILED = 3
-
-
 class IdentificationError(Exception):
     """The plate could not be identified; the message says why in one line."""
 
@@ -77,7 +68,7 @@ class Identification:
     __slots__ = ("_procedure", "_started", "failure", "model", "progress", "state")
 
     def __init__(self, frequency: float, V_max: float, f_min: float, f_max: float) -> None:
-        self.state = State.RUNNING
+        self.state = IdentificationState.RUNNING
         self.model: PlateModel | None = None
         """The plate, once the state is DONE."""
         self.failure = ""
@@ -90,14 +81,14 @@ class Identification:
 
     def update(self, W: complex) -> Drive | None:
         """Take the vibration of this tick and return its drive; None once it is over."""
-        if self.state is not State.RUNNING:
+        if self.state is not IdentificationState.RUNNING:
             return None
         try:
             # The first measurement belongs to a drive that is not ours.
             drive = self._procedure.send(W) if self._started else next(self._procedure)
         except StopIteration as end:
             self.model = end.value
-            self.state = State.DONE
+            self.state = IdentificationState.DONE
             self.progress = 1.0
             return None
         except IdentificationError as error:
@@ -108,10 +99,10 @@ class Identification:
 
     def fail(self, reason: str) -> None:
         """End without a model; nothing happens once it is over."""
-        if self.state is not State.RUNNING:
+        if self.state is not IdentificationState.RUNNING:
             return
         self.failure = reason
-        self.state = State.FAILED
+        self.state = IdentificationState.FAILED
         self.progress = 1.0
         self._procedure.close()
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from smarttac_can.control.design import POLE_MAX
-from smarttac_can.control.friction import Law
-from smarttac_can.control.model import require
 from smarttac_can.control.tribometer import Matrix
+from smarttac_can.vocabulary.model import require
+from smarttac_can.vocabulary.modes import Law
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-from smarttac_can.control.model import require
-from smarttac_can.signals import TICK, Contact
+from smarttac_can.vocabulary.model import require
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Contact
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 Forces = tuple[float, float, float, float, float, float]
 
-TARE_SAMPLES = 64
-"""Samples a tare is the mean of: the noise of the zero is an eighth of that of a sample."""
 RELEASE = 0.7
 """A touch ends below this fraction of the contact force, so that noise does not chop it up."""
 DETERMINANT_MIN = 0.1

@@ -8,11 +8,11 @@ from typing import Final
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.local_bus import LocalBus, Port, Wire
-from smarttac_can.host.mishaps import Disturbance, Mishap, require_can_id
+from smarttac_can.host.frame_faults import Disturbance, FrameFault, require_can_id
+from smarttac_can.host.local_bus import Connection, LocalBus, Wire
 from smarttac_can.host.node import Node, without_queue
-from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
+from smarttac_can.vocabulary.signals import TICK_US
 
 QUEUE_FRAMES: Final = 1000
 """Frames of a party that wait at most while the bus has no room; an assumption."""
@@ -56,18 +56,18 @@ class _Transmitter:
                 continue
             if disturbance.share < 1.0 and bus.random.random() >= disturbance.share:
                 continue
-            mishap = disturbance.mishap
-            if mishap is Mishap.LOSS:
+            frame_fault = disturbance.frame_fault
+            if frame_fault is FrameFault.LOSS:
                 return []
-            if mishap is Mishap.DUPLICATION:
+            if frame_fault is FrameFault.DUPLICATION:
                 return [frame, frame]
-            if mishap is Mishap.REORDERING and not self._behind:
+            if frame_fault is FrameFault.REORDERING and not self._behind:
                 self._behind.append(frame)
                 return None
-            if mishap is Mishap.DELAY:
+            if frame_fault is FrameFault.DELAY:
                 self._held.append((bus.cycle + disturbance.cycles, frame))
                 return []
-            if mishap is Mishap.CORRUPTION and frame.data:
+            if frame_fault is FrameFault.CORRUPTION and frame.data:
                 data = bytearray(frame.data)
                 bit = bus.random.randrange(8 * len(data))
                 data[bit // 8] ^= 1 << bit % 8
@@ -137,7 +137,7 @@ class _Station:
         return out
 
 
-class _DisturbedPort(Port):
+class _DisturbedConnection(Connection):
     """A place whose frames may go wrong."""
 
     __slots__ = ("_transmitter",)
@@ -185,8 +185,8 @@ class FaultyBus(LocalBus):
         self.random = random.Random(seed)
         self.disturbances: list[Disturbance] = []
         self.cycle = 0
-        self._stations: dict[Port, _Station] = {}
-        self._babbler: Port | None = None
+        self._stations: dict[Connection, _Station] = {}
+        self._babbler: Connection | None = None
         self._babble = Frame(0)
         self._babble_time = 0
         self._room = 0
@@ -196,55 +196,55 @@ class FaultyBus(LocalBus):
         """Whether anything happens to frames now."""
         return bool(self.disturbances) or self._babbler is not None
 
-    def attach(self, node: Node, *, lockstep: bool = True) -> Port:
+    def attach(self, node: Node, *, lockstep: bool = True) -> Connection:
         """Plug in a node and switch it on; see `LocalBus.attach`."""
         station = _Station(node, _Transmitter(self))
         port = super().attach(station, lockstep=lockstep)
         self._stations[port] = station
         return port
 
-    def connect(self, listener: Callable[[Frame], None]) -> Port:
+    def connect(self, listener: Callable[[Frame], None]) -> Connection:
         """Plug in a party; what it sends may go wrong as well."""
-        port = _DisturbedPort(self, listener, _Transmitter(self))
+        port = _DisturbedConnection(self, listener, _Transmitter(self))
         self._add(port)
         return port
 
-    def power_off(self, port: Port) -> None:
+    def power_off(self, port: Connection) -> None:
         """Cut a node's power: it says nothing more, and what it drives is at 0 V."""
         station = self._stations[port]
         if station.powered:
             station.node.shutdown()
             station.powered = False
 
-    def power_on(self, port: Port) -> None:
+    def power_on(self, port: Connection) -> None:
         """Give a node its power back; it starts as after power-on."""
         station = self._stations[port]
         station.powered = True
         self._send(port, station.start())
 
-    def pause(self, port: Port) -> None:
+    def pause(self, port: Connection) -> None:
         """Stop a node's process: it neither hears nor ages."""
         self._stations[port].paused = True
 
-    def resume(self, port: Port) -> None:
+    def resume(self, port: Connection) -> None:
         """Let a process go on: it takes all frames and all time that it missed, in order."""
         self._send(port, self._stations[port].catch_up())
 
-    def stop_clock(self, port: Port) -> None:
+    def stop_clock(self, port: Connection) -> None:
         """Stop a node's clock; it goes on hearing frames."""
         self._stations[port].clock_runs = False
 
-    def start_clock(self, port: Port) -> None:
+    def start_clock(self, port: Connection) -> None:
         """Let a node's clock go on from where it stopped."""
         self._stations[port].clock_runs = True
 
-    def jump(self, port: Port, microseconds: int) -> None:
+    def jump(self, port: Connection, microseconds: int) -> None:
         """Put a node's clock forward at once, 0 or more us."""
         if microseconds < 0:
             raise ValueError(f"microseconds {microseconds} is below 0")
         self._send(port, self._stations[port].advance(microseconds))
 
-    def answer(self, port: Port, frames: Iterable[Frame]) -> None:
+    def answer(self, port: Connection, frames: Iterable[Frame]) -> None:
         """Send what a node says because of something that only its own host noticed."""
         self._send(port, self._stations[port].transmitter.passed(frames))
 
@@ -252,7 +252,7 @@ class FaultyBus(LocalBus):
         """Have a broken node send 8 bytes that many times in every cycle; 0 ends it.
 
         Frames of a lower priority that no longer fit into a cycle wait for the next one. SYNC
-        always passes here: that it does not is `Mishap.LOSS`.
+        always passes here: that it does not is `FrameFault.LOSS`.
         """
         if frames < 0:
             raise ValueError(f"frames {frames} is below 0")
@@ -269,7 +269,7 @@ class FaultyBus(LocalBus):
         def answer(frame: Frame) -> list[Frame]:
             return [self._babble] * frames if frame.can_id == self._sync_id else []
 
-        self._babbler = Port(self, answer, None, False)
+        self._babbler = Connection(self, answer, None, False)
         self._add(self._babbler)
 
     def has_room(self, frame: Frame) -> bool:

@@ -9,9 +9,9 @@ from typing import Protocol
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook
 from smarttac_can.host.node import Node
-from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import frame_bits
+from smarttac_can.vocabulary.signals import TICK_US
 
 _STORM_FRAMES = 100_000
 _MAX_DATA_BYTES = 8
@@ -24,20 +24,20 @@ _Receive = Callable[[Frame], list[Frame] | None]
 class Wire(Protocol):
     """What carries frames between the parties of a `LocalBus`, one frame at a time."""
 
-    def connect(self, port: Port) -> None:
+    def connect(self, port: Connection) -> None:
         """Let a party speak and hear."""
 
-    def disconnect(self, port: Port) -> None:
+    def disconnect(self, port: Connection) -> None:
         """Forget a party."""
 
-    def put(self, port: Port, frame: Frame) -> None:
+    def put(self, port: Connection, frame: Frame) -> None:
         """Take a frame from its sender."""
 
-    def get(self, port: Port) -> Frame:
+    def get(self, port: Connection) -> Frame:
         """Return the frame as it reached another party, each of which asks for it once."""
 
 
-class Port:
+class Connection:
     """One party's place on a `LocalBus`; got from `LocalBus.connect` or `LocalBus.attach`."""
 
     __slots__ = ("_bus", "_lockstep", "_node", "_others", "_receive")
@@ -47,7 +47,7 @@ class Port:
         self._receive = receive
         self._node = node
         self._lockstep = lockstep
-        self._others: tuple[tuple[Port, _Receive], ...] = ()
+        self._others: tuple[tuple[Connection, _Receive], ...] = ()
 
     def send(self, frame: Frame) -> None:
         """Send a frame to every other party; return when the bus has come to rest.
@@ -107,8 +107,8 @@ class LocalBus:
         self._now = 0
         self._tick_end = 0
         self._lockstep = 0
-        self._ports: list[Port] = []
-        self._queue: deque[tuple[Port, Frame]] = deque()
+        self._ports: list[Connection] = []
+        self._queue: deque[tuple[Connection, Frame]] = deque()
         self._draining = False
 
     @property
@@ -116,7 +116,7 @@ class LocalBus:
         """Time on the bus in us since it was made; never runs backwards."""
         return self._now
 
-    def attach(self, node: Node, *, lockstep: bool = True) -> Port:
+    def attach(self, node: Node, *, lockstep: bool = True) -> Connection:
         """Plug in a node and switch it on.
 
         Parameters
@@ -128,14 +128,14 @@ class LocalBus:
             it receives that SYNC. False: they only move with `advance`, SYNC is a frame like any
             other; the way to run a node that has its own ticker, or that produces the SYNC.
         """
-        port = Port(self, node.receive, node, lockstep)
+        port = Connection(self, node.receive, node, lockstep)
         self._add(port)
         self._send(port, node.start())
         return port
 
-    def connect(self, listener: Callable[[Frame], None]) -> Port:
+    def connect(self, listener: Callable[[Frame], None]) -> Connection:
         """Plug in a party: it hears every frame of the others, and sends by its port."""
-        port = Port(self, listener, None, False)
+        port = Connection(self, listener, None, False)
         self._add(port)
         return port
 
@@ -164,13 +164,13 @@ class LocalBus:
             if port._node is not None:
                 self._send(port, port._node.shutdown())
 
-    def _add(self, port: Port) -> None:
+    def _add(self, port: Connection) -> None:
         self._ports.append(port)
         if self._wire is not None:
             self._wire.connect(port)
         self._link_ports()
 
-    def _remove(self, port: Port) -> None:
+    def _remove(self, port: Connection) -> None:
         if port in self._ports:
             self._ports.remove(port)
             if self._wire is not None:
@@ -187,11 +187,11 @@ class LocalBus:
         self._tick_end += microseconds
         self._now = max(self._now, self._tick_end)
 
-    def _send(self, sender: Port, frames: Iterable[Frame]) -> None:
+    def _send(self, sender: Connection, frames: Iterable[Frame]) -> None:
         self._enqueue(sender, frames)
         self._drain()
 
-    def _enqueue(self, sender: Port, frames: Iterable[Frame]) -> None:
+    def _enqueue(self, sender: Connection, frames: Iterable[Frame]) -> None:
         if sender in self._ports:
             self._queue.extend([(sender, frame) for frame in frames])
 
@@ -226,7 +226,7 @@ class LocalBus:
             queue.clear()
             self._draining = False
 
-    def _deliver(self, sender: Port, frame: Frame, is_tick: bool) -> None:
+    def _deliver(self, sender: Connection, frame: Frame, is_tick: bool) -> None:
         queue = self._queue
         wire = self._wire
         if wire is not None:

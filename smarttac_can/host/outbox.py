@@ -9,7 +9,7 @@ from typing import Final
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import Bus, QueueFullError
 from smarttac_can.host.node import HostedNode
-from smarttac_can.nodes.loop_period import TICK_US
+from smarttac_can.vocabulary.signals import TICK_US
 
 _MOST_WAITING: Final = 64
 """Frames of no urgency, or emergency messages, that wait before the oldest is dropped."""

@@ -18,8 +18,8 @@ from smarttac_can.device.port import Identifiers
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
 from smarttac_can.host.node import HostedNode
 from smarttac_can.host.outbox import Outbox
-from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import SYNC_ID
+from smarttac_can.vocabulary.signals import TICK_US
 
 _LATE_US: Final = 2000
 """From here on a process came late: what waits on the bus may be older than what is due."""

@@ -9,7 +9,7 @@ from typing import Self
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.local_bus import Port
+from smarttac_can.host.local_bus import Connection
 
 _CAN_FRAME = Struct("=IB3x8s")
 """struct can_frame of Linux: identifier with flags, number of data bytes, data."""
@@ -38,7 +38,7 @@ class SocketCanWire:
 
     def __init__(self, channel: str) -> None:
         self._channel = channel
-        self._sockets: dict[Port, socket.socket] = {}
+        self._sockets: dict[Connection, socket.socket] = {}
         self._sent = b""
         self._frame = Frame(0)
 
@@ -51,7 +51,7 @@ class SocketCanWire:
             party.close()
         self._sockets.clear()
 
-    def connect(self, port: Port) -> None:
+    def connect(self, port: Connection) -> None:
         """Open a socket for a party.
 
         Raises
@@ -61,11 +61,11 @@ class SocketCanWire:
         """
         self._sockets[port] = self._open()
 
-    def disconnect(self, port: Port) -> None:
+    def disconnect(self, port: Connection) -> None:
         """Close the socket of a party."""
         self._sockets.pop(port).close()
 
-    def put(self, port: Port, frame: Frame) -> None:
+    def put(self, port: Connection, frame: Frame) -> None:
         """Send a frame over the interface.
 
         Raises
@@ -81,7 +81,7 @@ class SocketCanWire:
         except OSError as error:
             raise BusError(f"cannot send on {self._channel}: {error}") from error
 
-    def get(self, port: Port) -> Frame:
+    def get(self, port: Connection) -> Frame:
         """Receive the frame that was put last, as it came over the interface.
 
         Raises

@@ -8,9 +8,6 @@ from smarttac_can.od.dictionary import ObjectDictionary
 
 CHANNELS: Final = ("force x", "force y", "normal force", "COF", "amplitude", "temperature")
 """Channels 1 to 6."""
-ZERO: Final = int.from_bytes(b"zero", "little")
-"""Signature to write to the auto-zero object."""
-AUTO_ZERO: Final = tuple(f"AI auto-zero.AI auto-zero {channel}" for channel in CHANNELS[:3])
 _NOT_VALID, _POSITIVE_OVERLOAD = 1, 2
 _LATERAL_GAUGES, _NORMAL_GAUGES, _PICK_UP = 0b0000011, 0b0111100, 0b1000000
 _COF: Final = CHANNELS.index("COF")
@@ -60,7 +57,7 @@ class AnalogueInput:
         touching
             Whether there is a finger; without, the COF is not valid.
         saturation
-            Sensors at the end of their range, as in `smarttac_can.signals.Measurement`.
+            Sensors at the end of their range, as in `smarttac_can.vocabulary.signals.Measurement`.
         """
         if (touching, saturation) == self._shown:
             return

@@ -6,7 +6,7 @@ from operator import mul
 from typing import Final, NamedTuple
 
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.signals import Measurement, Setpoint
+from smarttac_can.vocabulary.signals import Measurement, Setpoint
 
 SENSORS: Final = (*(f"S{number}" for number in range(1, 7)), "W_d", "W_q", "Temperature")
 """Sensors of the plate, in the order of `Measured.counts`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
-from smarttac_can.signals import Drive
+from smarttac_can.vocabulary.signals import Drive
 
 
 class DriveOutput:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from smarttac_can.control.cascade import Mode
-from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 _PLACES: Final = range(1, 9)
 _SETPOINTS: Final = ("Voltage", "Frequency", "Amplitude", "COF left", "COF right")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from smarttac_can.device.device import Device
 from smarttac_can.od.cia import (
     PDO_EVENT,
@@ -13,13 +11,7 @@ from smarttac_can.od.cia import (
     ErrorRegister,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
-from smarttac_can.signals import TICK
-
-TICK_US: Final = round(TICK * 1e6)
-"""Period of the loop in us."""
-SHORT_DEADLINE_MS: Final = 3
-"""Deadline of measurements and drives where every cycle is in time: in lockstep, and with the
-privileges for real time. One lost cycle passes, a second in a row does not."""
+from smarttac_can.vocabulary.signals import TICK_US
 
 
 def set_deadline(od: ObjectDictionary, rpdos: tuple[int, ...], milliseconds: int) -> None:

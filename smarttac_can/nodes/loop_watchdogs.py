@@ -14,15 +14,15 @@ from smarttac_can.nodes.cycle_input import SENSORS, Measured
 from smarttac_can.nodes.lapses import Lapses
 from smarttac_can.nodes.settings import lateral_calibration
 from smarttac_can.nodes.vibration_watch import VibrationWatch
-from smarttac_can.nodes.watchdogs import (
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.signals import Drive
+from smarttac_can.vocabulary.watchdogs import (
     GAUGE_CYCLES,
     SATURATED_CYCLES,
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
     Watchdog,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
-from smarttac_can.signals import Drive
 
 _PLATE_END: Final = 0.038
 """End of the plate in m from its middle: a finger presses no farther out."""

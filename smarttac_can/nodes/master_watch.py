@@ -8,7 +8,7 @@ from typing import Final
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.stricter import watched_node
-from smarttac_can.nodes.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 NOT_OPERATIONAL_US: Final = 1_000_000
 """Longest rest of a master outside of OPERATIONAL. One that sets up its own stack passes through

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.loop_period import TICK_US
+from smarttac_can.vocabulary.signals import TICK_US
 
 TICKS: Final = 1000
 """Ticks over which they are counted: a second."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from smarttac_can.control.identification import Identification
-from smarttac_can.control.model import PlateModel
 from smarttac_can.nodes.settings import keep_model
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.model import PlateModel
 
 
 class ModelSheet:

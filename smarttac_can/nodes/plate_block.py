@@ -10,22 +10,20 @@ from smarttac_can.nodes.stage_state import StageEvent, StageState, follow
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
-from smarttac_can.plant.faults import Fault, FaultKind
+from smarttac_can.plant.faults import Fault
 from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.signals import Drive
+from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.objects import FAULT_KIND, RECORDED, START_RUN, STROKE
+from smarttac_can.vocabulary.signals import Drive
 
 TICK_MASK: Final = 0xFF
 """Bits of the tick count in a frame: 8."""
-START_RUN: Final = "Simulation.Start run"
-FAULT_KIND: Final = "Fault.Kind"
 _NEVER: Final = -1
 STAGE_TOLERANCE: Final = 1.0
 """Largest difference in V between what the power stage was told and what it reads back."""
-LIFTED, STROKE, RECORDED = range(3)
-"""Values of ``Finger.Motion``."""
 
 
 class Taken(Enum):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
-from smarttac_can.nodes.loop_period import TICK_US
 from smarttac_can.od.cia import (
     COB_SYNC_PRODUCER,
     HEARTBEAT_CONSUMER,
@@ -18,6 +17,7 @@ from smarttac_can.od.cia import (
     TPDO_IDS,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.signals import TICK_US
 
 _FIRST_SERIAL: Final = 1
 """That of the packaged EDS files."""

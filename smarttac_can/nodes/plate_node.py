@@ -13,14 +13,13 @@ from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.drive_sender import DriveSender
-from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import (
     DRIVE_RPDO,
     MEASUREMENT_TPDOS,
     sent_measurement,
 )
-from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
+from smarttac_can.nodes.loop_period import LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.missed_time import MissedTime
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
 from smarttac_can.nodes.plate_link import plate_serial
@@ -32,6 +31,8 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.signals import TICK_US
 
 
 class PlateNode(Application):

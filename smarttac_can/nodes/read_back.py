@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from enum import IntFlag
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.analogue_input import AnalogueInput
 from smarttac_can.nodes.cycle_input import Measured
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.scaling import QuantisedOnDemand
+from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
 
 _VIBRATION: Final = ("W_d", "W_q", "Amplitude", "Amplitude reference", "Frequency", "Voltage")
 _VOLTAGE: Final = _VIBRATION.index("Voltage")
@@ -29,25 +28,6 @@ _CONTACT: Final = (
 _TICK_MASK: Final = 0xFFFF
 
 
-class Status(IntFlag):
-    """Bits of the statusword."""
-
-    LIVE = 1 << 0
-    """The loop has had a cycle since the start of the run."""
-    DRIVING = 1 << 1
-    """The voltage is above 0."""
-    TOUCHING = 1 << 2
-    """A finger touches."""
-    LIMITED = 1 << 3
-    """A limit of voltage, amplitude or frequency cuts off what the controllers ask for."""
-    SATURATED = 1 << 4
-    """A sensor is at the end of its range."""
-    FAULT = 1 << 5
-    """A fault is latched."""
-
-
-STATE_SHIFT: Final = 8
-"""Bits 8 to 10 of the statusword are the number of the state."""
 _LOOP_BITS: Final = 0b11111
 # Plain integers: IntFlag arithmetic costs ten times as much.
 _LIVE, _DRIVING, _TOUCHING, _LIMITED, _SATURATED, _FAULT = (int(bit) for bit in Status)

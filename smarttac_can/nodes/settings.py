@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
-from smarttac_can.control.friction import Law
-from smarttac_can.control.model import PlateModel
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import Matrix
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Law
 
 CALIBRATION: Final = "Calibration"
 LIMIT: Final = "Limit"

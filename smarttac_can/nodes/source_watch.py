@@ -7,9 +7,9 @@ from typing import Final
 
 from smarttac_can.device.collision import GONE_AFTER_US
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.loop_period import TICK_US
-from smarttac_can.nodes.watchdogs import Watchdog, sync_tolerance, sync_window
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.watchdogs import Watchdog, sync_tolerance, sync_window
 
 BACKLOG: Final = 1000
 """Measurements that may have waited in queues and come late: those of a second."""

@@ -2,25 +2,10 @@
 
 from __future__ import annotations
 
-from enum import Enum, IntEnum, IntFlag
+from enum import Enum, IntFlag
 from typing import Final, NamedTuple
 
-
-class State(IntEnum):
-    """States of the device; the statusword carries the number in bits 8 to 10."""
-
-    NOT_READY = 0
-    """Something is missing: measurements, a zero, a calibration, or NMT OPERATIONAL."""
-    READY = 1
-    """All is there; at 0 V."""
-    ARMED = 2
-    """The watchdogs are sharp; still at 0 V."""
-    RUNNING = 3
-    """The mode drives: the only state with a voltage."""
-    QUICK_STOP = 4
-    """At 0 V until the controlword lets go."""
-    FAULT = 5
-    """At 0 V until the fault is gone and reset."""
+from smarttac_can.vocabulary.states import CONTROL_MASK, Control, State
 
 
 class Event(Enum):
@@ -94,22 +79,11 @@ for _row in TRANSITIONS:
     _TABLE.setdefault((_row.state, _row.event), []).append(_row)
 
 
-class Control(IntFlag):
-    """Bits of the controlword."""
-
-    ARM = 1 << 0
-    RUN = 1 << 1
-    QUICK_STOP = 1 << 2
-    FAULT_RESET = 1 << 7
-
-
 _ARM, _RUN, _QUICK_STOP, _RESET = (int(bit) for bit in Control)
 _COMMANDS: Final = _ARM | _RUN | _QUICK_STOP
 _RISING: Final = {(_ARM, _ARM): Event.ARM, (_ARM | _RUN, _RUN): Event.RUN}
 """Event of a rising command, by (all commands in the controlword, those that have risen)."""
 _ASKS_FOR_WHAT_IS: Final = {State.ARMED: _ARM, State.RUNNING: _ARM | _RUN}
-CONTROL_MASK: Final = _COMMANDS | _RESET
-"""Bits that a controlword may have."""
 
 
 class StateMachine:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from smarttac_can.control.cascade import Cascade, Mode
-from smarttac_can.control.tribometer import TARE_SAMPLES
-from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
 from smarttac_can.nodes.drive_output import DriveOutput
 from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps
@@ -20,7 +18,7 @@ from smarttac_can.nodes.loop_frames import (
 from smarttac_can.nodes.loop_period import deadlines
 from smarttac_can.nodes.loop_watchdogs import WATCHED
 from smarttac_can.nodes.model_sheet import ModelSheet
-from smarttac_can.nodes.plate_block import FAULT_KIND, START_RUN, PlateBlock
+from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import (
     CALIBRATION,
@@ -30,17 +28,18 @@ from smarttac_can.nodes.settings import (
     plate_model,
     with_change,
 )
-from smarttac_can.nodes.state_machine import Event, State
+from smarttac_can.nodes.state_machine import Event
 from smarttac_can.nodes.stricter import Stricter
 from smarttac_can.nodes.supervisor import Supervisor
-from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
-from smarttac_can.plant.faults import FaultKind
-from smarttac_can.signals import Drive
+from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.objects import AUTO_ZERO, FAULT_KIND, SIMULATION, START_RUN, ZERO
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, Drive
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
-SIMULATION: Final = ("Simulation", "Finger", "Fault")
-"""Records that belong to the simulated plate."""
 _MODEL: Final = "Model"
 
 

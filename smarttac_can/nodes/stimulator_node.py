@@ -12,7 +12,6 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import (
     DRIVE_TPDO,
@@ -20,18 +19,16 @@ from smarttac_can.nodes.loop_frames import (
     MEASUREMENT_RPDOS,
     sent_drive,
 )
-from smarttac_can.nodes.loop_period import TICK_US, LoopPeriod, deadlines, set_deadline
+from smarttac_can.nodes.loop_period import LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.master_watch import MasterWatch
 from smarttac_can.nodes.missed_time import TICKS, MissedTime
 from smarttac_can.nodes.pairing import Pairing
-from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
+from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_link import link_to_plate, plate_serial
 from smarttac_can.nodes.settings import mend_settings
 from smarttac_can.nodes.source_watch import SourceWatch
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.sync_watch import SyncWatch
-from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
     HEARTBEAT_CONSUMER,
@@ -43,6 +40,11 @@ from smarttac_can.od.cia import (
     ErrorRegister,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.objects import START_RUN
+from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 
 _STATUS_TPDO: Final = 1
 _PUBLIC_TPDOS: Final = (2, 3, 4)

@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.cycle_input import Measured
 from smarttac_can.nodes.fault_memory import FaultMemory
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
-from smarttac_can.nodes.state_machine import CONTROL_MASK, Event, Guard, State, StateMachine
-from smarttac_can.nodes.watchdogs import CYCLIC, WATCHDOGS, Watchdog, watchdogs_in
+from smarttac_can.nodes.state_machine import Event, Guard, StateMachine
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
-from smarttac_can.signals import Drive
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.objects import UNWATCHED
+from smarttac_can.vocabulary.signals import Drive
+from smarttac_can.vocabulary.states import CONTROL_MASK, State
+from smarttac_can.vocabulary.watchdogs import CYCLIC, WATCHDOGS, Watchdog, watchdogs_in
 
 _SHARP: Final = (State.ARMED, State.RUNNING)
-UNWATCHED: Final = "not armed: no heartbeat or set-point is watched, and Drive unwatched is 0"
-"""Message of an arming that is refused for want of a watch."""
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 

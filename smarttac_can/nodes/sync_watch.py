@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.loop_period import TICK_US
-from smarttac_can.nodes.watchdogs import (
+from smarttac_can.od.cia import SYNC_COUNTER
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.watchdogs import (
     SYNC_DRIFT_WINDOW,
     Watchdog,
     sync_drift_tolerance,
     sync_tolerance,
     sync_window,
 )
-from smarttac_can.od.cia import SYNC_COUNTER
-from smarttac_can.od.dictionary import ObjectDictionary
 
 
 class _Window:

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from math import exp
 from typing import Final
 
-from smarttac_can.control.cascade import Mode
 from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.nodes.lapses import Lapses
-from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
-from smarttac_can.nodes.watchdogs import (
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK, Contact
+from smarttac_can.vocabulary.watchdogs import (
     AMPLITUDE_CYCLES,
     EXCESS_CYCLES,
     LACK_CYCLES,
@@ -19,8 +20,6 @@ from smarttac_can.nodes.watchdogs import (
     UNSEEN_CYCLES,
     Watchdog,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
-from smarttac_can.signals import TICK, Contact
 
 LEAST_LOAD: Final = 0.40
 MOST_LOAD: Final = 1.60

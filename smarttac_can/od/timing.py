@@ -117,7 +117,7 @@ def bus_load(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
     return sum(frame_seconds(frame.size, bit_rate) / frame.period for frame in frames)
 
 
-def response_time(frames: Iterable[CyclicFrame], can_id: int, bit_rate: int) -> float:
+def worst_case_response_time(frames: Iterable[CyclicFrame], can_id: int, bit_rate: int) -> float:
     """Return the longest time in s from a frame being ready to its end on the bus.
 
     It may wait for one 8-byte frame of lower priority, such as an SDO, and for all of higher

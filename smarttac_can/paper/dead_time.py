@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import cycle_seconds, cyclic_frames
 from smarttac_can.paper.report import compare
-from smarttac_can.signals import TICK
+from smarttac_can.vocabulary.signals import TICK
 
 
 def loop_dead_time(bit_rate: int) -> float:

@@ -10,10 +10,8 @@ import numpy as np
 
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
-from smarttac_can.control.cascade import Mode
-from smarttac_can.control.friction import Law
-from smarttac_can.control.tribometer import TARE_SAMPLES
-from smarttac_can.signals import TICK
+from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
 
 WARM: Final = 30.0
 """Temperature in degC at which the plate is identified, and tuned for, before Fig. 5."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from smarttac_can.plant.parameters import TWO_PI
 
 
-class Transition(NamedTuple):
+class Propagator(NamedTuple):
     """Exact step of the second-order system for a force constant over the step."""
 
     yy: float
@@ -18,7 +18,7 @@ class Transition(NamedTuple):
     rr: float
 
 
-def transition(duration: float, frequency: float, damping: float) -> Transition:
+def propagator(duration: float, frequency: float, damping: float) -> Propagator:
     """Return the step of a system with natural frequency in Hz and damping ratio below 1."""
     w = TWO_PI * frequency
     decay = damping * w
@@ -26,7 +26,7 @@ def transition(duration: float, frequency: float, damping: float) -> Transition:
     e = math.exp(-decay * duration)
     c = e * math.cos(ring * duration)
     s = e * math.sin(ring * duration) / ring
-    return Transition(c + decay * s, s, -w * w * s, c - decay * s)
+    return Propagator(c + decay * s, s, -w * w * s, c - decay * s)
 
 
 class ForcePath:
@@ -38,7 +38,7 @@ class ForcePath:
         self.y = 0.0
         self.rate = 0.0
 
-    def follow(self, phi: Transition, forces: Iterable[float]) -> None:
+    def follow(self, phi: Propagator, forces: Iterable[float]) -> None:
         """Advance by a step of phi under each of the forces in N, constant over its step."""
         yy, yr, ry, rr = phi
         y, rate = self.y, self.rate

@@ -4,17 +4,9 @@ from __future__ import annotations
 
 import math
 
-from smarttac_can.plant.faults import (
-    SENSOR_KINDS,
-    Fault,
-    FaultKind,
-    SensorFault,
-    Slam,
-    broken,
-    pickup_gains,
-)
+from smarttac_can.plant.faults import Fault, SensorFault, Slam, broken, pickup_gains
 from smarttac_can.plant.finger import Finger, FingerState
-from smarttac_can.plant.force_path import ForcePath, Transition, transition
+from smarttac_can.plant.force_path import ForcePath, Propagator, propagator
 from smarttac_can.plant.friction import bare_friction
 from smarttac_can.plant.mathematics import SCALAR
 from smarttac_can.plant.parameters import TWO_PI, PlateParameters, require
@@ -22,7 +14,8 @@ from smarttac_can.plant.resonator import Resonator
 from smarttac_can.plant.sensors import Sensors
 from smarttac_can.plant.skin import Skin
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
-from smarttac_can.signals import TICK, Drive, Measurement
+from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
+from smarttac_can.vocabulary.signals import TICK, Drive, Measurement
 
 SUBSTEPS = 4
 """Sub-steps of a tick, by the convergence test."""
@@ -136,11 +129,11 @@ class Plate:
         self.occlusion = 0.0
         self.finger_state: FingerState = finger.at(0.0)
 
-    def _path(self, duration: float) -> Transition:
+    def _path(self, duration: float) -> Propagator:
         sensors = self._parameters.sensors
-        return transition(duration, sensors.path_frequency, sensors.path_damping)
+        return propagator(duration, sensors.path_frequency, sensors.path_damping)
 
-    def _segment(self, duration: float) -> tuple[int, float, Transition]:
+    def _segment(self, duration: float) -> tuple[int, float, Propagator]:
         """Divide a part of a tick: number and length of sub-steps, and the force path's step."""
         count = math.ceil(SUBSTEPS * duration / TICK - 1e-9)
         length = duration / count if count else 0.0
@@ -259,7 +252,7 @@ class Plate:
         self.temperature += (target - self.temperature) * self._warming
 
     def _advance(
-        self, drive: Drive, segment: tuple[int, float, Transition], v_bone: float, Fn: float
+        self, drive: Drive, segment: tuple[int, float, Propagator], v_bone: float, Fn: float
     ) -> None:
         count, length, phi = segment
         subject = self._subject

@@ -7,7 +7,7 @@ from math import floor
 import numpy as np
 
 from smarttac_can.plant.parameters import SensorParameters, require
-from smarttac_can.signals import Measurement
+from smarttac_can.vocabulary.signals import Measurement
 
 _BLOCK = 256
 _NOISE_STREAM = 0x4E

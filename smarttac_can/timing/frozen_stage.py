@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import exp, log
 from typing import Any, Final, NamedTuple
 
-from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 
 SHORTEST_MS: Final = 3
 """The deadline that the dose is compared with, in ms."""

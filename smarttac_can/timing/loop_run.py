@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from time import monotonic, sleep
 from typing import Any, Final
 
-from smarttac_can.bench.open_link import PLATE_ID, plate_od
+from smarttac_can.bench.simulation import PLATE_ID, plate_od
 from smarttac_can.bench.stimulator import Stimulator
-from smarttac_can.control.cascade import Mode
 from smarttac_can.master.errors import BenchError
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.timing.loop_processes import listening, node_process, require_quiet
 from smarttac_can.timing.loop_timing import LoopTiming
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State
 
 COF: Final = 0.35
 """Friction that a timed run regulates."""

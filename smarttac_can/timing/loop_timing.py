@@ -18,8 +18,8 @@ from smarttac_can.od.cia import (
     TPDO_MAPPING,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.signals import TICK
 from smarttac_can.timing.frozen_stage import frozen_stage
+from smarttac_can.vocabulary.signals import TICK
 
 DEADLINE_MIN_MS: Final = 3
 DEADLINE_MAX_MS: Final = 100

@@ -6,15 +6,14 @@ from collections.abc import Callable
 from struct import pack
 from typing import Any, Final
 
-from smarttac_can.bench.open_link import STIMULATOR_ID
+from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.collision import GONE_AFTER_US
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.mishaps import Disturbance, Mishap
-from smarttac_can.nodes.loop_period import TICK_US
+from smarttac_can.host.frame_faults import Disturbance, FrameFault
 from smarttac_can.od.cia import PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS
-from smarttac_can.signals import Drive, Measurement, Setpoint
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.signals import TICK_US, Drive, Measurement, Setpoint
 
 SETPOINT_DEADLINE_MS: Final = 5
 """Event timer of the set-points at the stimulator, where the master sends them in each cycle."""
@@ -37,12 +36,12 @@ def put(name: str, value: object) -> Act:
     return lambda rig: setattr(rig, name, value)
 
 
-def befall(mishap: Mishap, *can_ids: int, cycles: int = 1) -> Act:
-    """Make an act after which a mishap happens to every frame with one of these CAN-IDs.
+def disturb(frame_fault: FrameFault, *can_ids: int, cycles: int = 1) -> Act:
+    """Make an act after which a frame_fault happens to every frame with one of these CAN-IDs.
 
     It lasts until `calm`; ``cycles`` is how late a delayed frame is.
     """
-    disturbance = Disturbance(mishap, frozenset(can_ids), cycles=cycles)
+    disturbance = Disturbance(frame_fault, frozenset(can_ids), cycles=cycles)
     return lambda rig: rig.bus.disturbances.append(disturbance)
 
 
@@ -50,7 +49,7 @@ def lose(*can_ids: int) -> Act:
     """Make an act that loses these frames in one cycle; in two in a row that would be a fault."""
 
     def act(rig: Rig) -> None:
-        befall(Mishap.LOSS, *can_ids)(rig)
+        disturb(FrameFault.LOSS, *can_ids)(rig)
         rig.cycle()
         calm(rig)
 
@@ -58,7 +57,7 @@ def lose(*can_ids: int) -> Act:
 
 
 def calm(rig: Rig) -> None:
-    """End all mishaps on the bus."""
+    """End all frame faults on the bus."""
     rig.bus.disturbances.clear()
 
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from smarttac_can.control.cascade import Mode
-from smarttac_can.nodes.watchdogs import Watchdog
-from smarttac_can.plant.faults import FaultKind
 from smarttac_can.trials.fault_acts import Act
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 DRIVING: Final = (
     Mode.OPEN_LOOP,

@@ -6,33 +6,18 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.control.cascade import Mode
-from smarttac_can.host.mishaps import Mishap
-from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS
-from smarttac_can.nodes.watchdogs import (
-    AMPLITUDE_CYCLES,
-    GAUGE_CYCLES,
-    RESONANCE_CYCLES,
-    SATURATED_CYCLES,
-    SILENT_CYCLES,
-    STUCK_GAUGE_CYCLES,
-    STUCK_THERMOMETER_CYCLES,
-    UNSEEN_CYCLES,
-    Watchdog,
-    sync_window,
-)
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
+from smarttac_can.host.frame_faults import FrameFault
 from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
-from smarttac_can.plant.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
 from smarttac_can.trials.fault_acts import (
     SETPOINT_DEADLINE_MS,
     another_plate,
-    befall,
     bus_off,
     bus_recovered,
     calm,
     control_rightly,
     control_wrongly,
+    disturb,
     fall_silent,
     jump,
     limit_amplitude,
@@ -64,6 +49,21 @@ from smarttac_can.trials.fault_case import (
 )
 from smarttac_can.trials.rig import NODE_LOST_MS, Rig
 from smarttac_can.trials.weak_pickup import WEAK_PICKUP
+from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
+from smarttac_can.vocabulary.watchdogs import (
+    AMPLITUDE_CYCLES,
+    GAUGE_CYCLES,
+    RESONANCE_CYCLES,
+    SATURATED_CYCLES,
+    SILENT_CYCLES,
+    STUCK_GAUGE_CYCLES,
+    STUCK_THERMOMETER_CYCLES,
+    UNSEEN_CYCLES,
+    Watchdog,
+    sync_window,
+)
 
 MEASUREMENTS: Final = tuple(base + PLATE_ID for base in TPDO_IDS[:3])
 DRIVE: Final = RPDO_IDS[0] + PLATE_ID
@@ -119,10 +119,11 @@ CASES: Final[tuple[FaultCase, ...]] = (
     FaultCase("heartbeat of the master lost, plate inside", NODE_LOST_MS, Watchdog.HEARTBEAT,
               put("heartbeat", False), put("heartbeat", True), plate_inside=True),
     FaultCase("heartbeat of the plate lost", NODE_LOST_MS, Watchdog.HEARTBEAT,
-              befall(Mishap.LOSS, HEARTBEAT_ID + PLATE_ID), calm),
+              disturb(FrameFault.LOSS, HEARTBEAT_ID + PLATE_ID), calm),
     FaultCase("measurements lost", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              befall(Mishap.LOSS, *MEASUREMENTS), calm),
-    FaultCase("drives lost", PDO_DEADLINE_MS, Watchdog.PLATE, befall(Mishap.LOSS, DRIVE), calm),
+              disturb(FrameFault.LOSS, *MEASUREMENTS), calm),
+    FaultCase("drives lost", PDO_DEADLINE_MS, Watchdog.PLATE,
+              disturb(FrameFault.LOSS, DRIVE), calm),
     FaultCase("set-points lost", SETPOINT_DEADLINE_MS, Watchdog.SETPOINT,
               lambda rig: rig.each_cycle.clear(), send_setpoints, prepare=send_setpoints),
     FaultCase("SYNC lost", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, put("syncs", 0), put("syncs", 1)),
@@ -192,15 +193,15 @@ CASES: Final[tuple[FaultCase, ...]] = (
     broken("power stage stuck", AT_ONCE, Watchdog.PICKUP,
             FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True),
     FaultCase("measurements two cycles late", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              befall(Mishap.DELAY, *MEASUREMENTS, cycles=2), calm),
+              disturb(FrameFault.DELAY, *MEASUREMENTS, cycles=2), calm),
     FaultCase("drives two cycles late", PDO_DEADLINE_MS, Watchdog.PLATE,
-              befall(Mishap.DELAY, DRIVE, cycles=2), calm),
+              disturb(FrameFault.DELAY, DRIVE, cycles=2), calm),
     FaultCase("measurements swapped", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              befall(Mishap.REORDERING, *MEASUREMENTS), calm),
+              disturb(FrameFault.REORDERING, *MEASUREMENTS), calm),
     FaultCase("drives corrupt", PDO_DEADLINE_MS, Watchdog.PLATE,
-              befall(Mishap.CORRUPTION, DRIVE), calm),
+              disturb(FrameFault.CORRUPTION, DRIVE), calm),
     FaultCase("measurements corrupt", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              befall(Mishap.CORRUPTION, *MEASUREMENTS), calm),
+              disturb(FrameFault.CORRUPTION, *MEASUREMENTS), calm),
     FaultCase("a node babbles", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               lambda rig: rig.bus.babble(8), lambda rig: rig.bus.babble(0)),
     FaultCase("stimulator restarts", PDO_DEADLINE_MS, None, restart_stimulator, nothing,
@@ -222,10 +223,10 @@ CASES: Final[tuple[FaultCase, ...]] = (
 """Faults that have to end in 0 V."""
 
 TOLERATED: Final[tuple[FaultCase, ...]] = (
-    FaultCase("measurements twice", 0, None, befall(Mishap.DUPLICATION, *MEASUREMENTS), calm),
-    FaultCase("drives twice", 0, None, befall(Mishap.DUPLICATION, DRIVE), calm),
+    FaultCase("measurements twice", 0, None, disturb(FrameFault.DUPLICATION, *MEASUREMENTS), calm),
+    FaultCase("drives twice", 0, None, disturb(FrameFault.DUPLICATION, DRIVE), calm),
     FaultCase("measurements late in their cycle", 0, None,
-              befall(Mishap.DELAY, *MEASUREMENTS), calm),
+              disturb(FrameFault.DELAY, *MEASUREMENTS), calm),
     FaultCase("a cycle of measurements lost", 0, None, lose(*MEASUREMENTS), nothing),
     FaultCase("a drive lost", 0, None, lose(DRIVE), nothing),
     FaultCase("a node babbles a little", 0, None,

@@ -10,19 +10,19 @@ from multiprocessing import get_context
 from typing import Final
 from zlib import crc32
 
-from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.master.errors import HeartbeatLostError
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.trials.fault_case import FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
-from smarttac_can.trials.fault_row import Row, mode_name
+from smarttac_can.trials.fault_row import FaultRow, mode_name
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import Rig
 from smarttac_can.trials.weak_pickup import NOT_SEEN
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State
 
 HOLD_CYCLES: Final = 10_000
 """Cycles for which a plate has to stay at 0 V while the master does what it likes."""
@@ -107,7 +107,7 @@ def fault_matrix(
     log: LogHook | None = None,
     jobs: int = 1,
     channel: str | None = None,
-) -> Iterator[Row]:
+) -> Iterator[FaultRow]:
     """Inject faults, each in a run of its own, and yield a row for each; always the same ones.
 
     Parameters
@@ -138,7 +138,7 @@ def fault_matrix(
         offset += end
 
 
-_Result = tuple[Row, list[tuple[int, Frame]], int]
+_Result = tuple[FaultRow, list[tuple[int, Frame]], int]
 """A row, its frames with their times in us, and the time at its end."""
 
 
@@ -188,7 +188,7 @@ def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) 
     at_zero = _cycles_at_zero(rig, hold, MasterTraffic(rig, seed, commands=not case.forgets))
     log.on = True
     recovered = _recovers(rig, case, mode)
-    row = Row(
+    row = FaultRow(
         fault=case.name,
         mode=mode_name(mode),
         voltage_before_v=round(before, 2),

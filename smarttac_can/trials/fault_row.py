@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from smarttac_can.control.cascade import Mode
 from smarttac_can.od.object_reference import table
+from smarttac_can.vocabulary.modes import Mode
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class FaultRow:
     """What became of one fault in one mode."""
 
     fault: str
@@ -58,12 +58,12 @@ def mode_name(mode: Mode) -> str:
     return mode.name.lower()
 
 
-def rows_as_json(rows: Iterable[Row]) -> list[dict[str, Any]]:
+def rows_as_json(rows: Iterable[FaultRow]) -> list[dict[str, Any]]:
     """Return rows as JSON has them."""
     return [asdict(row) | {"emcy_code": row.emcy_code} for row in rows]
 
 
-def matrix_table(rows: Iterable[Row]) -> Iterator[str]:
+def matrix_table(rows: Iterable[FaultRow]) -> Iterator[str]:
     """Return the matrix as lines of Markdown."""
     return table(
         (

@@ -6,12 +6,12 @@ from itertools import cycle
 from math import isfinite
 from typing import Final
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.nodes.state_machine import State
-from smarttac_can.nodes.watchdogs import AMPLITUDE_CYCLES
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.od.cia import ERROR_FIELD
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import AMPLITUDE_CYCLES
 
 AFTERGLOW_CYCLES: Final = 5
 """Cycles that the vibration takes to die away."""

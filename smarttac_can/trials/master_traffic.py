@@ -5,11 +5,11 @@ from __future__ import annotations
 import random
 from typing import Final
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.control.cascade import Mode
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import EXPEDITED_BYTES, Abort, NMTCommand
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.modes import Mode
 
 # Ends of the shares of a draw from 0 to 1; above the last one the master does nothing.
 _READ: Final = 0.10

@@ -5,21 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
-from smarttac_can.control.cascade import Mode
-from smarttac_can.control.tribometer import TARE_SAMPLES
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
 from smarttac_can.host.local_bus import Wire
 from smarttac_can.master import requests
 from smarttac_can.master.local_master import LocalMaster
-from smarttac_can.nodes.analogue_input import AUTO_ZERO, ZERO
-from smarttac_can.nodes.loop_period import SHORT_DEADLINE_MS, TICK_US
-from smarttac_can.nodes.plate_block import START_RUN, PlateBlock
+from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.state_machine import Control, State
-from smarttac_can.nodes.stimulator_block import SIMULATION
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import (
     EMCY_ID,
@@ -32,6 +26,10 @@ from smarttac_can.od.cia import (
     NMTCommand,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN, ZERO
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
+from smarttac_can.vocabulary.states import Control, State
 
 MASTER_ID: Final = 1
 """Node-ID of the master."""

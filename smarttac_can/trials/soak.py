@@ -10,10 +10,7 @@ from time import perf_counter
 from typing import Final
 from zlib import crc32
 
-from smarttac_can.control.cascade import Mode
 from smarttac_can.master.errors import HeartbeatLostError
-from smarttac_can.nodes.state_machine import State
-from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.trials.fault_case import DRIVING, FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
@@ -21,6 +18,9 @@ from smarttac_can.trials.invariants import Invariants
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import Rig
 from smarttac_can.trials.soak_report import SoakReport
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 CYCLES_PER_HOUR: Final = 3_600_000
 _RSS_CYCLES: Final = 60_000

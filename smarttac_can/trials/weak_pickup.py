@@ -6,9 +6,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from smarttac_can.control.cascade import Mode
-from smarttac_can.nodes.watchdogs import LACK_CYCLES, RESONANCE_CYCLES, Watchdog
-from smarttac_can.plant.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.trials.fault_case import (
     REGULATED,
     RING_DOWN_CYCLES,
@@ -16,6 +13,9 @@ from smarttac_can.trials.fault_case import (
     FaultCase,
     broken,
 )
+from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.watchdogs import LACK_CYCLES, RESONANCE_CYCLES, Watchdog
 
 _PER_MILLE: Final = 1000
 _NAMES: Final = {PICKUP: "pick-up", PICKUP_D: "pick-up d", PICKUP_Q: "pick-up q"}

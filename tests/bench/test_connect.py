@@ -20,7 +20,7 @@ from smarttac_can.bench import (
     Stimulator,
     WrongDeviceError,
 )
-from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.plate_block import PlateBlock

@@ -14,7 +14,7 @@ from smarttac_can.bench import NotRunningError, Stimulator
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.open_link import _over_can
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.local_bus import LocalBus, Port
+from smarttac_can.host.local_bus import Connection, LocalBus
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.master.errors import BenchError
 
@@ -27,7 +27,7 @@ def short_cycles() -> Iterator[None]:
         yield
 
 
-def local_bench() -> tuple[Stimulator, list[Port]]:
+def local_bench() -> tuple[Stimulator, list[Connection]]:
     bus = LocalBus()
     ports = [bus.attach(node) for node in both()]
     bench = Stimulator(

@@ -15,11 +15,12 @@ from smarttac_can.bench import (
     Stimulator,
 )
 from smarttac_can.bench.link import Row, Snapshot
-from smarttac_can.bench.open_link import LinkName, stimulator_od
+from smarttac_can.bench.open_link import LinkName
+from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.bench.traces import COLUMNS
-from smarttac_can.nodes.state_machine import Control, State
-from smarttac_can.nodes.watchdogs import Watchdog
-from smarttac_can.plant.faults import FaultKind
+from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 
 @pytest.fixture(params=["local", "bus", "inside", "virtual"])

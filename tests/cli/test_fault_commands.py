@@ -10,7 +10,7 @@ from click.testing import CliRunner, Result
 
 from smarttac_can.cli import main
 from smarttac_can.host.candump import read_candump
-from smarttac_can.trials.fault_row import Row
+from smarttac_can.trials.fault_row import FaultRow
 from smarttac_can.trials.soak import Soak
 
 ONE = ("faults", "--fault", "measurements lost", "--mode", "friction", "--hold", "20")
@@ -134,7 +134,7 @@ def test_channel_that_is_not_there_is_one_clear_line() -> None:
 
 
 def test_row_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Row, "passed", property(lambda row: False))
+    monkeypatch.setattr(FaultRow, "passed", property(lambda row: False))
     result = run(*ONE)
     assert result.exit_code == 1
     assert result.stdout.startswith("FAILED measurements lost")

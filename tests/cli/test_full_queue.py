@@ -11,17 +11,17 @@ from itertools import pairwise
 from nodes_on_a_bus import both, stimulator_with_plate
 
 from smarttac_can.cli.state_lines import StateLines
-from smarttac_can.control.cascade import Mode
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
-from smarttac_can.host.lasting_bus import LastingBus
+from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.host.runner import run_node
-from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stage_state import StageState
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.nodes.watchdogs import Watchdog
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 SYNC, START = Frame(0x80), Frame(0, b"\1\0")
 TICK_US = 1000
@@ -125,7 +125,7 @@ class Run:
         self.driven_before = False
         bus.watch.append(self._look)
         lines = StateLines(name, "here", node, self.said.append)
-        lasting = LastingBus(lambda: bus, node, lost=lines.lost, back=lines.back)
+        lasting = ReconnectingBus(lambda: bus, node, lost=lines.lost, back=lines.back)
         run_node(lines, lasting, bus.stop, full=lines.full, clock=bus.clock, rest=bus.rest)
 
     def _look(self, now: int) -> None:

@@ -16,7 +16,7 @@ import pytest
 from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options, processes
 
 from smarttac_can.bench import BenchError, Mode, Stimulator
-from smarttac_can.nodes.state_machine import State
+from smarttac_can.vocabulary.states import State
 
 
 @contextmanager

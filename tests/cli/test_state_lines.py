@@ -1,6 +1,6 @@
 """What a node says of its states, in this process."""
 
-from smarttac_can.bench.open_link import plate_od
+from smarttac_can.bench.simulation import plate_od
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode

@@ -8,7 +8,7 @@ import cantools
 import pytest
 from cantools.database.can import Database
 
-from smarttac_can.bench.open_link import stimulator_od
+from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.bench.traces import read_csv
 from smarttac_can.commissioning.dbc import identifier, make_dbc
 from smarttac_can.host.candump import read_candump

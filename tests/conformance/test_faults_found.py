@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from smarttac_can.conformance.case import Result
+from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.device_time import DeviceTimeBus
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import failed, run_cases
-from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.conformance.table import CASES
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -183,7 +183,7 @@ def judge(
     node = Altered(Device(load_eds(text, NODE_ID)), inwards=inwards, outwards=outwards)
     bus = DeviceTimeBus(node)
     cases = [case for case in CASES if case.number in only.split()]
-    return run_cases(Probe(bus, Sheet(RICH, NODE_ID), clock=bus.time), cases)
+    return run_cases(Examiner(bus, DeviceDescription(RICH, NODE_ID), clock=bus.time), cases)
 
 
 def numbers(results: list[Result]) -> str:

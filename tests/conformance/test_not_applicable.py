@@ -1,10 +1,10 @@
 """What the EDS does not have is not asked, and what is optional may be refused."""
 
 from smarttac_can.conformance.case import Result
+from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.device_time import DeviceTimeBus
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import run_cases
-from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.conformance.table import CASES
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -38,7 +38,7 @@ class WithoutBlockTransfer(PlainNode):
 
 def judge(node: PlainNode) -> list[Result]:
     bus = DeviceTimeBus(node)
-    return run_cases(Probe(bus, Sheet(MINIMAL, NODE_ID), clock=bus.time), CASES)
+    return run_cases(Examiner(bus, DeviceDescription(MINIMAL, NODE_ID), clock=bus.time), CASES)
 
 
 def test_a_minimal_device_has_little_to_be_asked_and_no_fault() -> None:

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from smarttac_can.conformance.case import Case
+from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.device_time import DeviceTimeBus
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import run_cases
-from smarttac_can.conformance.sheet import Sheet
 from smarttac_can.conformance.table import CASES
 from smarttac_can.device.device import Device
 from smarttac_can.host.eds_files import read_eds
@@ -25,7 +25,7 @@ NODE_ID = 32
 
 def judge(node: Node, text: str, cases: tuple[Case, ...] = CASES) -> dict[str, tuple[str, str]]:
     bus = DeviceTimeBus(node)
-    results = run_cases(Probe(bus, Sheet(text, NODE_ID), clock=bus.time), cases)
+    results = run_cases(Examiner(bus, DeviceDescription(text, NODE_ID), clock=bus.time), cases)
     return {r.case.number: (r.verdict, r.reason) for r in results if r.verdict != "pass"}
 
 

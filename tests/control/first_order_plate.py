@@ -4,8 +4,8 @@ import cmath
 import math
 import random
 
-from smarttac_can.control.model import PlateModel
-from smarttac_can.signals import TICK, Drive, Measurement, Setpoint
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.signals import TICK, Drive, Measurement, Setpoint
 
 GAUGE_X = (-28e-3, 28e-3, -28e-3, 28e-3)
 

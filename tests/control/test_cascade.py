@@ -7,11 +7,11 @@ from first_order_plate import Finger, FirstOrderPlate, gauges, setpoint
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.cascade import Cascade, Limit, Mode
-from smarttac_can.control.friction import Law
-from smarttac_can.control.model import PlateModel
+from smarttac_can.control.cascade import Cascade, Limit
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.signals import Drive, Measurement
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.signals import Drive, Measurement
 
 REGULATING = (Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
 LIMITS = CascadeParameters(V_max=40.0, W_max=2e-6, f_min=43000.0, f_max=43800.0)

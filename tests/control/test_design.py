@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.control.design import amplitude_pi, dominant_pole, resonance_pi
-from smarttac_can.control.model import PlateModel
-from smarttac_can.signals import Drive
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.signals import Drive
 
 TICK = 1e-3
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.friction import Boundary, FrictionLaw, Law, relative_error
+from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
+from smarttac_can.vocabulary.modes import Law
 
 
 def friction_law(law=Law.MEASURED):

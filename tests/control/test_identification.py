@@ -3,10 +3,11 @@ import random
 import pytest
 from first_order_plate import FirstOrderPlate, gauges, setpoint
 
-from smarttac_can.control.cascade import Cascade, Mode
-from smarttac_can.control.identification import State
-from smarttac_can.control.model import PlateModel
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import IdentificationState
 
 NULLS = (0.7, -1.1, 0.3, -0.2, 1.2, -0.9)
 
@@ -21,7 +22,7 @@ def identify(plate, start, cascade=None, forces=(0.0,) * 6):
         drive = cascade.update(plate.measure(forces), target)
         if cascade.mode is not Mode.IDENTIFY:
             break
-        assert cascade.identification.state is State.RUNNING
+        assert cascade.identification.state is IdentificationState.RUNNING
         assert progress <= cascade.identification.progress < 1.0
         progress = cascade.identification.progress
         plate.step(drive)
@@ -49,7 +50,7 @@ def drawn_plate(seed):
 def test_accuracy_with_noise_quantisation_offset_and_a_wrong_start(seed):
     plate, start = drawn_plate(seed)
     cascade, ticks, largest = identify(plate, start)
-    assert cascade.identification.state is State.DONE, cascade.reason
+    assert cascade.identification.state is IdentificationState.DONE, cascade.reason
     assert cascade.reason == ""
     true, found = plate.model, cascade.model
     assert found.f0 == pytest.approx(true.f0, abs=1.0)
@@ -92,7 +93,7 @@ def test_loops_are_redesigned_for_what_was_found():
 
 def failure(plate, start=43390.0, **kwargs):
     cascade, _, _ = identify(plate, start, **kwargs)
-    assert cascade.identification.state is State.FAILED
+    assert cascade.identification.state is IdentificationState.FAILED
     assert cascade.model == PlateModel()
     assert cascade.reason == f"identification: {cascade.identification.failure}"
     return cascade.identification.failure
@@ -150,7 +151,7 @@ def test_finger_on_the_plate():
 
 def test_nulls_of_an_untared_tribometer_do_not_count_as_a_finger():
     cascade, _, _ = identify(FirstOrderPlate(), 43390.0, forces=NULLS)
-    assert cascade.identification.state is State.DONE
+    assert cascade.identification.state is IdentificationState.DONE
 
 
 def test_leaving_the_mode_ends_it():
@@ -158,5 +159,5 @@ def test_leaving_the_mode_ends_it():
     cascade.set_mode(Mode.IDENTIFY)
     plate.step(cascade.update(plate.measure(), setpoint()))
     cascade.set_mode(Mode.OFF)
-    assert cascade.identification.state is State.FAILED
+    assert cascade.identification.state is IdentificationState.FAILED
     assert cascade.identification.update(0j) is None

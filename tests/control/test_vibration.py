@@ -1,13 +1,14 @@
 import pytest
 from first_order_plate import FirstOrderPlate, setpoint
 
-from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.design import amplitude_pi, resonance_pi
-from smarttac_can.control.model import PlateModel
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.pi import PI
 from smarttac_can.control.vibration import AmplitudeLoop, ResonanceLoop
-from smarttac_can.signals import Drive
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.signals import Drive
 
 
 def response(mode, ticks=60, frequency=43250.0, dead_time=0.0):

@@ -1,4 +1,4 @@
-"""Each mishap does what it says, to the frames it says, and the same with the same seed."""
+"""Each frame_fault does what it says, to the frames it says, and the same with the same seed."""
 
 import pytest
 from toy_node import (
@@ -16,8 +16,8 @@ from toy_node import (
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.faulty_bus import QUEUE_FRAMES, FaultyBus
-from smarttac_can.host.local_bus import LocalBus, Port
-from smarttac_can.host.mishaps import Disturbance, Mishap
+from smarttac_can.host.frame_faults import Disturbance, FrameFault
+from smarttac_can.host.local_bus import Connection, LocalBus
 
 
 class Bench:
@@ -28,7 +28,7 @@ class Bench:
         self.bus = FaultyBus(seed, log=lambda _time, frame: self.frames.append(frame))
         self.master = self.bus.connect(lambda frame: None)
         self.node = ToyNode()
-        self.port: Port = self.bus.attach(self.node)
+        self.port: Connection = self.bus.attach(self.node)
         del self.frames[:]
 
     def cycles(self, count: int) -> list[Frame]:
@@ -40,8 +40,10 @@ class Bench:
     def ids(self, count: int) -> list[int]:
         return [frame.can_id for frame in self.cycles(count)]
 
-    def disturb(self, mishap: Mishap, *can_ids: int, share: float = 1.0, cycles: int = 1) -> None:
-        self.bus.disturbances.append(Disturbance(mishap, frozenset(can_ids), share, cycles))
+    def disturb(
+        self, frame_fault: FrameFault, *can_ids: int, share: float = 1.0, cycles: int = 1
+    ) -> None:
+        self.bus.disturbances.append(Disturbance(frame_fault, frozenset(can_ids), share, cycles))
 
 
 REPORT = AT_SYNC + 1
@@ -62,7 +64,7 @@ def test_without_faults_it_is_a_local_bus() -> None:
 
 def test_lost_frame_is_not_on_the_bus() -> None:
     bench = Bench()
-    bench.disturb(Mishap.LOSS, REPORT)
+    bench.disturb(FrameFault.LOSS, REPORT)
     assert REPORT not in bench.ids(5)
     assert len(bench.node.heard) == 5
 
@@ -74,7 +76,7 @@ def test_segments_are_lost_as_other_frames_are() -> None:
     bus.attach(StreamingNode())
     sent = [Frame(SEGMENT + 1, bytes((k,))) for k in range(255)]
     for share, least, most in ((0.0, 255, 255), (0.3, 100, 254), (1.0, 0, 0)):
-        bus.disturbances = [Disturbance(Mishap.LOSS, frozenset((SEGMENT + 1,)), share)]
+        bus.disturbances = [Disturbance(FrameFault.LOSS, frozenset((SEGMENT + 1,)), share)]
         del frames[:]
         master.send(Frame(REQUEST + 1, b"\xff"))
         came = frames[2:]
@@ -84,28 +86,28 @@ def test_segments_are_lost_as_other_frames_are() -> None:
 
 def test_frame_of_the_master_is_lost_as_well() -> None:
     bench = Bench()
-    bench.disturb(Mishap.LOSS, SYNC.can_id)
+    bench.disturb(FrameFault.LOSS, SYNC.can_id)
     assert bench.ids(5) == []
     assert not bench.node.heard
 
 
 def test_duplicate_follows_at_once() -> None:
     bench = Bench()
-    bench.disturb(Mishap.DUPLICATION, REPORT)
+    bench.disturb(FrameFault.DUPLICATION, REPORT)
     assert bench.ids(1) == [SYNC.can_id, REPORT, REPORT]
 
 
 def test_reordered_frame_comes_behind_the_senders_next_one() -> None:
     bench = Bench()
     bench.cycles(4)
-    bench.disturb(Mishap.REORDERING, TICKER + 1)
+    bench.disturb(FrameFault.REORDERING, TICKER + 1)
     frames = bench.cycles(1)
     assert [frame.can_id for frame in frames] == [SYNC.can_id, REPORT, TICKER + 1]
 
 
 def test_delayed_frame_comes_cycles_later() -> None:
     bench = Bench()
-    bench.disturb(Mishap.DELAY, REPORT, cycles=3)
+    bench.disturb(FrameFault.DELAY, REPORT, cycles=3)
     assert bench.ids(3) == [SYNC.can_id] * 3
     (late,) = [frame for frame in bench.cycles(1) if frame.can_id == REPORT]
     assert int.from_bytes(late.data, "little") == 1000, "what was measured in the first cycle"
@@ -113,7 +115,7 @@ def test_delayed_frame_comes_cycles_later() -> None:
 
 def test_corrupt_frame_differs_in_one_bit() -> None:
     bench, sound = Bench(), Bench()
-    bench.disturb(Mishap.CORRUPTION, REPORT)
+    bench.disturb(FrameFault.CORRUPTION, REPORT)
     for broken, whole in zip(bench.cycles(20), sound.cycles(20), strict=True):
         difference = int.from_bytes(broken.data) ^ int.from_bytes(whole.data)
         assert difference.bit_count() == (1 if whole.can_id == REPORT else 0)
@@ -122,7 +124,7 @@ def test_corrupt_frame_differs_in_one_bit() -> None:
 def test_share_is_drawn_and_the_same_with_the_same_seed() -> None:
     def lost(seed: int) -> list[Frame]:
         bench = Bench(seed)
-        bench.disturb(Mishap.LOSS, REPORT, share=0.3)
+        bench.disturb(FrameFault.LOSS, REPORT, share=0.3)
         return bench.cycles(500)
 
     reports = [frame for frame in lost(1) if frame.can_id == REPORT]
@@ -133,7 +135,7 @@ def test_share_is_drawn_and_the_same_with_the_same_seed() -> None:
 
 def test_after_the_mishap_all_is_well() -> None:
     bench = Bench()
-    bench.disturb(Mishap.DELAY, REPORT, cycles=2)
+    bench.disturb(FrameFault.DELAY, REPORT, cycles=2)
     bench.cycles(5)
     bench.bus.disturbances.clear()
     bench.cycles(5)
@@ -213,18 +215,18 @@ def test_more_urgent_frames_pass_the_babble() -> None:
 
 def test_master_asks_in_spite_of_a_mishap_to_others() -> None:
     bench = Bench()
-    bench.disturb(Mishap.LOSS, REPORT)
+    bench.disturb(FrameFault.LOSS, REPORT)
     bench.master.send(Frame(REQUEST + 1, b"\1"))
     assert bench.frames[-1] == Frame(REPLY + 1, b"\1")
 
 
 def test_settings_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match=r"share 1.5 is outside 0\.\.1"):
-        Disturbance(Mishap.LOSS, share=1.5)
+        Disturbance(FrameFault.LOSS, share=1.5)
     with pytest.raises(ValueError, match="cycles 0 is below 1"):
-        Disturbance(Mishap.DELAY, cycles=0)
+        Disturbance(FrameFault.DELAY, cycles=0)
     with pytest.raises(ValueError, match=r"identifier 900h is outside 0h\.\.7FFh"):
-        Disturbance(Mishap.LOSS, frozenset({0x900}))
+        Disturbance(FrameFault.LOSS, frozenset({0x900}))
     bus = FaultyBus()
     with pytest.raises(ValueError, match="frames -1 is below 0"):
         bus.babble(-1, 5)

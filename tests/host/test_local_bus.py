@@ -15,7 +15,7 @@ from toy_node import (
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.local_bus import LocalBus, Port
+from smarttac_can.host.local_bus import Connection, LocalBus
 
 Log = list[tuple[int, Frame]]
 
@@ -240,7 +240,7 @@ FRAMES = st.builds(
 def replay(frames: list[Frame]) -> tuple[Log, list[Frame]]:
     bus, log = logged()
     heard: list[Frame] = []
-    port: Port = bus.connect(heard.append)
+    port: Connection = bus.connect(heard.append)
     bus.attach(ToyNode(1))
     bus.attach(ToyNode(2, follows=REPLY + 1))
     for frame in frames:

@@ -13,8 +13,8 @@ from toy_node import SYNC, ToyNode
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import python_can
 from smarttac_can.host.bus import BusError, QueueFullError
-from smarttac_can.host.lasting_bus import LastingBus
 from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
+from smarttac_can.host.reconnecting_bus import ReconnectingBus
 
 DATA_FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), st.just(False))
 REMOTE_FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.just(b""), st.just(True))
@@ -332,7 +332,7 @@ def test_an_interface_that_is_gone_and_cannot_be_closed_is_only_lost(
 
     connection = PythonCanBus("virtual", "toy")
     lost: list[BusError] = []
-    lasting = LastingBus(lambda: connection, ToyNode(), lost=lost.append, back=lambda: None)
+    lasting = ReconnectingBus(lambda: connection, ToyNode(), lost=lost.append, back=lambda: None)
     with monkeypatch.context() as patch:
         for method in ("recv", "shutdown"):
             patch.setattr(connection._bus, method, gone)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.control.cascade import Mode
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.od.cia import Abort
@@ -12,6 +11,7 @@ from smarttac_can.trials.fault_acts import nothing, send_setpoints
 from smarttac_can.trials.fault_case import FaultCase
 from smarttac_can.trials.fault_matrix import driving_rig
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.modes import Mode
 
 MASTER, SETPOINT_DEADLINE_MS = 1, 5
 STATE = 0x08000022

@@ -4,8 +4,8 @@ from math import erf, sqrt
 
 import pytest
 
-from smarttac_can.nodes.watchdogs import STUCK_GAUGE_CYCLES, STUCK_THERMOMETER_CYCLES
 from smarttac_can.plant.parameters import SensorParameters
+from smarttac_can.vocabulary.watchdogs import STUCK_GAUGE_CYCLES, STUCK_THERMOMETER_CYCLES
 
 CYCLES_PER_HOUR = 3_600_000
 P = SensorParameters()

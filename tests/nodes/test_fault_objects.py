@@ -5,7 +5,7 @@ from line import START, Line, both_nodes, drive, plate_inside, ready_plate
 
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.plant.faults import FaultKind
+from smarttac_can.vocabulary.faults import FaultKind
 
 Node = PlateNode | StimulatorNode
 

@@ -18,8 +18,8 @@ from line import (
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.frame_check import crc8
 from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.vocabulary.states import State
 
 BYTES = st.binary(min_size=1, max_size=23)
 

@@ -22,12 +22,12 @@ from line import (
     stimulator_alone,
 )
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.frame_check import crc8
 from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.vocabulary.states import State
 
 OPEN_LOOP = 1
 LATCHED = STIMULATOR_ID | 0x80

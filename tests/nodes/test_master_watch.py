@@ -9,11 +9,11 @@ from line import START, Line, plate_inside
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.master_watch import MasterWatch
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.nodes.supervisor import UNWATCHED
-from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.objects import UNWATCHED
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 BOOT_UP, PREOP, STOPPED, OPERATIONAL = 0, 127, 4, 5
 SETPOINT = Frame(0x320, struct.pack("<HI", 2000, 4_339_000))

@@ -8,9 +8,9 @@ from line import START, Line, plate_alone, plate_inside
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.master import requests
-from smarttac_can.nodes.state_machine import State
-from smarttac_can.nodes.watchdogs import Watchdog, sync_drift_tolerance
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog, sync_drift_tolerance
 
 OPEN_LOOP = 1
 

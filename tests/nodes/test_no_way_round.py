@@ -15,19 +15,19 @@ from driven import (
 )
 from line import PREOP, RESET_COMMUNICATION, START, SYNC, Line
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
-from smarttac_can.control.cascade import Mode
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
 from smarttac_can.device.stored_image import Image, pack_image
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.nodes.watchdogs import Watchdog
-from smarttac_can.plant.faults import THERMOMETER, FaultKind
 from smarttac_can.trials.fault_acts import Act, put
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.faults import THERMOMETER, FaultKind
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 ZERO = int.from_bytes(b"zero", "little")
 

@@ -19,7 +19,7 @@ from line import (
     ready_plate,
 )
 
-from smarttac_can.bench.open_link import plate_od
+from smarttac_can.bench.simulation import plate_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.plant.finger import Trajectory

@@ -6,9 +6,9 @@ import pytest
 from line import DRIVE, PREOP, START, Line, drive, ready_plate
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.od.cia import EmergencyCode
+from smarttac_can.vocabulary.fault_codes import FaultCode
 
 
 def driven_plate() -> tuple[Line, PlateNode]:

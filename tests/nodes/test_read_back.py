@@ -7,18 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.bench.open_link import plate_od, stimulator_od
-from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes import stimulator_block
-from smarttac_can.nodes.analogue_input import AUTO_ZERO, CHANNELS, ZERO
+from smarttac_can.nodes.analogue_input import CHANNELS
 from smarttac_can.nodes.cycle_input import Measured
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
-from smarttac_can.nodes.state_machine import Control, State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.signals import Measurement
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.objects import AUTO_ZERO, ZERO
+from smarttac_can.vocabulary.signals import Measurement
+from smarttac_can.vocabulary.states import Control, State
 
 CHANNEL_SOURCES = (
     "Contact.Force x",

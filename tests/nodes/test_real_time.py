@@ -20,18 +20,18 @@ from line import (
     measurement,
 )
 
-from smarttac_can.bench.open_link import PLATE_ID, plate_od, stimulator_od
-from smarttac_can.control.cascade import Mode
-from smarttac_can.host.mishaps import Mishap
+from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.host.frame_faults import FrameFault
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.nodes.watchdogs import Watchdog
 from smarttac_can.od.cia import Abort
-from smarttac_can.plant.faults import FaultKind
-from smarttac_can.trials.fault_acts import befall, calm
+from smarttac_can.trials.fault_acts import calm, disturb
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 DEFAULT_US = 20_000
 SAVE = int.from_bytes(b"save", "little")
@@ -183,7 +183,7 @@ def rig_that_may_be_late(mode: Mode = Mode.AMPLITUDE) -> Rig:
     return driven_within(20, mode)
 
 
-lose_drives = befall(Mishap.LOSS, DRIVE)
+lose_drives = disturb(FrameFault.LOSS, DRIVE)
 
 
 @pytest.mark.parametrize(("amplitude", "lost"), [(100, 10), (100, 17), (1500, 17)])

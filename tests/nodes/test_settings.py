@@ -6,16 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control import cascade as cascade_module
-from smarttac_can.control.cascade import Mode
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.settings import DESIGN, cascade_parameters, with_change
-from smarttac_can.nodes.state_machine import Control
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Control
 
 OD = stimulator_od()
 SETTINGS = [

@@ -22,7 +22,7 @@ from line import (
     stimulator_alone,
 )
 
-from smarttac_can.bench.open_link import plate_od, stimulator_od
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.nodes.plate_block import PlateBlock

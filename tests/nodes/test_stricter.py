@@ -4,14 +4,14 @@ import pytest
 from driven import STATE, driven, write, write_entry
 from line import plate_inside
 
-from smarttac_can.bench.open_link import plate_od, stimulator_od
-from smarttac_can.host.mishaps import Mishap
+from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.host.frame_faults import FrameFault
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stricter import Stricter
 from smarttac_can.od.cia import Abort
-from smarttac_can.trials.fault_acts import befall
+from smarttac_can.trials.fault_acts import disturb
+from smarttac_can.vocabulary.states import State
 
 OK = 0
 
@@ -99,7 +99,7 @@ def test_at_rest_all_is_taken_that_the_device_takes(
 def test_a_refused_deadline_does_not_move_the_one_in_force() -> None:
     rig = driven()
     assert write_entry(rig, rig.od.entry(0x1404, 5), 100) == STATE
-    befall(Mishap.LOSS, 0x1A1, 0x2A1, 0x3A1)(rig)
+    disturb(FrameFault.LOSS, 0x1A1, 0x2A1, 0x3A1)(rig)
     rig.cycle(3)
     assert rig.state is State.FAULT
 

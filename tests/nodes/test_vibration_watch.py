@@ -8,14 +8,13 @@ import pytest
 from line import START, Line, plate_inside
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.nodes.analogue_input import ZERO
-from smarttac_can.nodes.read_back import Status
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.vibration_watch import LEAST_LOAD, MOST_LOAD
-from smarttac_can.plant.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.plant.parameters import ResonatorParameters
 from smarttac_can.plant.subjects import SUBJECTS, random_subjects
+from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
+from smarttac_can.vocabulary.objects import ZERO
+from smarttac_can.vocabulary.states import State, Status
 
 OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION = range(1, 5)
 LIFTED, STROKE = 0, 1

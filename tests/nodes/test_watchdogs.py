@@ -8,17 +8,18 @@ import pytest
 from driven import STATE, driven, reset_fault, write, write_entry
 from line import DRIVE, MEASUREMENT
 
-from smarttac_can.bench.open_link import PLATE_ID
-from smarttac_can.control.cascade import Cascade, Mode
+from smarttac_can.bench.simulation import PLATE_ID
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.mishaps import Mishap
-from smarttac_can.nodes.fault_codes import FaultCode
-from smarttac_can.nodes.state_machine import State
-from smarttac_can.nodes.watchdogs import WATCHDOGS, Watchdog
-from smarttac_can.plant.faults import PICKUP_D, FaultKind
-from smarttac_can.signals import Drive, Measurement, Setpoint
-from smarttac_can.trials.fault_acts import befall
+from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.trials.fault_acts import disturb
 from smarttac_can.trials.fault_case import DRIVING
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.signals import Drive, Measurement, Setpoint
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 VALUE, TOO_HIGH, TOO_LOW = 0x06090030, 0x06090031, 0x06090032
 TOUCHED = [mode for mode in DRIVING if mode is not Mode.IDENTIFY]
@@ -53,7 +54,7 @@ def test_a_limit_that_is_lowered_is_in_force_in_the_next_cycle(
 @pytest.mark.parametrize("can_id", MEASUREMENT)
 def test_measurements_without_one_of_their_three_pdos_are_none(can_id: int, mode: Mode) -> None:
     rig = driven(mode)
-    befall(Mishap.LOSS, can_id)(rig)
+    disturb(FrameFault.LOSS, can_id)(rig)
     rig.cycle(4)
     assert rig.stage.value == 0
     assert rig.od["Diagnosis.Code"].value == FaultCode.MEASUREMENT_LOST

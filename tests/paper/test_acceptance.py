@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from smarttac_can.bench.traces import sha256
-from smarttac_can.control.friction import Law
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, friction_step, reproduce
+from smarttac_can.vocabulary.modes import Law
 
 SEEDS = range(1, 12)
 BANDS = {item.key: (item.low, item.high) for item in PUBLISHED if item.low is not None}

@@ -4,21 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from smarttac_can.plant.faults import (
-    PICKUP,
-    PICKUP_D,
-    PICKUP_Q,
-    THERMOMETER,
-    Fault,
-    FaultKind,
-    broken,
-)
+from smarttac_can.plant.faults import Fault, broken
 from smarttac_can.plant.finger import Lifted, Stroke
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.sensors import PICKUP_SATURATED
 from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.signals import Drive, Measurement
+from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
+from smarttac_can.vocabulary.signals import Drive, Measurement
 
 DRIVE = Drive(20.0, 43390.0)
 SOUND = Fault(FaultKind.NONE, 1, 0)

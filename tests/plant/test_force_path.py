@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from smarttac_can.plant.force_path import ForcePath, transition
+from smarttac_can.plant.force_path import ForcePath, propagator
 
 
 def test_agrees_with_the_differential_equation():
     w, damping = 2 * math.pi * 100.0, 0.7
     forces = [0.0, 1.0, 1.0, -0.5, 0.2, 0.2]
-    phi = transition(1e-3, 100.0, damping)
+    phi = propagator(1e-3, 100.0, damping)
     path = ForcePath()
     y = np.zeros(2)
     for force in forces:
@@ -24,14 +24,14 @@ def test_agrees_with_the_differential_equation():
 
 
 def test_settles_at_the_force():
-    path, phi = ForcePath(), transition(1e-3, 100.0, 0.7)
+    path, phi = ForcePath(), propagator(1e-3, 100.0, 0.7)
     path.follow(phi, [0.3] * 100)
     assert path.y == pytest.approx(0.3, rel=1e-9)
 
 
 def test_two_half_steps_are_one():
     one, two = ForcePath(), ForcePath()
-    one.follow(transition(1e-3, 100.0, 0.7), [0.3])
-    half = transition(0.5e-3, 100.0, 0.7)
+    one.follow(propagator(1e-3, 100.0, 0.7), [0.3])
+    half = propagator(0.5e-3, 100.0, 0.7)
     two.follow(half, [0.3, 0.3])
     assert two.y == pytest.approx(one.y, rel=1e-12)

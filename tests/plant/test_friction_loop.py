@@ -13,7 +13,7 @@ from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.signals import Drive
+from smarttac_can.vocabulary.signals import Drive
 
 REFERENCES = [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)]
 PARAMETERS = PlateParameters()

@@ -11,7 +11,7 @@ from smarttac_can.plant.finger import Lifted, Stroke, Trajectory
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.signals import Drive
+from smarttac_can.vocabulary.signals import Drive
 
 PARAMETERS = PlateParameters()
 OFF = Drive(0.0, 43390.0)

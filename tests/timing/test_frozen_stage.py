@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from smarttac_can.control.model import PlateModel
 from smarttac_can.timing.frozen_stage import FrozenStage, frozen_stage
+from smarttac_can.vocabulary.model import PlateModel
 
 
 def integrated(deadline_ms: float, tau_ms: float, start: float) -> tuple[float, float, float]:

@@ -2,7 +2,7 @@ from io import BytesIO
 
 import pytest
 
-from smarttac_can.bench.open_link import plate_od
+from smarttac_can.bench.simulation import plate_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.timing.loop_figure import histogram
 from smarttac_can.timing.loop_timing import LoopTiming

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from smarttac_can.bench.open_link import plate_od
+from smarttac_can.bench.simulation import plate_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.timing.loop_timing import Delays, LoopTiming, deadline_ms
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.nodes.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 ROOT = Path(__file__).resolve().parents[2]
 CAUSES = [

@@ -5,22 +5,22 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.bench.open_link import PLATE_ID
-from smarttac_can.control.cascade import Mode
+from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import EMCY_ID, RPDO_IDS, SYNC_ID
 from smarttac_can.trials.fault_case import DRIVING, REGULATED, FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
 from smarttac_can.trials.fault_matrix import cases, fault_matrix, reached_unseen, tolerated
-from smarttac_can.trials.fault_row import Row, matrix_table, rows_as_json
+from smarttac_can.trials.fault_row import FaultRow, matrix_table, rows_as_json
 from smarttac_can.trials.weak_pickup import NOT_SEEN
+from smarttac_can.vocabulary.modes import Mode
 
 HOLD = 50
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 SAMPLE = [(case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES)]
 
 
-def one(name: str, mode: Mode) -> Row:
+def one(name: str, mode: Mode) -> FaultRow:
     (row,) = fault_matrix(cases([name], [mode]), hold=HOLD)
     return row
 
@@ -117,7 +117,7 @@ def replace_inject(case: FaultCase) -> FaultCase:
     ],
 )
 def test_what_makes_a_row_fail(change: dict[str, float]) -> None:
-    good = Row("it", "friction", 10.0, 5, 6, ("5210h",), "fault", HOLD, True, True, 0.0, 1.0)
+    good = FaultRow("it", "friction", 10.0, 5, 6, ("5210h",), "fault", HOLD, True, True, 0.0, 1.0)
     assert good.passed
     assert not replace(good, **change).passed  # type: ignore[arg-type]
 
@@ -135,7 +135,7 @@ def test_unknown_fault_and_empty_choice_are_refused() -> None:
 
 
 def test_table_says_never_and_none() -> None:
-    bad = Row("it", "open_loop", 10.0, 5, None, (), "not_ready", 0, False, True, 0.0, 1.5)
+    bad = FaultRow("it", "open_loop", 10.0, 5, None, (), "not_ready", 0, False, True, 0.0, 1.5)
     line = list(matrix_table([bad]))[2]
     assert line == "| it | open loop | 10 | 5 | never | 1.50 | none | not ready | no | yes |"
     assert rows_as_json([bad])[0]["emcy_code"] is None

@@ -2,16 +2,16 @@
 
 import pytest
 
-from smarttac_can.bench.open_link import PLATE_ID, STIMULATOR_ID
-from smarttac_can.control.cascade import Mode
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.master.errors import HeartbeatLostError
-from smarttac_can.nodes.fault_codes import FaultCode
-from smarttac_can.nodes.state_machine import State
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.plant.faults import FaultKind
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from smarttac_can.control.cascade import Mode
-from smarttac_can.nodes.watchdogs import AMPLITUDE_CYCLES
 from smarttac_can.od.cia import ERROR_FIELD
 from smarttac_can.trials.invariants import AFTERGLOW_CYCLES, UNDRIVEN_CYCLES, Invariants
 from smarttac_can.trials.rig import Rig
 from smarttac_can.trials.soak import Soak
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.watchdogs import AMPLITUDE_CYCLES
 
 
 @pytest.fixture

@@ -14,15 +14,15 @@ from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 from test_left_at_0_v import connect, stage_voltage
 
 from smarttac_can.bench import BenchError, FaultError, HeartbeatLostError, Mode, Stimulator
-from smarttac_can.bench.open_link import STIMULATOR_ID
+from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.socketcan_wire import SocketCanWire
-from smarttac_can.nodes.state_machine import State
-from smarttac_can.nodes.watchdogs import SATURATED_CYCLES, STUCK_GAUGE_CYCLES
 from smarttac_can.od.cia import EMCY_ID, SYNC_ID
-from smarttac_can.plant.faults import PICKUP_D, FaultKind
 from smarttac_can.trials.fault_matrix import cases, fault_matrix
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import SATURATED_CYCLES, STUCK_GAUGE_CYCLES
 
 HOLD_CYCLES = 200
 HOLD_S = 1.0

@@ -19,9 +19,9 @@ import pytest
 from nodes_on_a_bus import ODS
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 
-from smarttac_can.bench.open_link import STIMULATOR_ID
-from smarttac_can.control.cascade import Mode
+from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.timing.stage_watch import MASTER_ID, StageWatch
+from smarttac_can.vocabulary.modes import Mode
 
 MASTER_MS = 3000
 MISSED = 0x8130 | MASTER_ID << 16

@@ -13,7 +13,7 @@ from processes import CHANNEL, PLATE_ID, NodeProcess, candump, logged_frames
 
 from smarttac_can.bench import Mode, Stimulator, Trace
 from smarttac_can.bench.link import RECORDED
-from smarttac_can.bench.open_link import STIMULATOR_ID
+from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.traces import COLUMNS, sha256, write_csv
 from smarttac_can.od.cia import SYNC_ID
 

@@ -8,7 +8,7 @@ from time import monotonic, sleep
 from typing import Final, NamedTuple, Protocol
 
 from smarttac_can.conformance.case import Failure
-from smarttac_can.conformance.sheet import Sheet
+from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.master.requests import ABORT
@@ -34,7 +34,7 @@ _FULL_S: Final = 1e-3
 
 
 class ProbeBus(Protocol):
-    """What the probe needs of a bus: any `Bus` has it, and a `DeviceTimeBus`."""
+    """What the examiner needs of a bus: any `Bus` has it, and a `DeviceTimeBus`."""
 
     def send(self, frame: Frame) -> None:
         """Send a frame."""
@@ -50,7 +50,7 @@ class Arrival(NamedTuple):
     frame: Frame
 
 
-class Probe:
+class Examiner:
     """Asks one device.
 
     Parameters
@@ -69,7 +69,7 @@ class Probe:
     def __init__(
         self,
         bus: ProbeBus,
-        sheet: Sheet,
+        sheet: DeviceDescription,
         *,
         timeout: float = 0.3,
         clock: Callable[[], float] = monotonic,

@@ -70,3 +70,12 @@ class Setpoint(NamedTuple):
     """Coefficient of friction asked for right of the boundary, above 0."""
     boundary: float
     """Position of the boundary in m."""
+
+
+TARE_SAMPLES = 64
+"""Samples a tare is the mean of: the noise of the zero is an eighth of that of a sample."""
+TICK_US: Final = round(TICK * 1e6)
+"""Period of the loop in us."""
+SHORT_DEADLINE_MS: Final = 3
+"""Deadline of measurements and drives where every cycle is in time: in lockstep, and with the
+privileges for real time. One lost cycle passes, a second in a row does not."""

@@ -17,7 +17,7 @@ from smarttac_can.conformance.error_control import (
     set_period,
     start_life_guarding,
 )
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import number, write_number
 from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
 
@@ -28,11 +28,11 @@ from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR
     needs_producer,
     needs_guarding,
 )
-def heartbeat_excludes(probe: Probe) -> None:
+def heartbeat_excludes(examiner: Examiner) -> None:
     """Heartbeat excludes guarding."""
-    set_period(probe)
+    set_period(examiner)
     for _ in range(2):
-        no_answer(probe, "while there is a heartbeat")
+        no_answer(examiner, "while there is a heartbeat")
 
 
 @case(
@@ -41,13 +41,13 @@ def heartbeat_excludes(probe: Probe) -> None:
     needs_producer,
     needs_guarding,
 )
-def guarding_again(probe: Probe) -> None:
+def guarding_again(examiner: Examiner) -> None:
     """Guarding after the heartbeat."""
-    set_period(probe)
-    beats(probe)
-    set_period(probe, 0)
-    probe.settle()
-    if ask_state(probe) & ~TOGGLE not in (0x05, 0x7F):
+    set_period(examiner)
+    beats(examiner)
+    set_period(examiner, 0)
+    examiner.settle()
+    if ask_state(examiner) & ~TOGGLE not in (0x05, 0x7F):
         raise Failure("no state in the answer to guarding")
 
 
@@ -57,13 +57,13 @@ def guarding_again(probe: Probe) -> None:
     needs_producer,
     needs_guarding,
 )
-def heartbeat_after_guarding(probe: Probe) -> None:
+def heartbeat_after_guarding(examiner: Examiner) -> None:
     """Heartbeat after guarding."""
-    end_heartbeat(probe)
-    ask_state(probe)
-    ask_state(probe)
-    set_period(probe)
-    if any(state & TOGGLE for state in beats(probe)):
+    end_heartbeat(examiner)
+    ask_state(examiner)
+    ask_state(examiner)
+    set_period(examiner)
+    if any(state & TOGGLE for state in beats(examiner)):
         raise Failure("heartbeat with the toggle bit set")
 
 
@@ -75,13 +75,13 @@ def heartbeat_after_guarding(probe: Probe) -> None:
     needs_life_time,
     needs_emcy,
 )
-def no_life_guarding(probe: Probe) -> None:
+def no_life_guarding(examiner: Examiner) -> None:
     """Life guarding under a heartbeat."""
-    start_life_guarding(probe)
-    set_period(probe)
-    probe.drain()
-    probe.send(probe.heartbeat_id, rtr=True)
-    probe.silence(emcy_id(probe), "EMCY of life guarding", LIFE_TIME_S + probe.timeout)
+    start_life_guarding(examiner)
+    set_period(examiner)
+    examiner.drain()
+    examiner.send(examiner.heartbeat_id, rtr=True)
+    examiner.silence(emcy_id(examiner), "EMCY of life guarding", LIFE_TIME_S + examiner.timeout)
 
 
 @case(
@@ -89,13 +89,13 @@ def no_life_guarding(probe: Probe) -> None:
     "7.2.8.3.3: whatever runs, a reset is told by one boot-up first.",
     needs_producer,
 )
-def boot_up_with_heartbeat(probe: Probe) -> None:
+def boot_up_with_heartbeat(examiner: Examiner) -> None:
     """Boot-up with error control on."""
-    set_period(probe)
-    beats(probe)
-    probe.drain()
-    probe.nmt(NMTCommand.RESET_COMMUNICATION)
-    arrivals = probe.collect(probe.heartbeat_id, 5 * probe.timeout)
+    set_period(examiner)
+    beats(examiner)
+    examiner.drain()
+    examiner.nmt(NMTCommand.RESET_COMMUNICATION)
+    arrivals = examiner.collect(examiner.heartbeat_id, 5 * examiner.timeout)
     boot_ups = [arrival.frame.data for arrival in arrivals].count(b"\0")
     if boot_ups != 1:
         raise Failure(f"{boot_ups} boot-ups after reset communication")
@@ -106,15 +106,15 @@ def boot_up_with_heartbeat(probe: Probe) -> None:
     "7.3.2.2.2: guard time, life time factor and producer time are at their reset values.",
     needs_producer,
 )
-def parameters_reset(probe: Probe) -> None:
+def parameters_reset(examiner: Examiner) -> None:
     """Parameters after reset communication."""
-    present = [i for i in (GUARD_TIME, LIFE_TIME_FACTOR) if probe.sheet.writable(i)]
-    before = {i: number(probe, i) for i in (*present, HEARTBEAT_PRODUCER)}
+    present = [i for i in (GUARD_TIME, LIFE_TIME_FACTOR) if examiner.sheet.writable(i)]
+    before = {i: number(examiner, i) for i in (*present, HEARTBEAT_PRODUCER)}
     for index in before:
-        write_number(probe, index, 0, 77)
-    probe.reset(NMTCommand.RESET_COMMUNICATION)
+        write_number(examiner, index, 0, 77)
+    examiner.reset(NMTCommand.RESET_COMMUNICATION)
     for index, value in before.items():
-        got = number(probe, index)
+        got = number(examiner, index)
         if got != value:
             raise Failure(f"{index:04X}h is {got} after reset communication, was {value}")
 
@@ -124,9 +124,9 @@ def parameters_reset(probe: Probe) -> None:
     "Table 38: heartbeat, or the answer to guarding, goes on in STOPPED.",
     needs_producer,
 )
-def in_stopped(probe: Probe) -> None:
+def in_stopped(examiner: Examiner) -> None:
     """Error control in STOPPED."""
-    set_period(probe)
-    probe.enter(NMTCommand.STOP)
-    if set(beats(probe)) != {0x04}:
+    set_period(examiner)
+    examiner.enter(NMTCommand.STOP)
+    if set(beats(examiner)) != {0x04}:
         raise Failure("the heartbeat in STOPPED does not say 4")

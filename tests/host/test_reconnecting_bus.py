@@ -7,7 +7,7 @@ from toy_node import ToyNode
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, QueueFullError
-from smarttac_can.host.lasting_bus import FIRST_WAIT_S, LONGEST_WAIT_S, LastingBus
+from smarttac_can.host.reconnecting_bus import FIRST_WAIT_S, LONGEST_WAIT_S, ReconnectingBus
 
 HELLO, AGAIN, GOODBYE = Frame(0x701, b"\x7f"), Frame(0x081, bytes(8)), Frame(0x081, b"\1")
 
@@ -74,7 +74,7 @@ class Connection:
             raise BusError("cannot leave the bus")
 
 
-def lasting(interface: Interface) -> tuple[LastingBus, list[str]]:
+def lasting(interface: Interface) -> tuple[ReconnectingBus, list[str]]:
     said: list[str] = []
 
     class Node(ToyNode):
@@ -85,7 +85,7 @@ def lasting(interface: Interface) -> tuple[LastingBus, list[str]]:
         def bus_recovered(self) -> list[Frame]:
             return [HELLO, AGAIN]
 
-    bus = LastingBus(
+    bus = ReconnectingBus(
         interface.connect,
         Node(),
         lost=lambda reason: said.append(f"lost: {reason}"),
@@ -96,7 +96,7 @@ def lasting(interface: Interface) -> tuple[LastingBus, list[str]]:
     return bus, said
 
 
-def lose_and_plug_in(interface: Interface, bus: LastingBus) -> None:
+def lose_and_plug_in(interface: Interface, bus: ReconnectingBus) -> None:
     interface.plugged = False
     bus.receive(0.001)
     interface.plugged = True

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from smarttac_can.master.errors import RefusedError
-from smarttac_can.nodes.plate_block import FAULT_KIND
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry
-from smarttac_can.plant.faults import FaultKind, value_range
+from smarttac_can.vocabulary.faults import FaultKind, value_range
+from smarttac_can.vocabulary.objects import FAULT_KIND
 
 
 def write_action(entry: Entry, raw: float) -> str:

@@ -1,11 +1,11 @@
-"""The probe on a bus that is not always ready for a frame."""
+"""The examiner on a bus that is not always ready for a frame."""
 
 from pathlib import Path
 
 import pytest
 
-from smarttac_can.conformance.probe import Probe
-from smarttac_can.conformance.sheet import Sheet
+from smarttac_can.conformance.description import DeviceDescription
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 
@@ -30,7 +30,7 @@ class Queue:
 
 def test_a_full_queue_is_waited_for() -> None:
     queue = Queue(full_for=3)
-    Probe(queue, Sheet(RICH, 5)).send(0x605, b"\x40")
+    Examiner(queue, DeviceDescription(RICH, 5)).send(0x605, b"\x40")
     assert queue.sent == [Frame(0x605, b"\x40")]
 
 
@@ -43,6 +43,6 @@ def test_a_queue_that_stays_full_is_an_error_after_the_time_out() -> None:
 
     queue = Queue(full_for=1000)
     with pytest.raises(QueueFullError):
-        Probe(queue, Sheet(RICH, 5), timeout=0.5, clock=clock).send(0x605, b"\x40")
+        Examiner(queue, DeviceDescription(RICH, 5), timeout=0.5, clock=clock).send(0x605, b"\x40")
     assert 2 < queue.tries < 10
     assert queue.sent == []

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from functools import partial
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
+from smarttac_can.conformance.description import COMMANDS, needs_object
 from smarttac_can.conformance.emcy_setup import lose_node, needs_consumer, needs_emcy
-from smarttac_can.conformance.probe import Probe
+from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import download, number, upload, write_number
-from smarttac_can.conformance.sheet import COMMANDS, needs_object
 from smarttac_can.od.cia import (
     COB_INVALID,
     DEVICE_NAME,
@@ -49,12 +49,12 @@ _has_heartbeat = needs_object(HEARTBEAT_PRODUCER, writable=True)
     "EDS-01",
     "CiA 306: nothing in it is odd, and 1000h, 1001h, 1018h and an identity are there.",
 )
-def data_sheet(probe: Probe) -> None:
+def data_sheet(examiner: Examiner) -> None:
     """Data sheet."""
     # How a name gives its unit is a convention of this package, not a rule for data sheets.
-    faults = [w for w in probe.sheet.od.warnings if not w.endswith(UNIT_NOT_KNOWN)]
+    faults = [w for w in examiner.sheet.od.warnings if not w.endswith(UNIT_NOT_KNOWN)]
     for index in (DEVICE_TYPE, ERROR_REGISTER, IDENTITY):
-        if index not in probe.sheet.od.objects:
+        if index not in examiner.sheet.od.objects:
             faults.append(f"mandatory {index:04X}h is missing")
     if faults:
         raise Failure("; ".join(faults[:3]))
@@ -64,21 +64,21 @@ def data_sheet(probe: Probe) -> None:
     "OTHER-01",
     "7.5.2.1, .18: device type, vendor-ID, product code and revision are those of the EDS.",
 )
-def identity(probe: Probe) -> None:
+def identity(examiner: Examiner) -> None:
     """Identity."""
     for index, subindex in ((DEVICE_TYPE, 0), (IDENTITY, 1), (IDENTITY, 2), (IDENTITY, 3)):
-        entry = probe.sheet.od.get(index, subindex)
-        if entry is None or not probe.sheet.states_default(entry):
+        entry = examiner.sheet.od.get(index, subindex)
+        if entry is None or not examiner.sheet.states_default(entry):
             continue
-        got = number(probe, index, subindex)
+        got = number(examiner, index, subindex)
         if got != entry.default:
             raise Failure(f"{entry.name} is {got:X}h, the EDS says {entry.default:X}h")
 
 
 @case("OTHER-02", "7.5.2.2: 0 after a reset without an error.")
-def error_register(probe: Probe) -> None:
+def error_register(examiner: Examiner) -> None:
     """Error register."""
-    register = number(probe, ERROR_REGISTER)
+    register = number(examiner, ERROR_REGISTER)
     if register:
         raise Failure(f"error register {register:02X}h after a reset")
 
@@ -87,25 +87,25 @@ def error_register(probe: Probe) -> None:
     "OTHER-03",
     "7.5.2.8 to .10: device name, hardware and software version are those of the EDS.",
 )
-def name_and_versions(probe: Probe) -> None:
+def name_and_versions(examiner: Examiner) -> None:
     """Name and versions."""
     asked = 0
     for index in (DEVICE_NAME, HARDWARE_VERSION, SOFTWARE_VERSION):
-        entry = probe.sheet.od.get(index)
-        if entry is None or not probe.sheet.states_default(entry):
+        entry = examiner.sheet.od.get(index)
+        if entry is None or not examiner.sheet.states_default(entry):
             continue
         asked += 1
-        got = upload(probe, index).rstrip(b"\0")
+        got = upload(examiner, index).rstrip(b"\0")
         if got != pack(entry.data_type, entry.default):
             raise Failure(f"{entry.name} is {got!r}, the EDS says {entry.default!r}")
     if not asked:
         raise NotApplicable("the EDS states neither name nor version")
 
 
-def _wrong_signatures(probe: Probe, index: int, signature: bytes) -> None:
+def _wrong_signatures(examiner: Examiner, index: int, signature: bytes) -> None:
     for wrong in (signature[::-1], signature.upper()):
-        probe.refuse(
-            partial(download, probe, index, 1, wrong),
+        examiner.refuse(
+            partial(download, examiner, index, 1, wrong),
             f"signature {wrong.hex(' ')}",
             AbortCode.STORE,
             AbortCode.LOCAL_CONTROL,
@@ -118,12 +118,12 @@ def _wrong_signatures(probe: Probe, index: int, signature: bytes) -> None:
     "7.5.2.13: all but 'save', also in reverse, is aborted by 0800002xh.",
     _has_store,
 )
-def store_signature(probe: Probe) -> None:
+def store_signature(examiner: Examiner) -> None:
     """Signature for storing."""
-    _wrong_signatures(probe, STORE_PARAMETERS, _SAVE)
+    _wrong_signatures(examiner, STORE_PARAMETERS, _SAVE)
 
 
-def _command(probe: Probe, index: int, signature: bytes) -> None:
+def _command(examiner: Examiner, index: int, signature: bytes) -> None:
     """Write a signature to store or restore, which may take longer than another answer.
 
     Raises
@@ -131,13 +131,13 @@ def _command(probe: Probe, index: int, signature: bytes) -> None:
     NotApplicable
         If the device has nowhere to store.
     """
-    timeout, probe.timeout = probe.timeout, _STORE_TIME_OUTS * probe.timeout
+    timeout, examiner.timeout = examiner.timeout, _STORE_TIME_OUTS * examiner.timeout
     try:
-        download(probe, index, 1, signature)
+        download(examiner, index, 1, signature)
     except Abort as abort:
         raise NotApplicable(f"the device has nowhere to store: {abort}") from None
     finally:
-        probe.timeout = timeout
+        examiner.timeout = timeout
 
 
 @case(
@@ -146,15 +146,15 @@ def _command(probe: Probe, index: int, signature: bytes) -> None:
     _has_store,
     _has_heartbeat,
 )
-def store(probe: Probe) -> None:
+def store(examiner: Examiner) -> None:
     """Storing."""
-    before = number(probe, HEARTBEAT_PRODUCER)
-    write_number(probe, HEARTBEAT_PRODUCER, 0, before + 1000)
-    _command(probe, STORE_PARAMETERS, _SAVE)
-    probe.reset(NMTCommand.RESET_NODE)
-    got = number(probe, HEARTBEAT_PRODUCER)
-    write_number(probe, HEARTBEAT_PRODUCER, 0, before)
-    _command(probe, STORE_PARAMETERS, _SAVE)
+    before = number(examiner, HEARTBEAT_PRODUCER)
+    write_number(examiner, HEARTBEAT_PRODUCER, 0, before + 1000)
+    _command(examiner, STORE_PARAMETERS, _SAVE)
+    examiner.reset(NMTCommand.RESET_NODE)
+    got = number(examiner, HEARTBEAT_PRODUCER)
+    write_number(examiner, HEARTBEAT_PRODUCER, 0, before)
+    _command(examiner, STORE_PARAMETERS, _SAVE)
     if got != before + 1000:
         raise Failure(f"producer time {before + 1000} ms stored, {got} ms after a reset")
 
@@ -164,28 +164,28 @@ def store(probe: Probe) -> None:
     "7.5.2.14: all but 'load', also in reverse, is aborted by 0800002xh.",
     _has_restore,
 )
-def restore_signature(probe: Probe) -> None:
+def restore_signature(examiner: Examiner) -> None:
     """Signature for restoring."""
-    _wrong_signatures(probe, RESTORE_DEFAULTS, _LOAD)
+    _wrong_signatures(examiner, RESTORE_DEFAULTS, _LOAD)
 
 
-def _values(probe: Probe) -> dict[tuple[int, int], bytes]:
+def _values(examiner: Examiner) -> dict[tuple[int, int], bytes]:
     """Read all that is writable, to put it back after the defaults were restored."""
     values = {}
-    for entry in probe.sheet.od:
+    for entry in examiner.sheet.od:
         if entry.access == "rw" and entry.index not in COMMANDS:
             try:
-                values[entry.index, entry.subindex] = upload(probe, entry.index, entry.subindex)
+                values[entry.index, entry.subindex] = upload(examiner, entry.index, entry.subindex)
             except Abort:
                 continue
     return values
 
 
-def _put_back(probe: Probe, values: dict[tuple[int, int], bytes]) -> None:
-    changed = {place: data for place, data in values.items() if upload(probe, *place) != data}
+def _put_back(examiner: Examiner, values: dict[tuple[int, int], bytes]) -> None:
+    changed = {place: data for place, data in values.items() if upload(examiner, *place) != data}
     for (index, subindex), data in changed.items():
-        download(probe, index, subindex, data)
-    _command(probe, STORE_PARAMETERS, _SAVE)
+        download(examiner, index, subindex, data)
+    _command(examiner, STORE_PARAMETERS, _SAVE)
 
 
 @case(
@@ -195,17 +195,17 @@ def _put_back(probe: Probe, values: dict[tuple[int, int], bytes]) -> None:
     _has_restore,
     _has_heartbeat,
 )
-def restore(probe: Probe) -> None:
+def restore(examiner: Examiner) -> None:
     """Restoring."""
-    values = _values(probe)
-    stated = probe.sheet.od.number(HEARTBEAT_PRODUCER)
-    write_number(probe, HEARTBEAT_PRODUCER, 0, stated + 1000)
-    _command(probe, STORE_PARAMETERS, _SAVE)
-    _command(probe, RESTORE_DEFAULTS, _LOAD)
-    at_once = number(probe, HEARTBEAT_PRODUCER)
-    probe.reset(NMTCommand.RESET_NODE)
-    after = number(probe, HEARTBEAT_PRODUCER)
-    _put_back(probe, values)
+    values = _values(examiner)
+    stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
+    write_number(examiner, HEARTBEAT_PRODUCER, 0, stated + 1000)
+    _command(examiner, STORE_PARAMETERS, _SAVE)
+    _command(examiner, RESTORE_DEFAULTS, _LOAD)
+    at_once = number(examiner, HEARTBEAT_PRODUCER)
+    examiner.reset(NMTCommand.RESET_NODE)
+    after = number(examiner, HEARTBEAT_PRODUCER)
+    _put_back(examiner, values)
     if at_once != stated + 1000:
         raise Failure("restoring changed a value before the reset")
     if after != stated:
@@ -218,24 +218,24 @@ def restore(probe: Probe) -> None:
     needs_object(VERIFY_CONFIGURATION, 1, writable=True),
     needs_object(VERIFY_CONFIGURATION, 2, writable=True),
 )
-def verify_configuration(probe: Probe) -> None:
+def verify_configuration(examiner: Examiner) -> None:
     """Verify configuration."""
-    before = [number(probe, VERIFY_CONFIGURATION, subindex) for subindex in (1, 2)]
+    before = [number(examiner, VERIFY_CONFIGURATION, subindex) for subindex in (1, 2)]
     try:
         for subindex, value in ((1, 15_000), (2, 43_200_000)):
-            write_number(probe, VERIFY_CONFIGURATION, subindex, value)
+            write_number(examiner, VERIFY_CONFIGURATION, subindex, value)
         for subindex, value in ((1, 15_000), (2, 43_200_000)):
-            got = number(probe, VERIFY_CONFIGURATION, subindex)
+            got = number(examiner, VERIFY_CONFIGURATION, subindex)
             if got != value:
                 raise Failure(f"1020h:{subindex:02X} is {got}, {value} was written")
     finally:
         for subindex, value in zip((1, 2), before, strict=True):
-            write_number(probe, VERIFY_CONFIGURATION, subindex, value)
+            write_number(examiner, VERIFY_CONFIGURATION, subindex, value)
 
 
-def _cob_ids(probe: Probe) -> Iterator[tuple[int, int]]:
+def _cob_ids(examiner: Examiner) -> Iterator[tuple[int, int]]:
     """Yield index and sub-index of the writable COB-IDs that have a valid bit."""
-    sheet = probe.sheet
+    sheet = examiner.sheet
     for pdo in sheet.usable(sheet.tpdos + sheet.rpdos):
         yield pdo.communication, PDO_COB_ID
     if sheet.writable(EMCY_COB_ID):
@@ -250,17 +250,17 @@ def _cob_ids(probe: Probe) -> Iterator[tuple[int, int]]:
     "OTHER-09",
     "Table 39: no PDO, EMCY or SDO server takes the CAN-IDs of NMT, SDO and error control.",
 )
-def restricted_ids(probe: Probe) -> None:
+def restricted_ids(examiner: Examiner) -> None:
     """Restricted CAN-IDs."""
     asked = 0
-    for index, subindex in _cob_ids(probe):
-        cob_id = number(probe, index, subindex)
-        write_number(probe, index, subindex, cob_id | COB_INVALID)
+    for index, subindex in _cob_ids(examiner):
+        cob_id = number(examiner, index, subindex)
+        write_number(examiner, index, subindex, cob_id | COB_INVALID)
         flags = cob_id & ~0x3FFFFFFF & ~COB_INVALID
         for can_id in _RESTRICTED:
             asked += 1
-            probe.refuse(
-                partial(write_number, probe, index, subindex, flags | can_id),
+            examiner.refuse(
+                partial(write_number, examiner, index, subindex, flags | can_id),
                 f"CAN-ID {can_id:03X}h in {index:04X}h:{subindex:02X}",
                 AbortCode.VALUE,
                 AbortCode.TOO_HIGH,
@@ -278,15 +278,15 @@ def restricted_ids(probe: Probe) -> None:
     needs_emcy,
     _has_heartbeat,
 )
-def error_behaviour(probe: Probe) -> None:
+def error_behaviour(examiner: Examiner) -> None:
     """Error behaviour."""
     for value, state in ((0, _PRE_OPERATIONAL), (1, _OPERATIONAL), (2, _STOPPED)):
-        write_number(probe, ERROR_BEHAVIOUR, 1, value)
-        write_number(probe, HEARTBEAT_PRODUCER, 0, _PERIOD_MS)
-        probe.enter(NMTCommand.START)
-        lose_node(probe)
-        probe.settle()
-        got = probe.expect(probe.heartbeat_id, "heartbeat").data
+        write_number(examiner, ERROR_BEHAVIOUR, 1, value)
+        write_number(examiner, HEARTBEAT_PRODUCER, 0, _PERIOD_MS)
+        examiner.enter(NMTCommand.START)
+        lose_node(examiner)
+        examiner.settle()
+        got = examiner.expect(examiner.heartbeat_id, "heartbeat").data
         if got != bytes((state,)):
             raise Failure(f"error behaviour {value} leads to state {got.hex()}h, not {state:02X}h")
-        probe.reset(NMTCommand.RESET_NODE)
+        examiner.reset(NMTCommand.RESET_NODE)

@@ -16,7 +16,7 @@ LONGEST_WAIT_S = 5.0
 _NAP_S = 0.02
 
 
-class LastingBus:
+class ReconnectingBus:
     """Opens its bus again, at growing intervals, whenever it has failed.
 
     While there is no bus, frames are dropped: they are about a moment that is over when it is back.

@@ -8,7 +8,7 @@ from enum import Enum
 from smarttac_can.od.cia import CAN_ID_MASK
 
 
-class Mishap(Enum):
+class FrameFault(Enum):
     """What happens to a frame between its sender and the bus."""
 
     LOSS = "loss"
@@ -31,9 +31,9 @@ def require_can_id(can_id: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """Which frames a mishap befalls."""
+    """Which frames a frame_fault befalls."""
 
-    mishap: Mishap
+    frame_fault: FrameFault
     can_ids: frozenset[int] = frozenset()
     """Identifiers; none stands for every frame."""
     share: float = 1.0

@@ -30,7 +30,7 @@ def bench_id(stimulator_id: int) -> int:
     return LAST_NODE_ID - stimulator_id % _IDS
 
 
-class Presence:
+class BenchHeartbeat:
     """Heartbeat of a bench that drives in real time, from `begin` until `end`.
 
     A bench that only reads has none: nobody has to miss it, and its heartbeat would stand for that

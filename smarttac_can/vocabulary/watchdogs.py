@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from smarttac_can.nodes.fault_codes import FaultCode
 from smarttac_can.od.cia import ErrorRegister
+from smarttac_can.vocabulary.fault_codes import FaultCode
 
 STUCK_GAUGE_CYCLES: Final = 12
 """Equal samples of gauge or pick-up in a row that are a fault; 9e-10 false alarms an hour."""
@@ -76,7 +76,7 @@ class Watchdog(IntEnum):
     MISSED_TIME = 24
 
 
-class Row(NamedTuple):
+class WatchdogRow(NamedTuple):
     """What a watchdog reports, how soon it trips, and why so."""
 
     text: str
@@ -100,34 +100,34 @@ _DEADLINE: Final = "event timer of RPDO 5 to 7"
 _AT_ONCE: Final = "acted on where it is noticed"
 _ONE_SAMPLE: Final = "one sample is enough: its noise is far below the limit"
 
-WATCHDOGS: Final[dict[Watchdog, Row]] = {
-    Watchdog.NMT: Row(
+WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
+    Watchdog.NMT: WatchdogRow(
         "NMT left OPERATIONAL while running",
         FaultCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
     ),
-    Watchdog.HEARTBEAT: Row(
+    Watchdog.HEARTBEAT: WatchdogRow(
         "the heartbeat of a watched node is lost",
         FaultCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
         "the consumer time; at once when the node boots again, 1 s and a heartbeat after one that "
         "was OPERATIONAL left it; the plate is watched with 2 s, two heartbeats, beside its PDOs",
         "Consumer heartbeat time",
     ),
-    Watchdog.MEASUREMENT: Row(
+    Watchdog.MEASUREMENT: WatchdogRow(
         "the measurements of the plate are late",
         FaultCode.MEASUREMENT_LOST, _COMMUNICATION, _DEADLINE,
         "the shortest of the three; see the deadline of the loop", _DEADLINE,
     ),
-    Watchdog.SETPOINT: Row(
+    Watchdog.SETPOINT: WatchdogRow(
         "a set-point PDO is late",
         FaultCode.SETPOINT_LOST, _COMMUNICATION, "event timer of RPDO 1 to 4",
         "what the master asks for; off by default", "event timer of RPDO 1 to 4",
     ),
-    Watchdog.SYNC_LOST: Row(
+    Watchdog.SYNC_LOST: WatchdogRow(
         "SYNC is lost",
         FaultCode.SYNC_LOST, _COMMUNICATION, _DEADLINE,
         "without SYNC there are no measurements", _DEADLINE,
     ),
-    Watchdog.SYNC_IRREGULAR: Row(
+    Watchdog.SYNC_IRREGULAR: WatchdogRow(
         "SYNC is irregular",
         FaultCode.SYNC_IRREGULAR, _COMMUNICATION, f"4 x ({_DEADLINE}) + 4",
         "counted over two deadlines and 2 periods, with one less than the deadline too many or too "
@@ -135,87 +135,87 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         "tell. A drift is counted over 1000 periods, with 10 and the deadline too many or too few: "
         "2000 cycles", _DEADLINE,
     ),
-    Watchdog.SYNC_COUNTER: Row(
+    Watchdog.SYNC_COUNTER: WatchdogRow(
         "the SYNC counter has jumped",
         FaultCode.SYNC_COUNTER, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
     ),
-    Watchdog.BUS_OFF: Row(
+    Watchdog.BUS_OFF: WatchdogRow(
         "the CAN controller is bus-off",
         FaultCode.BUS_OFF, _COMMUNICATION, 1, _AT_ONCE,
     ),
-    Watchdog.TRANSMIT_QUEUE: Row(
+    Watchdog.TRANSMIT_QUEUE: WatchdogRow(
         "the transmit queue is full",
         FaultCode.TRANSMIT_QUEUE, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
     ),
-    Watchdog.VOLTAGE: Row(
+    Watchdog.VOLTAGE: WatchdogRow(
         "the controllers ask for more than the voltage limit",
         FaultCode.VOLTAGE, ErrorRegister.VOLTAGE, 1,
         "checked before the drive goes out", "Limit.Voltage",
     ),
-    Watchdog.AMPLITUDE: Row(
+    Watchdog.AMPLITUDE: WatchdogRow(
         "the vibration is above its limit",
         FaultCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
         "a finger that lifts lets the amplitude overshoot for less than the 5 ms the loop takes",
         "Limit.Amplitude trip",
     ),
-    Watchdog.TEMPERATURE: Row(
+    Watchdog.TEMPERATURE: WatchdogRow(
         "the plate is too hot",
         FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE, 1, _ONE_SAMPLE, "Limit.Temperature",
     ),
-    Watchdog.NORMAL_FORCE: Row(
+    Watchdog.NORMAL_FORCE: WatchdogRow(
         "the normal force is above its limit",
         FaultCode.NORMAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Normal force",
     ),
-    Watchdog.LATERAL_FORCE: Row(
+    Watchdog.LATERAL_FORCE: WatchdogRow(
         "the lateral force is above its limit",
         FaultCode.LATERAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Lateral force",
     ),
-    Watchdog.SATURATED: Row(
+    Watchdog.SATURATED: WatchdogRow(
         "a sensor is at the end of its range",
         FaultCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
         "a single sample may be a disturbance",
     ),
-    Watchdog.STUCK: Row(
+    Watchdog.STUCK: WatchdogRow(
         "a sensor is stuck",
         FaultCode.SENSOR_STUCK, _MANUFACTURER, STUCK_THERMOMETER_CYCLES,
         "12 identical samples of gauge or pick-up, 100 of the thermometer: see the false alarms",
     ),
-    Watchdog.GAUGES: Row(
+    Watchdog.GAUGES: WatchdogRow(
         "the gauges contradict each other",
         FaultCode.GAUGES_IMPLAUSIBLE, _MANUFACTURER, GAUGE_CYCLES,
         "a finger that arrives or leaves may do so between two samples", "Limit.Gauge mismatch",
     ),
-    Watchdog.PICKUP: Row(
+    Watchdog.PICKUP: WatchdogRow(
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
         "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
         "than any finger explains: 20 cycles, until its force is felt as well; with a plate node "
         "as many more as its deadline is above 3 ms", "Model",
     ),
-    Watchdog.RESONANCE: Row(
+    Watchdog.RESONANCE: WatchdogRow(
         "the resonance is lost",
         FaultCode.RESONANCE, _MANUFACTURER, RESONANCE_CYCLES,
         "from the end of its range the loop takes 50 ms to the resonance; cycles with a vibration "
         "count",
     ),
-    Watchdog.CONTROLLER: Row(
+    Watchdog.CONTROLLER: WatchdogRow(
         "the controllers gave no finite drive",
         FaultCode.CONTROLLER, _MANUFACTURER, 1, "checked before the drive goes out",
         lasting=False,
     ),
-    Watchdog.CALIBRATION: Row(
+    Watchdog.CALIBRATION: WatchdogRow(
         "the calibration is missing or that of another plate",
         FaultCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
         "Calibration.Plate serial number",
     ),
-    Watchdog.PLATE: Row(
+    Watchdog.PLATE: WatchdogRow(
         "the plate went to 0 V by itself: its drives were late",
         FaultCode.DRIVE_LOST, _COMMUNICATION, 1,
         "the plate says so, by 8253h, in the cycle after it did",
         "event timer of the plate's RPDO 1",
         lasting=False,
     ),
-    Watchdog.DOUBLE: Row(
+    Watchdog.DOUBLE: WatchdogRow(
         "another node sends with an identifier of this one or of its plate",
         FaultCode.DOUBLE, _COMMUNICATION, 1,
         "one frame is enough, and the plate tells of its own; without a plate that tells, as many "
@@ -223,14 +223,14 @@ WATCHDOGS: Final[dict[Watchdog, Row]] = {
         "less is what SYNCs that were not heard may leave. Present until 3 s without",
         _DEADLINE,
     ),
-    Watchdog.UNSEEN: Row(
+    Watchdog.UNSEEN: WatchdogRow(
         "the drive may make more vibration than its limit, whatever the pick-up reads",
         FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
         "a step of the friction loop asks for more, but not for longer; with a plate node as many "
         "more as its deadline is above 3 ms",
         "Limit.Amplitude by drive",
     ),
-    Watchdog.MISSED_TIME: Row(
+    Watchdog.MISSED_TIME: WatchdogRow(
         "too many ticks of a second had no cycle",
         FaultCode.MISSED_TIME, _MANUFACTURER, 2000,
         "judged at the end of each second of a run; the one in which it begins may end too early "

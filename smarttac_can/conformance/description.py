@@ -40,7 +40,7 @@ class Pdo(NamedTuple):
     mapping: int
 
 
-class Sheet:
+class DeviceDescription:
     """An EDS seen by who tests a device of it.
 
     Parameters
@@ -155,7 +155,7 @@ def _length(entry: Entry) -> int:
 def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Need:
     """Require that the EDS describes an entry, and one that takes values if ``writable``."""
 
-    def reason(sheet: Sheet) -> str | None:
+    def reason(sheet: DeviceDescription) -> str | None:
         if not sheet.has(index, subindex):
             return f"the EDS has no {index:04X}h:{subindex:02X}"
         if writable and not sheet.writable(index, subindex):
@@ -165,21 +165,21 @@ def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Ne
     return reason
 
 
-def needs_tpdo(sheet: Sheet) -> str | None:
+def needs_tpdo(sheet: DeviceDescription) -> str | None:
     """Require a TPDO that can be configured."""
     return None if sheet.usable(sheet.tpdos) else "the EDS has no TPDO that can be configured"
 
 
-def needs_rpdo(sheet: Sheet) -> str | None:
+def needs_rpdo(sheet: DeviceDescription) -> str | None:
     """Require an RPDO that can be configured."""
     return None if sheet.usable(sheet.rpdos) else "the EDS has no RPDO that can be configured"
 
 
-def needs_mapping(sheet: Sheet) -> str | None:
+def needs_mapping(sheet: DeviceDescription) -> str | None:
     """Require a TPDO whose mapping can be changed."""
     return None if sheet.mappable(sheet.tpdos) else "the EDS has no TPDO with a writable mapping"
 
 
-def needs_number(sheet: Sheet) -> str | None:
+def needs_number(sheet: DeviceDescription) -> str | None:
     """Require a number of 4 bytes that can be written."""
     return None if sheet.number_entries() else "the EDS has no rw number of 4 bytes to write"

@@ -1,0 +1,68 @@
+"""The instrument simulated: the one place where a client makes nodes, plate and controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import load_eds
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
+
+STIMULATOR_ID: Final = 32
+"""Node-ID of the stimulator unless another is given."""
+PLATE_ID: Final = 33
+"""Node-ID of the plate node unless another is given."""
+
+
+def stimulator_od(node_id: int = STIMULATOR_ID) -> ObjectDictionary:
+    """Load the EDS of the stimulator for a node-ID, 1..127."""
+    return load_eds(read_eds("stimulator.eds"), node_id)
+
+
+def plate_od(node_id: int = PLATE_ID) -> ObjectDictionary:
+    """Load the EDS of the plate for a node-ID, 1..127."""
+    return load_eds(read_eds("plate.eds"), node_id)
+
+
+def simulated_block(presets: Mapping[str, int]) -> StimulatorBlock:
+    """Return a stimulator with the plate inside and no CANopen, at the start of a run.
+
+    Parameters
+    ----------
+    presets
+        Raw values by name that replace defaults of the EDS.
+    """
+    block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
+    for name, raw in presets.items():
+        block.write(name, raw)
+    block.start_run()
+    return block
+
+
+def stimulator_with_plate(presets: Mapping[str, int] | None = None) -> StimulatorNode:
+    """Return a stimulator node for lockstep with the plate inside."""
+    return StimulatorNode(stimulator_od(), PlateBlock(plate_od()), lockstep=True, presets=presets)
+
+
+def attach_nodes(bus: LocalBus, *, plate_inside: bool, presets: Mapping[str, int]) -> None:
+    """Attach a stimulator, and a plate node if the plate is not inside, in lockstep."""
+    if plate_inside:
+        bus.attach(stimulator_with_plate(presets))
+        return
+    bus.attach(PlateNode(plate_od(), deadline_ms=SHORT_DEADLINE_MS))
+    bus.attach(
+        StimulatorNode(
+            stimulator_od(),
+            plate_node_id=PLATE_ID,
+            lockstep=True,
+            deadline_ms=SHORT_DEADLINE_MS,
+            presets=presets,
+        )
+    )

@@ -1,0 +1,1 @@
+"""What both ends of the bus agree on: modes, states, words, watchdogs, faults, and signals."""

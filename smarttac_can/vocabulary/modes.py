@@ -1,0 +1,33 @@
+"""Modes and friction laws, by the numbers that the object dictionary gives them."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Mode(IntEnum):
+    """What the cascade controls."""
+
+    OFF = 0
+    """0 V at the frequency of the set-point."""
+    OPEN_LOOP = 1
+    """Voltage and frequency of the set-point."""
+    AMPLITUDE = 2
+    """Amplitude by voltage, at the frequency of the set-point."""
+    AMPLITUDE_RESONANCE = 3
+    """Amplitude by voltage, and the resonance tracked by frequency."""
+    FRICTION = 4
+    """COF by amplitude, over both loops of the mode before."""
+    IDENTIFY = 5
+    """Identification of the unloaded plate; ends by itself in OFF."""
+
+
+class Law(IntEnum):
+    """What the step dW of eq. (9) is added to; the paper leaves it open."""
+
+    MEASURED = 0
+    """``W_ref = |W| + dW``: integral action through the inner loop."""
+    ACCUMULATE = 1
+    """``W_ref += dW``: integral action before the inner loop; less margin than the above."""
+    NOMINAL = 2
+    """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""

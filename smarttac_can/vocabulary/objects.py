@@ -1,0 +1,20 @@
+"""Names of objects, and values with a meaning, that a client uses as the nodes do."""
+
+from __future__ import annotations
+
+from typing import Final
+
+START_RUN: Final = "Simulation.Start run"
+FAULT_KIND: Final = "Fault.Kind"
+LIFTED, STROKE, RECORDED = range(3)
+"""Values of ``Finger.Motion``."""
+SIMULATION: Final = ("Simulation", "Finger", "Fault")
+"""Records that belong to the simulated plate."""
+ZERO: Final = int.from_bytes(b"zero", "little")
+"""Signature to write to the auto-zero object."""
+AUTO_ZERO: Final = tuple(
+    f"AI auto-zero.AI auto-zero {channel}" for channel in ("force x", "force y", "normal force")
+)
+"""Objects that take it, one for each channel that can be tared."""
+UNWATCHED: Final = "not armed: no heartbeat or set-point is watched, and Drive unwatched is 0"
+"""Message of an arming that is refused for want of a watch."""
