@@ -1,9 +1,10 @@
-"""The bench: a stimulator as a person handles it, recordings, the paper's experiments."""
+"""The bench: a stimulator as a person handles it, its finger, and recordings."""
 
 from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
 from smarttac_can.bench.reading import Reading
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
-from smarttac_can.bench.traces import Trace
+from smarttac_can.bench.traces import Trace, read_csv, sha256, write_csv
 from smarttac_can.master.errors import (
     BenchError,
     BusLostError,
@@ -31,4 +32,9 @@ __all__ = [
     "Stimulator",
     "Trace",
     "WrongDeviceError",
+    "plate_od",
+    "read_csv",
+    "sha256",
+    "stimulator_od",
+    "write_csv",
 ]

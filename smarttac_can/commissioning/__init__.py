@@ -1,1 +1,24 @@
 """Before there is a loop: who is on the bus, node-IDs, DCF, DBC, defaults of an EDS."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from smarttac_can._faces import lazily
+
+if TYPE_CHECKING:
+    from smarttac_can.commissioning.dbc import make_dbc
+    from smarttac_can.commissioning.dcf import make_dcf
+    from smarttac_can.commissioning.node_ids import assign_node_id, unconfigured
+
+__all__ = ["assign_node_id", "make_dbc", "make_dcf", "unconfigured"]
+
+__getattr__ = lazily(
+    __name__,
+    {
+        "make_dbc": "dbc",
+        "make_dcf": "dcf",
+        "assign_node_id": "node_ids",
+        "unconfigured": "node_ids",
+    },
+)

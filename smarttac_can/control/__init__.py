@@ -1,1 +1,23 @@
 """Controllers and tribometer of the stimulator, stepped once a millisecond."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from smarttac_can._faces import lazily
+
+if TYPE_CHECKING:
+    from smarttac_can.control.cascade import Cascade
+    from smarttac_can.control.parameters import CascadeParameters
+    from smarttac_can.control.tribometer import Tribometer
+
+__all__ = ["Cascade", "CascadeParameters", "Tribometer"]
+
+__getattr__ = lazily(
+    __name__,
+    {
+        "Cascade": "cascade",
+        "CascadeParameters": "parameters",
+        "Tribometer": "tribometer",
+    },
+)

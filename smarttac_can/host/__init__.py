@@ -1,1 +1,43 @@
 """Buses, clock, log files, process signals and the loop that runs a node on them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from smarttac_can._faces import lazily
+
+if TYPE_CHECKING:
+    from smarttac_can.host.candump import CandumpWriter, read_candump
+    from smarttac_can.host.faulty_bus import FaultyBus
+    from smarttac_can.host.frame_faults import Disturbance, FrameFault
+    from smarttac_can.host.local_bus import LocalBus
+    from smarttac_can.host.process_signals import stop_on_signals
+    from smarttac_can.host.python_can import PythonCanBus
+    from smarttac_can.host.runner import run_node
+
+__all__ = [
+    "CandumpWriter",
+    "Disturbance",
+    "FaultyBus",
+    "FrameFault",
+    "LocalBus",
+    "PythonCanBus",
+    "read_candump",
+    "run_node",
+    "stop_on_signals",
+]
+
+__getattr__ = lazily(
+    __name__,
+    {
+        "CandumpWriter": "candump",
+        "read_candump": "candump",
+        "FaultyBus": "faulty_bus",
+        "Disturbance": "frame_faults",
+        "FrameFault": "frame_faults",
+        "LocalBus": "local_bus",
+        "stop_on_signals": "process_signals",
+        "PythonCanBus": "python_can",
+        "run_node": "runner",
+    },
+)

@@ -1,1 +1,21 @@
 """What every master needs to talk to a device, whatever the device does."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from smarttac_can._faces import lazily
+
+if TYPE_CHECKING:
+    from smarttac_can.master.local_master import LocalMaster
+    from smarttac_can.master.sdo_client import SharedSdoClient
+
+__all__ = ["LocalMaster", "SharedSdoClient"]
+
+__getattr__ = lazily(
+    __name__,
+    {
+        "LocalMaster": "local_master",
+        "SharedSdoClient": "sdo_client",
+    },
+)
