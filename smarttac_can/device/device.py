@@ -235,12 +235,13 @@ class Device:
             return []
         for handler in handlers:
             handler(frame)
-        return port.take()
+        return port.take() if port.out else []
 
     def advance(self, microseconds: int) -> list[Frame]:
         """Let time pass, 0 or more us; each timer fires at most once. Return the frames due."""
         self.clock.advance(microseconds)
-        return self._port.take()
+        port = self._port
+        return port.take() if port.out else []
 
     def segments(self, most: int) -> list[Frame]:
         """Return the next frames, at most so many, of transfers limited by the bus alone.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
@@ -43,7 +44,8 @@ class OddField(NamedTuple):
     signed: bool
 
 
-class Mapping(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Mapping:
     """Compiled content of a PDO.
 
     Attributes
@@ -101,8 +103,8 @@ class Mapping(NamedTuple):
 
     def write(self, values: tuple[Any, ...]) -> None:
         """Set the entries to values that break no limits."""
-        for entry, value in zip(self.entries, values, strict=True):
-            entry.value = value
+        for position, entry in enumerate(self.entries):
+            entry.value = values[position]
 
 
 def mapped_entry(od: ObjectDictionary, value: int, direction: Direction) -> Entry | None:

@@ -73,7 +73,12 @@ class RPDO(PDO):
         if not (self.alive and self.valid and self.event_time):
             self._in_time()
         elif watched:
-            self._deadline.start(self.event_time)
+            self._deadline.restart()
+
+    def configure(self) -> None:
+        """Read both records; another deadline is for the next PDO."""
+        super().configure()
+        self._deadline.delay = self.event_time
 
     def cease(self) -> None:
         """Drop the values that wait for SYNC, and end the deadline; a missed one counts as over."""
@@ -98,17 +103,11 @@ class RPDO(PDO):
             return
         data = frame.data
         size = mapping.size
-        if len(data) < size:
-            self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
-            self._report(EmergencyCode.PDO_LENGTH, bytes((len(data), size)))
-            return
-        if len(data) > size:
-            self._settle(EmergencyCode.PDO_LENGTH)
-            self._report(EmergencyCode.PDO_LENGTH_EXCEEDED, bytes((len(data), size)))
+        if len(data) != size or self._faults:
+            self._judge_length(len(data), size)
+            if len(data) < size:
+                return
             data = data[:size]
-        elif self._faults:
-            self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
-            self._settle(EmergencyCode.PDO_LENGTH)
         values, broken = mapping.read(data)
         if broken is not None:
             self._report(EmergencyCode.PROTOCOL, _where(broken))
@@ -120,6 +119,18 @@ class RPDO(PDO):
         elif self._sync.window_open:
             self._latch = values
 
+    def _judge_length(self, length: int, size: int) -> None:
+        """Report a wrong length, and take back what the frame before was reported for."""
+        lengths = bytes((length, size))
+        if length >= size:
+            self._settle(EmergencyCode.PDO_LENGTH)
+        if length <= size:
+            self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
+        if length < size:
+            self._report(EmergencyCode.PDO_LENGTH, lengths)
+        elif length > size:
+            self._report(EmergencyCode.PDO_LENGTH_EXCEEDED, lengths)
+
     def on_sync(self) -> None:
         """Put what was latched into the object dictionary."""
         values, self._latch = self._latch, None
@@ -130,7 +141,7 @@ class RPDO(PDO):
         if self.mapping is None:
             return
         if self.event_time:
-            self._deadline.start(self.event_time)
+            self._deadline.restart()
             if self._late:
                 self._in_time()
         self.mapping.write(values)

@@ -13,18 +13,20 @@ class Timer:
 
     Attributes
     ----------
+    delay
+        Time in us from a start to the first expiry.
     due
         Device time in us at which it expires; `NEVER` while stopped.
     missed
         Whole periods that were lost before the last expiry.
     """
 
-    __slots__ = ("_clock", "_expire", "_period", "_slip", "_spacing", "_started", "due", "missed")
+    __slots__ = ("_clock", "_expire", "_period", "_slip", "_spacing", "delay", "due", "missed")
 
     def __init__(self, clock: Clock, expire: Callable[[], None]) -> None:
         self._clock = clock
         self._expire = expire
-        self._period = self._spacing = self._slip = self._started = 0
+        self.delay = self._period = self._spacing = self._slip = 0
         self.due = NEVER
         self.missed = 0
 
@@ -37,18 +39,24 @@ class Timer:
             Least time in us between two expiries, up to the delay, 0 for any: rather than follow a
             late one sooner, those after it shift.
         """
+        self.delay = delay
         self._period = delay if periodic else 0
         self._spacing = spacing
         self._slip = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Start with `delay`, and periodic if it was so before."""
         clock = self._clock
-        self._started = now = clock.now
-        self.due = due = now + delay
-        clock.next_due = due if due < clock.next_due else clock.next_due
+        self.due = due = clock.now + self.delay
+        if due < clock.next_due:
+            clock.next_due = due
 
     def follow(self, delay: int) -> None:
-        """Move the expiry of a running timer to another delay in us after its start."""
+        """Move the one expiry of a running timer to another delay in us after its start."""
         if self.running:
-            self.due = self._started + delay
+            self.due += delay - self.delay
+            self.delay = delay
             self._clock.next_due = min(self.due, self._clock.next_due)
 
     def stop(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.device.frame import Frame, data_frame
 from smarttac_can.device.mapping import Direction
 from smarttac_can.device.pdo import PDO
 from smarttac_can.device.port import Port
@@ -103,7 +103,7 @@ class TPDO(PDO):
             return
         self._send(data)
         if self.event_time:
-            self._event.start(self.event_time, periodic=True)
+            self._event.restart()
 
     def on_sync(self, counter: int) -> None:
         """Sample and send if it is this PDO's turn.
@@ -135,7 +135,7 @@ class TPDO(PDO):
 
     def _send(self, data: bytes) -> None:
         self._last = data
-        self.port.out.append(Frame(self.can_id, data))
+        self.port.out.append(data_frame(self.can_id, data))
         if self._inhibit_time:
             self._inhibit.start(self._inhibit_time)
 

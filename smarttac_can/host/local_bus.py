@@ -19,6 +19,7 @@ _SEGMENTS = 127
 """Frames of an SDO transfer that are taken at a time: those of one block."""
 
 _Receive = Callable[[Frame], list[Frame] | None]
+_Hearers = tuple[tuple["Connection", _Receive], ...]
 
 
 class Wire(Protocol):
@@ -40,14 +41,15 @@ class Wire(Protocol):
 class Connection:
     """One party's place on a `LocalBus`; got from `LocalBus.connect` or `LocalBus.attach`."""
 
-    __slots__ = ("_bus", "_lockstep", "_node", "_others", "_receive")
+    __slots__ = ("_bus", "_lockstep", "_node", "_others", "_receive", "_ticked")
 
     def __init__(self, bus: LocalBus, receive: _Receive, node: Node | None, lockstep: bool) -> None:
         self._bus = bus
         self._receive = receive
         self._node = node
         self._lockstep = lockstep
-        self._others: tuple[tuple[Connection, _Receive], ...] = ()
+        self._others: _Hearers = ()
+        self._ticked: _Hearers = ()
 
     def send(self, frame: Frame) -> None:
         """Send a frame to every other party; return when the bus has come to rest.
@@ -108,7 +110,7 @@ class LocalBus:
         self._tick_end = 0
         self._lockstep = 0
         self._ports: list[Connection] = []
-        self._queue: deque[tuple[Connection, Frame]] = deque()
+        self._queue: deque[tuple[Connection, Iterable[Frame]]] = deque()
         self._draining = False
 
     @property
@@ -180,7 +182,9 @@ class LocalBus:
     def _link_ports(self) -> None:
         # Who hears whom is settled here, once, to keep it out of every delivery.
         for port in self._ports:
-            port._others = tuple((p, p._receive) for p in self._ports if p is not port)
+            others = [p for p in self._ports if p is not port]
+            port._others = tuple([(p, p._receive) for p in others])
+            port._ticked = tuple([(p, _receive_tick(p)) for p in others])
         self._lockstep = sum(port._lockstep for port in self._ports)
 
     def _pass_time(self, microseconds: int) -> None:
@@ -193,7 +197,7 @@ class LocalBus:
 
     def _enqueue(self, sender: Connection, frames: Iterable[Frame]) -> None:
         if sender in self._ports:
-            self._queue.extend([(sender, frame) for frame in frames])
+            self._queue.append((sender, frames))
 
     def _drain(self) -> None:
         if self._draining:
@@ -202,43 +206,35 @@ class LocalBus:
         queue = self._queue
         durations = self._durations
         log = self._log
+        wire = self._wire
         quiet = _STORM_FRAMES
         try:
             while queue or self._stream():
-                sender, frame = queue.popleft()
-                can_id, data, _ = frame
-                is_tick = can_id == self._sync_id and self._lockstep > 0
-                if is_tick:
-                    self._pass_time(TICK_US)
-                    quiet = _STORM_FRAMES
-                quiet -= 1
-                if quiet < 0:
-                    raise BusError(f"no rest on the local bus after {_STORM_FRAMES} frames")
-                size = len(data)
-                if size > _MAX_DATA_BYTES:
-                    raise ValueError(f"{size} data bytes are outside 0..{_MAX_DATA_BYTES}")
-                self._now += durations[size]
-                if log is not None:
-                    log(self._now, frame)
-                self._deliver(sender, frame, is_tick)
+                sender, frames = queue.popleft()
+                for frame in frames:
+                    is_tick = frame.can_id == self._sync_id and self._lockstep > 0
+                    if is_tick:
+                        self._pass_time(TICK_US)
+                        quiet = _STORM_FRAMES
+                    quiet -= 1
+                    if quiet < 0:
+                        raise BusError(f"no rest on the local bus after {_STORM_FRAMES} frames")
+                    size = len(frame.data)
+                    if size > _MAX_DATA_BYTES:
+                        raise ValueError(f"{size} data bytes are outside 0..{_MAX_DATA_BYTES}")
+                    self._now += durations[size]
+                    if log is not None:
+                        log(self._now, frame)
+                    if wire is not None:
+                        wire.put(sender, frame)
+                    for port, receive in sender._ticked if is_tick else sender._others:
+                        replies = receive(frame if wire is None else wire.get(port))
+                        if replies:
+                            queue.append((port, replies))
         finally:
             # After an error nothing of the old cause may turn up in the next delivery.
             queue.clear()
             self._draining = False
-
-    def _deliver(self, sender: Connection, frame: Frame, is_tick: bool) -> None:
-        queue = self._queue
-        wire = self._wire
-        if wire is not None:
-            wire.put(sender, frame)
-        for port, receive in sender._others:
-            if is_tick and port._lockstep and port._node is not None:
-                for reply in port._node.advance(TICK_US):
-                    queue.append((port, reply))
-            replies = receive(frame if wire is None else wire.get(port))
-            if replies:
-                for reply in replies:
-                    queue.append((port, reply))
 
     def _stream(self) -> bool:
         """Take what goes on as fast as the bus takes it, when nothing else waits; if there is any.
@@ -247,6 +243,16 @@ class LocalBus:
         """
         for port in self._ports:
             if port._node is not None:
-                for frame in port._node.segments(_SEGMENTS):
-                    self._queue.append((port, frame))
+                frames = port._node.segments(_SEGMENTS)
+                if frames:
+                    self._queue.append((port, frames))
         return bool(self._queue)
+
+
+def _receive_tick(port: Connection) -> _Receive:
+    """Return what a party does with the SYNC that is a tick: in lockstep its timers advance."""
+    node = port._node
+    if node is None or not port._lockstep:
+        return port._receive
+    advance, receive = node.advance, port._receive
+    return lambda frame: [*advance(TICK_US), *(receive(frame) or ())]

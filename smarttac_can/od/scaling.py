@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 from smarttac_can.od.dictionary import Entry
 
@@ -21,12 +21,15 @@ class Quantiser:
     __slots__ = ("_rows",)
 
     def __init__(self, entries: Sequence[Entry]) -> None:
-        self._rows = [(entry, entry.si, int(entry.low), int(entry.high)) for entry in entries]
+        self._rows = [
+            (position, entry, entry.si, int(entry.low), int(entry.high))
+            for position, entry in enumerate(entries)
+        ]
 
-    def write(self, values: Iterable[float]) -> None:
+    def write(self, values: Sequence[float]) -> None:
         """Write finite quantities in SI base units, rounded half to even, clipped to the limits."""
-        for (entry, si, low, high), value in zip(self._rows, values, strict=True):
-            raw = round(value / si)
+        for position, entry, si, low, high in self._rows:
+            raw = round(values[position] / si)
             entry.value = raw if low <= raw <= high else low if raw < low else high
 
 
