@@ -39,4 +39,4 @@ class LocalNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is 
         can_id, data, rtr = frame
         if not rtr:
             for callback in self.subscribers.get(can_id, ()):
-                callback(can_id, bytearray(data), self.now())
+                callback(can_id, bytearray(data), self._local_bus.time * 1e-6)

@@ -49,15 +49,16 @@ class PublishedPdo:
         self.number = number
         self.can_id = can_id
         self.names = [entry.name for entry in entries]
-        self._struct = struct.Struct("<" + "".join(_FORMATS[entry.data_type] for entry in entries))
+        layout = struct.Struct("<" + "".join(_FORMATS[entry.data_type] for entry in entries))
+        self._size, self._unpack = layout.size, layout.unpack
         self.values: tuple[int, ...] = ()
         self.received: float | None = None
 
-    def take(self, data: bytes, now: float) -> bool:
+    def take(self, data: bytes | bytearray, now: float) -> bool:
         """Take received data; of a length that is not the mapping's, return False."""
-        if len(data) != self._struct.size:
+        if len(data) != self._size:
             return False
-        self.values = self._struct.unpack(data)
+        self.values = self._unpack(data)
         self.received = now
         return True
 

@@ -220,4 +220,4 @@ class Tribometer:
         mu = math.sqrt(Fx * Fx + Fy * Fy) / Fn
         # Four gauges make up Fn: sig_n^2 = 4 sig^2.
         u_mu = math.sqrt(self._sigma2 * (1.0 + 4.0 * mu * mu)) / Fn
-        return Contact(Fx, Fy, Fn, mu, u_mu, line.position, line.speed, True)
+        return tuple.__new__(Contact, (Fx, Fy, Fn, mu, u_mu, line.position, line.speed, True))

@@ -49,8 +49,7 @@ class Timer:
         """Start with `delay`, and periodic if it was so before."""
         clock = self._clock
         self.due = due = clock.now + self.delay
-        if due < clock.next_due:
-            clock.next_due = due
+        clock.next_due = due if due < clock.next_due else clock.next_due
 
     def follow(self, delay: int) -> None:
         """Move the one expiry of a running timer to another delay in us after its start."""

@@ -87,6 +87,11 @@ class LocalBus:
         Called with the time stamp in us and the frame, for every frame.
     wire
         Carries the frames; None hands them over.
+
+    Attributes
+    ----------
+    time
+        Time on the bus in us since it was made; never runs backwards.
     """
 
     def __init__(
@@ -106,17 +111,12 @@ class LocalBus:
         self._durations = [
             -(-frame_bits(n) * 1_000_000 // bit_rate) for n in range(_MAX_DATA_BYTES + 1)
         ]
-        self._now = 0
+        self.time = 0
         self._tick_end = 0
         self._lockstep = 0
         self._ports: list[Connection] = []
         self._queue: deque[tuple[Connection, Iterable[Frame]]] = deque()
         self._draining = False
-
-    @property
-    def time(self) -> int:
-        """Time on the bus in us since it was made; never runs backwards."""
-        return self._now
 
     def attach(self, node: Node, *, lockstep: bool = True) -> Connection:
         """Plug in a node and switch it on.
@@ -189,7 +189,7 @@ class LocalBus:
 
     def _pass_time(self, microseconds: int) -> None:
         self._tick_end += microseconds
-        self._now = max(self._now, self._tick_end)
+        self.time = max(self.time, self._tick_end)
 
     def _send(self, sender: Connection, frames: Iterable[Frame]) -> None:
         self._enqueue(sender, frames)
@@ -222,9 +222,9 @@ class LocalBus:
                     size = len(frame.data)
                     if size > _MAX_DATA_BYTES:
                         raise ValueError(f"{size} data bytes are outside 0..{_MAX_DATA_BYTES}")
-                    self._now += durations[size]
+                    self.time += durations[size]
                     if log is not None:
-                        log(self._now, frame)
+                        log(self.time, frame)
                     if wire is not None:
                         wire.put(sender, frame)
                     for port, receive in sender._ticked if is_tick else sender._others:

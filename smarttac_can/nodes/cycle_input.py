@@ -46,8 +46,9 @@ class MeasurementInput:
         counts = tuple([entry.value for entry in self._sensors])
         s1, s2, s3, s4, s5, s6, W_d, W_q, temperature = map(mul, counts, self._si)
         gauges = (s1, s2, s3, s4, s5, s6)
-        si = Measurement(complex(W_d, W_q), gauges, temperature, self._saturation.value)
-        return Measured(si, counts, self._tick.value, self._serial.value)
+        si = (complex(W_d, W_q), gauges, temperature, self._saturation.value)
+        measurement = tuple.__new__(Measurement, si)
+        return tuple.__new__(Measured, (measurement, counts, self._tick.value, self._serial.value))
 
 
 class Setpoints:

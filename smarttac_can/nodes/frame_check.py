@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from struct import Struct, unpack_from
+from collections.abc import Callable, Sequence
+from functools import cache
+from struct import Struct
 from typing import Final
 
 from smarttac_can.od.cia import DataType
@@ -44,11 +45,17 @@ def crc8(data: bytes) -> int:
     One wrong bit, and wrong bits within 8 in a row, are always found.
     """
     crc = _START
-    for pair in unpack_from(f"<{len(data) // 2}H", data):
+    size = len(data)
+    for pair in _pairs_of(size)(data):
         crc = _PAIRS[crc ^ pair]
-    if len(data) % 2:
+    if size % 2:
         crc = _TABLE[crc ^ data[-1]]
     return crc ^ 0xFF
+
+
+@cache
+def _pairs_of(size: int) -> Callable[[bytes], tuple[int, ...]]:
+    return Struct(f"<{size // 2}H").unpack_from
 
 
 class FrameCheck:

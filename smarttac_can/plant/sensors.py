@@ -41,8 +41,8 @@ class Sensors:
         self._parameters = p
         self.nulls: tuple[float, ...] = tuple(p.null * null for null in nulls)
         self._gauges = [
-            (null, p.drift * drift, curvature * bow)
-            for null, drift, bow in zip(self.nulls, drifts, bows, strict=True)
+            (at, self.nulls[at], p.drift * drifts[at], curvature * bows[at])
+            for at in range(len(nulls))
         ]
         self._scale = np.array([p.gauge_noise] * 6 + [p.pickup_noise] * 2 + [p.temperature_noise])
         self._seed = seed
@@ -84,13 +84,16 @@ class Sensors:
         saturated = 0
         loads = (xx * Fx, yx * Fx, left, right, left, right)
         counts = [
-            floor((load + bow * load * load + null + drift * warmth + white) / step + 0.5)
-            for load, (null, drift, bow), white in zip(loads, self._gauges, noise, strict=False)
+            floor(
+                (loads[at] + bow * loads[at] * loads[at] + null + drift * warmth + noise[at]) / step
+                + 0.5
+            )
+            for at, null, drift, bow in self._gauges
         ]
         if not -limit < min(counts) <= max(counts) < limit:
             saturated = sum(1 << n for n, count in enumerate(counts) if abs(count) >= limit)
             counts = [max(-limit, min(limit, count)) for count in counts]
-        s1, s2, s3, s4, s5, s6 = [count * step for count in counts]
+        gauges = tuple([count * step for count in counts])
         step = p.pickup_resolution
         d = floor((W.real + noise[6]) / step + 0.5)
         q = floor((W.imag + noise[7]) / step + 0.5)
@@ -99,9 +102,7 @@ class Sensors:
             d = max(-limit, min(limit, d))
             q = max(-limit, min(limit, q))
         grain = p.temperature_resolution
-        return Measurement(
-            complex(d * step, q * step),
-            (s1, s2, s3, s4, s5, s6),
-            floor((temperature + noise[8]) / grain + 0.5) * grain,
-            saturated,
+        temperature = floor((temperature + noise[8]) / grain + 0.5) * grain
+        return tuple.__new__(
+            Measurement, (complex(d * step, q * step), gauges, temperature, saturated)
         )
