@@ -14,8 +14,3 @@ class Frame(NamedTuple):
     """0..8 data bytes; empty in a remote frame."""
     rtr: bool = False
     """True for a remote frame."""
-
-
-def data_frame(can_id: int, data: bytes) -> Frame:
-    """Make a data frame, at a fraction of what the class takes for it."""
-    return tuple.__new__(Frame, (can_id, data, False))

@@ -80,26 +80,22 @@ class Mapping:
             values[position] = values[position].to_bytes(size, "little", signed=signed)
         return self.pack(*values)
 
-    def read(self, data: bytes) -> tuple[tuple[Any, ...], Entry | None]:
-        """Read the values of a PDO; nothing changes.
-
-        Returns
-        -------
-        values : tuple
-            For `write`.
-        broken : Entry or None
-            The entry whose limits they break.
-        """
+    def read(self, data: bytes) -> tuple[Any, ...]:
+        """Return the values of a PDO for `write`; nothing changes."""
         values = self.unpack(data)
         if self.odd:
             whole = list(values)
             for position, _, signed in self.odd:
                 whole[position] = int.from_bytes(whole[position], "little", signed=signed)
             values = tuple(whole)
+        return values
+
+    def broken(self, values: tuple[Any, ...]) -> Entry | None:
+        """Return the entry whose limits the values break, None if they break none."""
         for position, entry, low, high in self.bounded:
             if not low <= values[position] <= high:
-                return values, entry
-        return values, None
+                return entry
+        return None
 
     def write(self, values: tuple[Any, ...]) -> None:
         """Set the entries to values that break no limits."""

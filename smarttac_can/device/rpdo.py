@@ -108,10 +108,12 @@ class RPDO(PDO):
             if len(data) < size:
                 return
             data = data[:size]
-        values, broken = mapping.read(data)
-        if broken is not None:
-            self._report(EmergencyCode.PROTOCOL, _where(broken))
-            return
+        values = mapping.read(data) if mapping.odd else mapping.unpack(data)
+        if mapping.bounded:
+            broken = mapping.broken(values)
+            if broken is not None:
+                self._report(EmergencyCode.PROTOCOL, _where(broken))
+                return
         if self._faults:
             self._settle(EmergencyCode.PROTOCOL)
         if self.transmission > CYCLIC_LAST:

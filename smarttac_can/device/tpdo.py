@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from smarttac_can.device.frame import Frame, data_frame
+from smarttac_can.device.frame import Frame
 from smarttac_can.device.mapping import Direction
 from smarttac_can.device.pdo import PDO
 from smarttac_can.device.port import Port
@@ -113,12 +113,13 @@ class TPDO(PDO):
         counter
             Of the SYNC, 0 where SYNC carries none; then the start value is not looked at.
         """
-        if self.transmission == ACYCLIC:
+        transmission = self.transmission
+        if transmission == ACYCLIC:
             if self._pending:
                 self._pending = False
                 self._send(self._sample())
             return
-        if self.transmission == RTR_SYNC:
+        if transmission == RTR_SYNC:
             self._sampled = self._sample()
             return
         if self._awaits_start and counter:
@@ -126,7 +127,7 @@ class TPDO(PDO):
                 return
             self._awaits_start = False
         self._count += 1
-        if self._count >= self.transmission:
+        if self._count >= transmission:
             self._count = 0
             self._send(self._sample())
 
@@ -135,7 +136,7 @@ class TPDO(PDO):
 
     def _send(self, data: bytes) -> None:
         self._last = data
-        self.port.out.append(data_frame(self.can_id, data))
+        self.port.out.append(tuple.__new__(Frame, (self.can_id, data, False)))
         if self._inhibit_time:
             self._inhibit.start(self._inhibit_time)
 

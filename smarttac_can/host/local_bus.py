@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from smarttac_can.device.frame import Frame
@@ -63,6 +63,9 @@ class Connection:
         BusError
             If the parties keep answering each other without end.
         """
+        size = len(frame.data)
+        if size > _MAX_DATA_BYTES:
+            raise ValueError(f"{size} data bytes are outside 0..{_MAX_DATA_BYTES}")
         self._bus._send(self, (frame,))
 
     def close(self) -> None:
@@ -115,7 +118,7 @@ class LocalBus:
         self._tick_end = 0
         self._lockstep = 0
         self._ports: list[Connection] = []
-        self._queue: deque[tuple[Connection, Iterable[Frame]]] = deque()
+        self._queue: deque[tuple[Connection, Sequence[Frame]]] = deque()
         self._draining = False
 
     def attach(self, node: Node, *, lockstep: bool = True) -> Connection:
@@ -191,11 +194,11 @@ class LocalBus:
         self._tick_end += microseconds
         self.time = max(self.time, self._tick_end)
 
-    def _send(self, sender: Connection, frames: Iterable[Frame]) -> None:
+    def _send(self, sender: Connection, frames: Sequence[Frame]) -> None:
         self._enqueue(sender, frames)
         self._drain()
 
-    def _enqueue(self, sender: Connection, frames: Iterable[Frame]) -> None:
+    def _enqueue(self, sender: Connection, frames: Sequence[Frame]) -> None:
         if sender in self._ports:
             self._queue.append((sender, frames))
 
@@ -204,30 +207,28 @@ class LocalBus:
             return
         self._draining = True
         queue = self._queue
-        durations = self._durations
+        sync_id, durations = self._sync_id, self._durations
         log = self._log
         wire = self._wire
         quiet = _STORM_FRAMES
         try:
             while queue or self._stream():
                 sender, frames = queue.popleft()
+                quiet -= len(frames)
+                if quiet < 0:
+                    raise BusError(f"no rest on the local bus after {_STORM_FRAMES} frames")
                 for frame in frames:
-                    is_tick = frame.can_id == self._sync_id and self._lockstep > 0
-                    if is_tick:
+                    hearers = sender._others
+                    if frame.can_id == sync_id and self._lockstep:
+                        hearers = sender._ticked
                         self._pass_time(TICK_US)
                         quiet = _STORM_FRAMES
-                    quiet -= 1
-                    if quiet < 0:
-                        raise BusError(f"no rest on the local bus after {_STORM_FRAMES} frames")
-                    size = len(frame.data)
-                    if size > _MAX_DATA_BYTES:
-                        raise ValueError(f"{size} data bytes are outside 0..{_MAX_DATA_BYTES}")
-                    self.time += durations[size]
+                    self.time += durations[len(frame.data)]
                     if log is not None:
                         log(self.time, frame)
                     if wire is not None:
                         wire.put(sender, frame)
-                    for port, receive in sender._ticked if is_tick else sender._others:
+                    for port, receive in hearers:
                         replies = receive(frame if wire is None else wire.get(port))
                         if replies:
                             queue.append((port, replies))

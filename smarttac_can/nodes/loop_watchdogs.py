@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 from math import hypot, isfinite
 from operator import eq
 from typing import Final
@@ -32,6 +33,7 @@ WATCHED: Final = ("Limit", "Model", "Calibration")
 """Records that `LoopWatchdogs.configure` reads."""
 _NO_PLATE: Final = 0
 _THERMOMETER: Final = SENSORS.index("Temperature")
+_PLACES: Final = range(len(SENSORS))
 _BITS: Final = {watchdog: 1 << watchdog for watchdog in Watchdog}
 _VOLTAGE = _BITS[Watchdog.VOLTAGE]
 _CONTROLLER = _BITS[Watchdog.CONTROLLER]
@@ -97,7 +99,7 @@ class LoopWatchdogs:
         """Forget what was seen: the plate is at rest."""
         self.vibration.reset()
         self._last: tuple[int, ...] = ()
-        self._repeats = [0] * len(SENSORS)
+        self._repeats: dict[int, int] = {}
         self._saturated = Lapses()
         self._odd = 0
 
@@ -143,16 +145,14 @@ class LoopWatchdogs:
 
     def _stuck(self, sensors: tuple[int, ...]) -> bool:
         """Count samples that are the same as before, although noise makes them differ."""
-        repeats = self._repeats
-        stuck = False
-        for at, same in enumerate(map(eq, sensors, self._last)):
-            if same:
-                repeats[at] += 1
-                if repeats[at] >= STUCK_GAUGE_CYCLES - 1:
-                    stuck |= at != _THERMOMETER or repeats[at] >= STUCK_THERMOMETER_CYCLES - 1
-            else:
-                repeats[at] = 0
+        before = self._repeats
+        same = compress(_PLACES, map(eq, sensors, self._last))
+        self._repeats = repeats = {at: before.get(at, 0) + 1 for at in same}
         self._last = sensors
+        stuck = False
+        for at, count in repeats.items():
+            most = STUCK_THERMOMETER_CYCLES if at == _THERMOMETER else STUCK_GAUGE_CYCLES
+            stuck |= count >= most - 1
         return stuck
 
     def _forces(

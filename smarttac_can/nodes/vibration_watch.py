@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from math import exp
 from typing import Final
@@ -85,6 +86,7 @@ class VibrationWatch:
         "_bound",
         "_bound_trip",
         "_deadlines",
+        "_decay",
         "_detuned",
         "_excess",
         "_gain",
@@ -114,11 +116,12 @@ class VibrationWatch:
         self._bound_trip = od["Limit.Amplitude by drive"].si_value
         self._gain = od["Model.Gain per volt"].si_value
         self._tau = od["Model.Tau"].si_value
+        self._decay = exp(-TICK / self._tau)
 
     def reset(self) -> None:
         """Forget what was seen: the plate is at rest."""
         self._E = self._bound = self._V = 0.0
-        self._voltages = (0.0,) * _LACK_TICKS
+        self._voltages = deque((0.0,) * _LACK_TICKS, _LACK_TICKS)
         self._above = Lapses()
         self._excess = Lapses()
         self._unseen = Lapses()
@@ -143,7 +146,7 @@ class VibrationWatch:
         amplitude = abs(W)
         driven = self._gain * self._V
         # No detuning and no finger makes the plate vibrate more than at its bare resonance.
-        self._E = driven + (self._E - driven) * exp(-TICK / self._tau)
+        self._E = driven + (self._E - driven) * self._decay
         late = self._late_cycles()
         faults = 0
         if self._above.count(amplitude > self._W_trip, AMPLITUDE_CYCLES):
@@ -186,14 +189,14 @@ class VibrationWatch:
         damping = 1.0 + LEAST_LOAD * _load(pressing)
         driven = self._gain * self._V * cosine / damping
         self._bound = driven + (self._bound - driven) * exp(-TICK * damping / self._tau)
-        self._voltages = voltages = (*self._voltages[1:], self._V)
+        self._voltages.append(self._V)
         most = 1.0 + MOST_LOAD * _load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
-        return self._gain * min(voltages) * cosine / most
+        return self._gain * min(self._voltages) * cosine / most
 
     def _late_cycles(self) -> int:
         if not self._deadlines:
             return 0
-        shortest = int(min(entry.value for entry in self._deadlines))
+        shortest = int(min([entry.value for entry in self._deadlines]))
         return max(0, shortest - SHORT_DEADLINE_MS)
 
 
