@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from smarttac_can.plant.mathematics import SCALAR, Float, Mathematics
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
@@ -35,12 +36,14 @@ def bare_friction(
     return subject.mu0 * FORCE_REFERENCE * relative * (1.0 + subject.occlusion * occlusion)
 
 
-def reduction(
-    m: Mathematics[Float], subject: Subject[Float], W: Float, v: Float, f0: float
-) -> Float:
-    """Return g, the share of the bare friction left by the vibration, rho..1.
+def sliding_friction(
+    m: Mathematics[Float], subject: Subject[Float], f0: float
+) -> Callable[[Float, Float, Float], Float]:
+    """Make the friction map of a subject: from bare friction, vibration and speed to a force in N.
 
-    ``g = rho + (1 - rho) exp(-(We/W0)^p)`` with ``We = W/(1 + v/v1)``, ``v1 = mu0 pi f0 W``.
+    The vibration leaves the share ``g = rho + (1 - rho) exp(-(We/W0)^p)``, rho..1, with
+    ``We = W/(1 + v/v1)``, ``v1 = mu0 pi f0 W``; at low speed friction is higher by up to the
+    factor stribeck.
 
     Parameters
     ----------
@@ -48,23 +51,29 @@ def reduction(
         Mathematics of the other arguments.
     subject
         The fingertip.
-    W
-        Vibration in m peak-to-peak, 0 or more.
-    v
-        Sliding speed in m/s, 0 or more.
     f0
         Frequency of the vibration in Hz.
+
+    Returns
+    -------
+    callable
+        Of the bare friction in N, the vibration W in m peak-to-peak and the sliding speed v in m/s,
+        all 0 or more.
     """
-    v1 = subject.mu0 * (math.pi * f0) * W
-    We = W * v1 / (v1 + v + SPEED_FLOOR)
-    rho = subject.rho
-    return rho + (1.0 - rho) * m.exp(-m.power(We / subject.W0, subject.p))
+    # What follows from the subject alone is worked out here: the plate asks four times a tick.
+    exp, power = m.exp, m.power
+    v1_per_W = subject.mu0 * (math.pi * f0)
+    W0, p, rho = subject.W0, subject.p, subject.rho
+    rest = 1.0 - rho
+    rise, v_s = subject.stribeck - 1.0, subject.stribeck_speed
 
+    def friction(bare: Float, W: Float, v: Float) -> Float:
+        v1 = v1_per_W * W
+        We = W * v1 / (v1 + v + SPEED_FLOOR)
+        r = v / v_s
+        return bare * (rho + rest * exp(-power(We / W0, p))) * (1.0 + rise / (1.0 + r * r))
 
-def stribeck(subject: Subject[Float], v: Float) -> Float:
-    """Return the factor by which friction is higher at a sliding speed v in m/s, 1..stribeck."""
-    r = v / subject.stribeck_speed
-    return 1.0 + (subject.stribeck - 1.0) / (1.0 + r * r)
+    return friction
 
 
 def sliding_coefficient(
@@ -79,7 +88,7 @@ def sliding_coefficient(
 ) -> Float:
     """Return the COF of a steady slide; the arguments are those of the functions above, Fn > 0."""
     bare = bare_friction(m, subject, Fn, occlusion)
-    return bare * reduction(m, subject, W, v, f0) * stribeck(subject, v) / Fn
+    return sliding_friction(m, subject, f0)(bare, W, v) / Fn
 
 
 def check_reach(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Generic
 
-from smarttac_can.plant.friction import reduction, stribeck
+from smarttac_can.plant.friction import sliding_friction
 from smarttac_can.plant.mathematics import Float, Mathematics
 from smarttac_can.plant.subjects import Subject
 
@@ -29,11 +29,11 @@ class Skin(Generic[Float]):
         Frequency of the vibration in Hz.
     """
 
-    __slots__ = ("_f0", "_m", "stretch", "subject", "v", "z")
+    __slots__ = ("_friction", "_m", "stretch", "subject", "v", "z")
 
     def __init__(self, m: Mathematics[Float], subject: Subject[Float], f0: float) -> None:
         self._m: Mathematics[Float] = m
-        self._f0 = f0
+        self._friction: Callable[[Float, Float, Float], Float] = sliding_friction(m, subject, f0)
         self.subject: Subject[Float] = subject
         self.v: Float = 0.0 * subject.mu0
         self.stretch: Float = 0.0 * subject.mu0
@@ -55,31 +55,34 @@ class Skin(Generic[Float]):
         bare
             Friction without vibration in N, 0 or more; 0 is a lifted finger.
         """
-        m, s, f0 = self._m, self.subject, self._f0
+        m, s, friction = self._m, self.subject, self._friction
         sqrt, select = m.sqrt, m.select
         v, stretch, z = self.v, self.stretch, self.z
         k, L, mass = s.skin_stiffness, s.relaxation_length, s.skin_mass
         give = s.skin_damping + duration * k
         pull = give * v_bone
         inertia = (mass + duration * give) * L / duration
+        inertia2, inertia4 = 2.0 * inertia, 4.0 * inertia
         touches = 1.0 * (bare > 0.0)
         forces: list[Float] = []
         for W in vibrations:
             speed = abs(v)
-            F = bare * reduction(m, s, W, speed, f0) * stribeck(s, speed)
+            F = friction(bare, W, speed)
             # (mass + h b + h^2 k) v + h F z(v) = impulse, with u = |v| h/L the unknown.
             impulse = mass * v + duration * (k * stretch + pull)
             hold = duration * F
             push = impulse - hold * z
             sign = 2.0 * (push > 0.0) - 1.0
+            ahead = sign * push
             q = inertia + hold - sign * impulse
-            root = sqrt(q * q + 4.0 * inertia * sign * push)
+            root = sqrt(q * q + inertia4 * ahead)
             # Of the two forms of the root, the one without cancellation.
             total = abs(q) + root
-            u = select(q, 2.0 * sign * push / total, total / (2.0 * inertia))
-            v = sign * u * L / duration
+            u = select(q, 2.0 * ahead / total, total / inertia2)
+            advance = sign * u
+            v = advance * L / duration
             stretch = stretch + duration * (v_bone - v)
-            z = (z + sign * u) / (1.0 + u) * touches
+            z = (z + advance) / (1.0 + u) * touches
             forces.append(F * z)
         self.v, self.stretch, self.z = v, stretch, z
         return forces

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from smarttac_can.plant.friction import (
     bare_friction,
     check_reach,
-    reduction,
     sliding_coefficient,
-    stribeck,
+    sliding_friction,
 )
 from smarttac_can.plant.mathematics import ARRAY, SCALAR
 from smarttac_can.plant.subjects import SUBJECTS, random_subjects, stack
@@ -24,32 +23,41 @@ def coefficient(subject, W, v=0.06, Fn=0.5, occlusion=0.0):
     return sliding_coefficient(SCALAR, subject, W, v, Fn, occlusion, f0=F0)
 
 
+def reduction(subject, W, v):
+    plain = dataclasses.replace(subject, stribeck=1.0)
+    return sliding_friction(SCALAR, plain, F0)(1.0, W, v)
+
+
+def stribeck(subject, v):
+    return sliding_friction(SCALAR, subject, F0)(1.0, 0.0, v)
+
+
 @given(subject=subjects, W=st.floats(0.0, 5e-6), more=st.floats(1e-8, 1e-6), v=st.floats(0.0, 1.0))
 @settings(max_examples=100)
 def test_more_vibration_never_means_more_friction(subject, W, more, v):
-    g0 = reduction(SCALAR, subject, W, v, F0)
-    g1 = reduction(SCALAR, subject, W + more, v, F0)
+    g0 = reduction(subject, W, v)
+    g1 = reduction(subject, W + more, v)
     assert subject.rho <= g1 <= g0 <= 1.0
 
 
 @given(subject=subjects, W=st.floats(1e-8, 5e-6), v=st.floats(0.0, 0.5))
 @settings(max_examples=100)
 def test_speed_weakens_the_reduction(subject, W, v):
-    slow = reduction(SCALAR, subject, W, v, F0)
-    assert reduction(SCALAR, subject, W, v + 0.1, F0) >= slow
+    slow = reduction(subject, W, v)
+    assert reduction(subject, W, v + 0.1) >= slow
 
 
 def test_at_the_speed_v1_half_of_the_vibration_counts():
     subject = SUBJECTS[1]
     v1 = subject.mu0 * np.pi * F0 * 2e-6
-    half = reduction(SCALAR, subject, 1e-6, 0.0, F0)
-    assert reduction(SCALAR, subject, 2e-6, v1, F0) == pytest.approx(half, rel=1e-9)
+    half = reduction(subject, 1e-6, 0.0)
+    assert reduction(subject, 2e-6, v1) == pytest.approx(half, rel=1e-9)
 
 
 @pytest.mark.parametrize("subject", SUBJECTS, ids=lambda s: s.name)
 def test_without_vibration_friction_is_bare(subject):
-    assert reduction(SCALAR, subject, 0.0, 0.0, F0) == 1.0
-    assert reduction(SCALAR, subject, 0.0, 0.1, F0) == 1.0
+    assert reduction(subject, 0.0, 0.0) == 1.0
+    assert reduction(subject, 0.0, 0.1) == 1.0
     assert bare_friction(SCALAR, subject, 0.5, 0.0) == pytest.approx(0.5 * subject.mu0)
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from smarttac_can.plant.friction import reduction, stribeck
+from smarttac_can.plant.friction import sliding_friction
 from smarttac_can.plant.mathematics import ARRAY, SCALAR
 from smarttac_can.plant.skin import Skin
 from smarttac_can.plant.subjects import SUBJECTS, random_subjects, stack
@@ -17,7 +17,7 @@ STEP = 0.25e-3
 
 
 def level(subject, W, v, bare=BARE):
-    return bare * reduction(SCALAR, subject, W, v, F0) * stribeck(subject, v)
+    return sliding_friction(SCALAR, subject, F0)(bare, W, v)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
