@@ -33,3 +33,38 @@ def test_timer_started_by_another_fires_at_its_own_time() -> None:
     for _ in range(6):
         clock.advance(1)
     assert fired == [4]
+
+
+def test_timer_begins_anew_with_the_delay_it_was_given() -> None:
+    clock, fired = Clock(), []
+    once = clock.timer(lambda: fired.append("once"))
+    again = clock.timer(lambda: fired.append("again"))
+    once.start(30)
+    again.start(20, periodic=True)
+    clock.advance(10)
+    once.restart()
+    again.restart()
+    clock.advance(19)
+    assert fired == []
+    clock.advance(1)
+    assert (fired, once.due, again.due) == (["again"], 40, 50)
+    once.stop()
+    once.delay = 5
+    once.restart()
+    clock.advance(5)
+    assert (fired, once.due) == (["again", "once"], NEVER)
+
+
+def test_running_timer_follows_another_delay_from_its_start_on() -> None:
+    clock, fired = Clock(), []
+    timer = clock.timer(lambda: fired.append(clock.now))
+    timer.follow(5)
+    assert timer.due == NEVER
+    timer.start(30)
+    clock.advance(10)
+    timer.follow(40)
+    timer.follow(15)
+    clock.advance(4)
+    assert fired == []
+    clock.advance(1)
+    assert fired == [15]
