@@ -240,12 +240,13 @@ class CanLink:
         number, completes = pdo.number, pdo.number == max(wanted, default=0)
         come, complete = self._come, self._complete
         clock, stimulator = self._clock, self._stimulator
+        operational = NMTState.OPERATIONAL
 
         def on_pdo(_can_id: int, data: bytearray, _timestamp: float) -> None:
             if not pdo.take(data, clock()):
                 return
             # PDOs are OPERATIONAL's alone; the next heartbeat may be a second away.
-            stimulator.state = NMTState.OPERATIONAL
+            stimulator.state = operational
             come.add(number)
             if completes:
                 # A row with a lost frame would mix two cycles.

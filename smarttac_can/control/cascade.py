@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import IntFlag
 from math import isfinite, sqrt
+from typing import Final
 
 from smarttac_can.control.design import amplitude_pi, resonance_pi
 from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
@@ -26,6 +27,9 @@ class Limit(IntFlag):
 
 # Plain integers: IntFlag arithmetic costs ten times as much.
 _VOLTAGE, _AMPLITUDE, _FREQUENCY = (int(limit) for limit in Limit)
+# To look a member up costs ten times as much, too, and every cycle asks for these.
+_FIXED: Final = Mode.AMPLITUDE
+_FRICTION: Final = Mode.FRICTION
 
 _ABSURD = 1e6
 """Bound of the squares of a measurement: 1 km, 1 kN. NaN and infinity do not pass either."""
@@ -195,7 +199,7 @@ class Cascade:
             fault = "measurement is not finite"
         elif not isfinite(sum(setpoint)):
             fault = "set-point is not finite"
-        elif mode is Mode.FRICTION and (setpoint.mu_left <= 0.0 or setpoint.mu_right <= 0.0):
+        elif mode is _FRICTION and (setpoint.mu_left <= 0.0 or setpoint.mu_right <= 0.0):
             fault = "COF reference is not above 0"
         if fault:
             return self._turn_off(fault)
@@ -203,7 +207,7 @@ class Cascade:
         self.contact = self.tribometer.update(gauges)
         if self._fresh:
             self._enter(setpoint)
-        if mode is Mode.FRICTION:
+        if mode is _FRICTION:
             return self._closed_loop(W, self._friction(setpoint), setpoint)
         if mode is Mode.AMPLITUDE_RESONANCE or mode is Mode.AMPLITUDE:
             return self._closed_loop(W, setpoint.amplitude, setpoint)
@@ -227,7 +231,7 @@ class Cascade:
         V = amplitude_loop.step(W_ref, self.amplitude)
         if amplitude_loop.limited:
             limited |= _VOLTAGE
-        if self.mode is Mode.AMPLITUDE:
+        if self.mode is _FIXED:
             f = self._within_limits(setpoint.frequency)
             if f != setpoint.frequency:
                 limited |= _FREQUENCY

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from smarttac_can.vocabulary.modes import Law
+
+_MEASURED: Final = Law.MEASURED
+"""Looking a member up costs more than a step of the law."""
 
 
 def relative_error(mu: float, mu_ref: float) -> float:
@@ -52,7 +57,7 @@ class FrictionLaw:
             The user's amplitude in m; base of ``nominal``.
         """
         law = self._law
-        if law is Law.MEASURED:
+        if law is _MEASURED:
             return amplitude + self.step(E)
         if law is Law.ACCUMULATE:
             return W_ref + self.step(E)

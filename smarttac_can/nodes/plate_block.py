@@ -22,6 +22,9 @@ from smarttac_can.vocabulary.signals import Drive
 TICK_MASK: Final = 0xFF
 """Bits of the tick count in a frame: 8."""
 _NEVER: Final = -1
+# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+_IN_USE: Final = StageState.IN_USE
+_BARRED: Final = (StageState.WAITING, StageState.TRIPPED)
 STAGE_TOLERANCE: Final = 1.0
 """Largest difference in V between what the power stage was told and what it reads back."""
 
@@ -119,7 +122,7 @@ class PlateBlock:
         if self._fault_in >= 0:
             self._approach_fault()
         if self._moving:
-            if self.state is StageState.IN_USE and not self._answered:
+            if self.state is _IN_USE and not self._answered:
                 self._lost.count()
             plate.step(self._old, self._new)
             self._old = self._new
@@ -151,11 +154,11 @@ class PlateBlock:
             if self.barred:
                 return Taken.NOT
             # A voltage begins in time, or nobody would see it last too long.
-            late = late and self.state is StageState.IN_USE and not self._answered_before
+            late = late and self.state is _IN_USE and not self._answered_before
             if self._answered or not (in_time or late) or not self._moving:
                 self._foreign.count()
                 return Taken.NOT
-            if self.state is not StageState.IN_USE:
+            if self.state is not _IN_USE:
                 self._follow(StageEvent.VOLTAGE)
         else:
             self._follow(StageEvent.LATCHED if latched else StageEvent.ZERO)
@@ -174,7 +177,7 @@ class PlateBlock:
     @property
     def barred(self) -> bool:
         """Whether the plate takes a drive of 0 V only, as at the beginning."""
-        return self.state is StageState.WAITING or self.state is StageState.TRIPPED
+        return self.state in _BARRED
 
     def switch_off(self) -> None:
         """Put the power stage at 0 V, now."""

@@ -40,6 +40,9 @@ from smarttac_can.vocabulary.signals import TARE_SAMPLES, Drive
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
+# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+_RUNNING: Final = State.RUNNING
+_IDENTIFY: Final = Mode.IDENTIFY
 _MODEL: Final = "Model"
 
 
@@ -163,7 +166,7 @@ class StimulatorBlock:
         """Take over new parameters and the mode; return the mode of this cycle."""
         if self._changed:
             self._reconfigure()
-        running = self.supervisor.state is State.RUNNING
+        running = self.supervisor.state is _RUNNING
         mode = int(self._mode.value) if running else int(Mode.OFF)
         if mode != self.cascade.mode:
             self.cascade.set_mode(mode)
@@ -209,7 +212,7 @@ class StimulatorBlock:
     def _keep_results(self, mode: int) -> None:
         """Keep the model of an identification, and show a mode that the cascade has left."""
         cascade = self.cascade
-        if mode == Mode.IDENTIFY:
+        if mode == _IDENTIFY:
             model = self._model_sheet.follow(cascade.identification)
             if model is not None:
                 # The model in force is the one that can be read, and stored.

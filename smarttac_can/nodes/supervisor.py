@@ -18,7 +18,11 @@ from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import CONTROL_MASK, State
 from smarttac_can.vocabulary.watchdogs import CYCLIC, WATCHDOGS, Watchdog, watchdogs_in
 
-_SHARP: Final = (State.ARMED, State.RUNNING)
+# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+_ARMED: Final = State.ARMED
+_RUNNING: Final = State.RUNNING
+_IDENTIFY: Final = Mode.IDENTIFY
+_SHARP: Final = (_ARMED, _RUNNING)
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
@@ -152,12 +156,12 @@ class Supervisor:
         watchdogs = self.watchdogs
         faults = watchdogs.look(measured, mode, cascade)
         faults |= watchdogs.judge(asked, cascade.parameters)
-        if mode not in (cascade.mode, Mode.IDENTIFY):
+        if mode not in (cascade.mode, _IDENTIFY):
             # The cascade leaves a mode by itself at the end of an identification, or in doubt.
             faults |= 1 << Watchdog.CONTROLLER
         self._observe(faults)
         drive = asked
-        if self.machine.state is not State.RUNNING:
+        if self.machine.state is not _RUNNING:
             drive = Drive(0.0, self._safe_frequency(asked.frequency, cascade))
         watchdogs.vibration.note_voltage(drive.voltage)
         return drive
@@ -229,7 +233,7 @@ class Supervisor:
         state = self.machine.state
         if faults and state in _SHARP:
             self._fault(faults)
-        elif state < State.ARMED:
+        elif state < _ARMED:
             self.prepare()
         if present != before:
             self._present_entry.value = present

@@ -51,6 +51,7 @@ _PHASE_FROM: Final = 20e-9
 """Vibration in m from which its phase tells the detuning: noise is 1 nm."""
 _PHASE_MIN: Final = 0.05
 """Cosine of the phase, at least; at the ends of the frequency range it is 0.13."""
+_IDENTIFY: Final = Mode.IDENTIFY
 _TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
 _AMPLITUDE: Final = 1 << Watchdog.AMPLITUDE
 _PICKUP: Final = 1 << Watchdog.PICKUP
@@ -170,7 +171,7 @@ class VibrationWatch:
         """Compare the reading with the model, and bring the bound from above up to date."""
         E = self._E
         least = self._bounds(W, amplitude, contact)
-        identifying = mode == Mode.IDENTIFY
+        identifying = mode == _IDENTIFY
         most = _EXCESS_UNIDENTIFIED if identifying else _EXCESS
         excess = self._excess.count(amplitude > most * E + _EXCESS_OFFSET, EXCESS_CYCLES + late)
         silent = E > _LOOKED_FOR and amplitude < _SILENCE * E
