@@ -43,6 +43,8 @@ class StateLines:
         self._say = say
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
+        self._message = node.od["Message"] if isinstance(node, StimulatorNode) else None
+        self._code = node.od["Diagnosis.Code"] if isinstance(node, StimulatorNode) else None
         self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
@@ -115,8 +117,17 @@ class StateLines:
             return "alone again with its identifiers"
         return f"another node sends with an identifier of this one, {self._collision:03X}h"
 
-    def _now(self) -> tuple[NMTState, int]:
-        return self._device.nmt_state, self._mode.value if self._mode is not None else 0
+    @property
+    def _reason(self) -> str:
+        """Say why the stimulator does not drive; empty if there is nothing to say."""
+        if self._message is None or self._code is None or not self._message.value:
+            return ""
+        fault = f"fault {self._code.value:04X}h: " if self._code.value else ""
+        return f"{fault}{self._message.value}"
+
+    def _now(self) -> tuple[NMTState, int, str]:
+        mode = self._mode.value if self._mode is not None else 0
+        return self._device.nmt_state, mode, self._reason
 
     def _follow(self) -> None:
         if self._device.bit_rate != self._bit_rate:
@@ -128,10 +139,12 @@ class StateLines:
         now = self._now()
         if now == self._said:
             return
-        state, mode = now
-        state_before, mode_before = self._said
+        state, mode, reason = now
+        state_before, mode_before, reason_before = self._said
         self._said = now
         if state != state_before:
             self._say(f"{self._title} {state.name.lower().replace('_', '-')}")
         if mode != mode_before:
             self._say(f"{self._title} mode {Mode(mode).name.lower()}")
+        if reason and reason != reason_before:
+            self._say(f"{self._title} {reason}")

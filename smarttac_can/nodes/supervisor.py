@@ -258,6 +258,8 @@ class Supervisor:
         self._clear_after(before)
         if not done and before is State.READY and not self.watched:
             self._message.value = UNWATCHED
+        elif done and self._message.value == UNWATCHED:
+            self._message.value = ""
         return done
 
     def _fault(self, bits: int) -> None:

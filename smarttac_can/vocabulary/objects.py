@@ -16,5 +16,8 @@ AUTO_ZERO: Final = tuple(
     f"AI auto-zero.AI auto-zero {channel}" for channel in ("force x", "force y", "normal force")
 )
 """Objects that take it, one for each channel that can be tared."""
-UNWATCHED: Final = "not armed: no heartbeat or set-point is watched, and Drive unwatched is 0"
+UNWATCHED: Final = (
+    "not armed: nobody is watched; enter your heartbeat in Consumer heartbeat time and send it, "
+    "or set Drive unwatched to 1"
+)
 """Message of an arming that is refused for want of a watch."""

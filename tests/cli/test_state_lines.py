@@ -1,9 +1,14 @@
 """What a node says of its states, in this process."""
 
-from smarttac_can.bench.simulation import plate_od
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.device.frame import Frame
+from smarttac_can.master import requests
+from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.vocabulary.objects import UNWATCHED
+from smarttac_can.vocabulary.states import State
 
 
 def test_a_line_names_the_double_and_another_its_end() -> None:
@@ -16,3 +21,27 @@ def test_a_line_names_the_double_and_another_its_end() -> None:
     assert said == ["plate 33 another node sends with an identifier of this one, 721h"]
     node.advance(3_000_000)
     assert said[1:] == ["plate 33 alone again with its identifiers"]
+
+
+def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
+    said: list[str] = []
+    stimulator = StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
+    node = StateLines("stimulator", "here", stimulator, said.append)
+    node.start()
+    node.receive(Frame(0, b"\1\0"))
+    for _ in range(80):
+        node.advance(1000)
+    controlword = stimulator.od["Controlword"]
+    said.clear()
+    for word in (0, 1):
+        node.receive(requests.download(0x20, controlword, word))
+    assert said == [f"stimulator 32 {UNWATCHED}"]
+    stimulator.od["Drive unwatched"].value = 1
+    for word in (0, 1):
+        node.receive(requests.download(0x20, controlword, word))
+    assert stimulator.block.state is State.ARMED
+    assert stimulator.od["Message"].value == ""
+    stimulator.od["Limit.Temperature"].value = 0
+    stimulator.block.supervisor.watchdogs.configure()
+    node.advance(1000)
+    assert said[1:] == ["stimulator 32 fault 4210h: the plate is too hot"]
