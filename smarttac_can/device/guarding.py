@@ -19,7 +19,7 @@ from smarttac_can.od.cia import (
     EmergencyCode,
     ErrorRegister,
 )
-from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
 _TOGGLE = 0x80
 
@@ -70,6 +70,13 @@ class Guarding(Service):
         if state is not None:
             self._state = state
         super().enter(state)
+
+    def apply(self, entry: Entry) -> None:
+        """Take new parameters; a master whose remote frames came is waited for that long."""
+        watched = self._timer.running
+        super().apply(entry)
+        if watched and self._active and self._life_time:
+            self._timer.start(self._life_time)
 
     def cease(self) -> None:
         """Wait for a first remote frame again."""

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from smarttac_can.od.data_types import SIGNED, UNSIGNED
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.units import Quantity
+from smarttac_can.vocabulary.modes import Law, Mode
 
 VOLTAGE_MAX: Final = 200.0
 """Of the power stage in V. An assumption, as the paper has no absolute voltage: the 150 V of the
@@ -87,6 +88,14 @@ def require_caps(od: ObjectDictionary, caps: tuple[Cap, ...]) -> None:
         _require_unit(entry, cap.unit)
         if cap.most < inf:
             _require_range(entry, cap)
+
+
+def require_choices(od: ObjectDictionary) -> None:
+    """Raise ValueError if an object could choose a mode or a friction law that there is not."""
+    for name, choices in (("Mode", Mode), ("Friction law", Law)):
+        most = max(choices)
+        if od[name].high > most:
+            raise ValueError(f"{name} has the HighLimit {od[name].high}, above {most:d}")
 
 
 def _require_unit(entry: Entry, unit: Quantity) -> None:

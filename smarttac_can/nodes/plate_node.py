@@ -24,6 +24,7 @@ from smarttac_can.nodes.missed_time import MissedTime
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
 from smarttac_can.nodes.plate_link import plate_serial
 from smarttac_can.nodes.stage_state import StageState
+from smarttac_can.nodes.stricter import HIGHER
 from smarttac_can.od.cia import (
     Abort,
     AbortCode,
@@ -215,7 +216,11 @@ class PlateNode(Application):
             raise Abort(AbortCode.STATE)
 
     def on_write(self, entry: Entry, value: Any) -> None:
-        """Start a run, or refuse the recorded finger where there is none."""
+        """Start a run; refuse a higher limit while in use, and a recorded finger that is none."""
+        limits = (self._voltage_max, self._temperature_max)
+        in_use = self.block.state is StageState.IN_USE
+        if in_use and entry in limits and HIGHER.holds(entry.value, value):
+            raise Abort(AbortCode.STATE)
         if entry is self._deadline:
             self._unanswered.follow(value * TICK_US)
         self.block.on_write(entry, value)

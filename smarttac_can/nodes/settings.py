@@ -14,6 +14,7 @@ from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law
 
 CALIBRATION: Final = "Calibration"
+MODEL: Final = "Model"
 LIMIT: Final = "Limit"
 GAUGE_ZERO: Final = "Gauge zero"
 DESIGN: Final = ("Friction law", "Controller", LIMIT, CALIBRATION)

@@ -7,7 +7,7 @@ from typing import Final
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
 from smarttac_can.nodes.drive_output import DriveOutput
-from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps
+from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps, require_choices
 from smarttac_can.nodes.loop_frames import (
     MEASUREMENT_RPDOS,
     received_drive,
@@ -24,6 +24,7 @@ from smarttac_can.nodes.settings import (
     CALIBRATION,
     DESIGN,
     GAUGE_ZERO,
+    MODEL,
     cascade_parameters,
     plate_model,
     with_change,
@@ -43,7 +44,6 @@ from smarttac_can.vocabulary.watchdogs import Watchdog
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _RUNNING: Final = State.RUNNING
 _IDENTIFY: Final = Mode.IDENTIFY
-_MODEL: Final = "Model"
 
 
 class StimulatorBlock:
@@ -72,6 +72,7 @@ class StimulatorBlock:
 
     def __init__(self, od: ObjectDictionary, plate: PlateBlock | None = None) -> None:
         require_caps(od, STIMULATOR_CAPS)
+        require_choices(od)
         self.od = od
         self._plate = plate
         self._inbox = MeasurementInput(od)
@@ -300,7 +301,7 @@ class StimulatorBlock:
                 raise Abort(AbortCode.STATE)
         elif entry.name in AUTO_ZERO:
             self._auto_zero(value)
-        elif record in (*DESIGN, _MODEL, GAUGE_ZERO):
+        elif record in (*DESIGN, MODEL, GAUGE_ZERO):
             barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_barred
             if barred and value != entry.value:
                 raise Abort(AbortCode.STATE)
@@ -342,7 +343,7 @@ class StimulatorBlock:
         changed, self._changed = self._changed, set()
         if not changed.isdisjoint(WATCHED):
             self.supervisor.watchdogs.configure()
-        if _MODEL in changed:
+        if MODEL in changed:
             self.cascade.adopt(plate_model(self.od))
             self._model_sheet.show_quality(self.cascade.model)
         self.cascade.configure(self._parameters)

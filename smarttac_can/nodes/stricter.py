@@ -9,10 +9,12 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
-from smarttac_can.nodes.settings import CALIBRATION, GAUGE_ZERO, LIMIT
+from smarttac_can.nodes.settings import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL
 from smarttac_can.od.cia import (
+    EMCY_COB_ID,
     GUARD_TIME,
     HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
     LIFE_TIME_FACTOR,
     PDO_COB_ID,
     PDO_EVENT,
@@ -67,6 +69,7 @@ BY_NAME: Final = {
     f"{LIMIT}.Lowest frequency": LOWER,
     CALIBRATION: OTHER,
     GAUGE_ZERO: OTHER,
+    MODEL: OTHER,
     "Drive unwatched": HIGHER,
 }
 """What is laxer for the members of a record, and for those that differ."""
@@ -87,6 +90,9 @@ _LOOP: Final = DRIVE_TPDO - 1
 BY_INDEX: Final = (
     Place(SYNC_COB_ID, SYNC_PERIOD, OTHER),
     Place(GUARD_TIME, LIFE_TIME_FACTOR, LONGER),
+    Place(EMCY_COB_ID, EMCY_COB_ID, OTHER),
+    # A heartbeat puts an end to guarding.
+    Place(HEARTBEAT_PRODUCER, HEARTBEAT_PRODUCER, OTHER),
     Place(HEARTBEAT_CONSUMER, HEARTBEAT_CONSUMER, ELSEWHERE),
     Place(
         RPDO_COMMUNICATION, RPDO_COMMUNICATION + _RPDOS - 1, OTHER, (PDO_COB_ID, PDO_TRANSMISSION)

@@ -39,6 +39,9 @@ _EXCESS_UNIDENTIFIED: Final = 5.0
 """Largest such ratio while the model is still to be identified."""
 _EXCESS_OFFSET: Final = 100e-9
 """Vibration in m that needs no voltage: noise, and the tail of one that dies down."""
+_GAIN_LEAST: Final = 0.8
+"""Lowest gain over that of the EDS that the bound from above believes in: a model may be that of a
+plate whose pick-up reads too little."""
 _LACK: Final = 0.8
 """Lowest ratio of the vibration to the least that model, phase and finger allow."""
 _LACK_TICKS: Final = 5
@@ -91,6 +94,7 @@ class VibrationWatch:
         "_detuned",
         "_excess",
         "_gain",
+        "_gain_bound",
         "_lack",
         "_od",
         "_silent",
@@ -115,7 +119,9 @@ class VibrationWatch:
         od = self._od
         self._W_trip = od["Limit.Amplitude trip"].si_value
         self._bound_trip = od["Limit.Amplitude by drive"].si_value
-        self._gain = od["Model.Gain per volt"].si_value
+        gain = od["Model.Gain per volt"]
+        self._gain = gain.si_value
+        self._gain_bound = max(self._gain, _GAIN_LEAST * gain.default * gain.si)
         self._tau = od["Model.Tau"].si_value
         self._decay = exp(-TICK / self._tau)
 
@@ -188,7 +194,7 @@ class VibrationWatch:
         Fn = contact.Fn if contact.Fn > 0.0 else 0.0
         pressing = (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY if contact.touching else 0.0
         damping = 1.0 + LEAST_LOAD * _load(pressing)
-        driven = self._gain * self._V * cosine / damping
+        driven = self._gain_bound * self._V * cosine / damping
         self._bound = driven + (self._bound - driven) * exp(-TICK * damping / self._tau)
         self._voltages.append(self._V)
         most = 1.0 + MOST_LOAD * _load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)

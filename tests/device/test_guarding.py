@@ -81,6 +81,14 @@ def test_life_guarding_begins_with_the_first_remote_frame() -> None:
     assert device.nmt_state is NMTState.PRE_OPERATIONAL
 
 
+@pytest.mark.parametrize("stricter", ["2B 0C 10 00 08 00 00 00", "2F 0D 10 00 01 00 00 00"])
+def test_a_master_that_makes_its_watch_stricter_is_still_missed(stricter: str) -> None:
+    device = started()
+    play(device, LIFE_TIME_20_MS + "> 720 rtr\n< 720 05")
+    play(device, f"> 620 {stricter}\n< 5A0 60 {stricter[3:11]} 00 00 00 00")
+    play(device, "+ 16ms\n< 0A0 30 81 11 00 00 00 00 00")
+
+
 @pytest.mark.parametrize(
     ("behaviour", "state"),
     [(0, NMTState.PRE_OPERATIONAL), (1, NMTState.OPERATIONAL), (2, NMTState.STOPPED)],

@@ -125,3 +125,13 @@ def test_a_plate_node_of_another_make_does_not_lift_the_caps_of_the_stimulator()
     od = load_eds(edited(STIMULATOR, "Drive.Voltage", HighLimit="50000"), 32)
     with pytest.raises(ValueError, match=r"^Drive\.Voltage has the HighLimit"):
         StimulatorNode(od, plate_node_id=33)
+
+
+@pytest.mark.parametrize(("name", "high"), [("Mode", 5), ("Friction law", 2)])
+def test_a_mode_or_law_that_there_is_not_is_refused(name: str, high: int) -> None:
+    od = load_eds(STIMULATOR, 32)
+    od[name].high = high
+    StimulatorBlock(od)
+    od[name].high = high + 1
+    with pytest.raises(ValueError, match=f"{name} has the HighLimit {high + 1}, above {high}"):
+        StimulatorBlock(od)

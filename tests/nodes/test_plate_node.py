@@ -320,3 +320,13 @@ def test_the_node_id_gives_the_cob_ids() -> None:
     line.send(drive(2000, 0, node_id=5))
     assert stage(plate) == 2000
     assert ids(line.send(SYNC)) == [0x185, 0x285, 0x385]
+
+
+@pytest.mark.parametrize(("name", "present"), [("Voltage", 15_000), ("Temperature", 7000)])
+def test_limits_are_not_raised_while_in_use(name: str, present: int) -> None:
+    line, plate = ready_plate()
+    assert line.write(plate, f"Limit.{name}", present) == 0
+    line.send(drive(2000, 0))
+    assert stage(plate) == 2000
+    assert line.write(plate, f"Limit.{name}", present + 1) == STATE
+    assert line.write(plate, f"Limit.{name}", present - 1) == 0

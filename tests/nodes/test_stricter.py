@@ -144,3 +144,5 @@ def test_the_life_time_of_the_guarding_is_a_watch() -> None:
     for index, laxer in ((0x100C, 101), (0x100C, 0), (0x100D, 4), (0x100D, 0)):
         assert line.write_entry(node, od.entry(index), laxer) == STATE
     assert line.write_entry(node, od.entry(0x100D), 2) == OK
+    # A heartbeat would put an end to it.
+    assert line.write_entry(node, od.entry(0x1017), 500) == STATE

@@ -182,3 +182,19 @@ def test_excess_in_one_cycle_of_three_is_a_fault() -> None:
         line.sync()
     assert node.block.state is State.FAULT
     assert node.od["Diagnosis.Code"].value == 0xFF10
+
+
+@pytest.mark.parametrize("gain", [100, 400])
+def test_a_model_of_a_weak_pickup_does_not_lower_the_bound(gain: int) -> None:
+    line, node = driving(OPEN_LOOP, Voltage=0)
+    assert line.write(node, "Controlword", 0) == 0
+    assert line.write(node, "Model.Gain per volt", 50 * gain) == 0
+    lose_gain(line, node, PICKUP, gain)
+    line.run(node, AMPLITUDE)
+    assert line.write(node, "Setpoint.Amplitude", 3000) == 0
+    above = 0
+    for _ in range(100):
+        line.sync()
+        above += true_um(node) > 5.0
+    assert node.block.state is State.FAULT
+    assert above < 10
