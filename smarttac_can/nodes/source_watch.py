@@ -84,12 +84,16 @@ class SourceWatch:
             self._begin_window()
 
     def may_answer(self) -> bool:
-        """Take a measurement, and tell whether it is that of a SYNC; it is counted if not."""
+        """Take a measurement, and tell whether it is that of a SYNC; it is counted if not.
+
+        On a bus of sockets it may overtake its SYNC: after a first SYNC one answer may be
+        ahead.
+        """
         self._measured += 1
         late = self._owed > 0
         if late:
             self._owed -= 1
-        if self._credits:
+        if self._credits > 0 or (self._credits == 0 and self._heard):
             self._credits -= 1
             return True
         self._surplus.count()
