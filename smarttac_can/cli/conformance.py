@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.cli.options import NODE_ID, SECONDS, BusChoice, bus_options
+from smarttac_can.cli.options import EDS_FILE, NODE_ID, SECONDS, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import naming, plain_errors
 from smarttac_can.conformance.case import Case, Result
 from smarttac_can.conformance.description import DeviceDescription
@@ -41,14 +41,14 @@ def _chosen(
 )
 @click.option(
     "--eds",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=EDS_FILE,
     required=True,
     help="Data sheet of the device.",
 )
 @click.option("--node-id", type=NODE_ID, required=True)
 @bus_options
 @click.option(
-    "--time-out",
+    "--timeout",
     type=SECONDS,
     default=0.3,
     show_default=True,
@@ -69,7 +69,7 @@ def conform(
     eds: Path,
     node_id: int,
     bus: BusChoice,
-    time_out: float,
+    timeout: float,
     cases: Sequence[Case],
     report: Path | None,
     json_file: Path | None,
@@ -83,7 +83,7 @@ def conform(
         with naming(eds):
             sheet = DeviceDescription(read_eds_file(eds), node_id)
         with closing(bus.open()) as connection:
-            examiner = Examiner(connection, sheet, timeout=time_out)
+            examiner = Examiner(connection, sheet, timeout=timeout)
             results = run_cases(examiner, cases, lambda result: click.echo(line(result)))
         device = f"node {node_id} by {eds.name}"
         click.echo(summary(results))

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from smarttac_can.cli.options import (
+    EDS_FILE,
     NODE_ID,
     BusChoice,
     bus_options,
@@ -31,8 +32,7 @@ _DEFAULT_ID = 1
 )
 @click.option(
     "--eds",
-    type=click.Path(exists=True, path_type=Path),
-    metavar="FILE",
+    type=EDS_FILE,
     required=True,
     help="Data sheet or DCF that says what the device has.",
 )

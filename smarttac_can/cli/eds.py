@@ -12,6 +12,7 @@ from typing import TypeVar
 import click
 
 from smarttac_can.cli.options import (
+    EDS_FILE,
     NODE_ID,
     BusChoice,
     bus_options,
@@ -31,7 +32,7 @@ from smarttac_can.od.object_reference import LEGEND, object_reference
 
 _Made = TypeVar("_Made")
 
-eds_file = click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+eds_file = click.argument("file", type=EDS_FILE, metavar="EDS")
 output_option = click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -41,12 +42,15 @@ output_option = click.option(
 
 @click.group()
 def eds() -> None:
-    """Check an EDS, and make documents and files for other tools of it."""
+    """Check an EDS, and make documents and files for other tools of it.
+
+    EDS is a file, or the name of a node of this package: stimulator or plate.
+    """
 
 
 @eds.command(
-    epilog="\b\nExamples:\n  smarttac eds check eds/stimulator.eds\n"
-    "  smarttac eds check eds/plate.eds --device --node-id 33 --interface socketcan --channel can0"
+    epilog="\b\nExamples:\n  smarttac eds check drive.eds\n"
+    "  smarttac eds check plate --device --node-id 33 --interface socketcan --channel can0"
 )
 @eds_file
 @click.option("--device", is_flag=True, help="Compare what a device on the bus reads, too.")
@@ -89,7 +93,16 @@ def check(
         raise SystemExit(1)
 
 
-@eds.command(epilog="Example: smarttac eds doc eds/plate.eds --output plate.md")
+@eds.command(epilog="Example: smarttac eds show stimulator --output stimulator.eds")
+@eds_file
+@output_option
+def show(file: Path, output: Path | None) -> None:
+    """Write the EDS itself, for a master that wants the file."""
+    with plain_errors():
+        _write(read_eds_file(file), output)
+
+
+@eds.command(epilog="Example: smarttac eds doc plate --output plate.md")
 @eds_file
 @output_option
 def doc(file: Path, output: Path | None) -> None:
@@ -99,7 +112,7 @@ def doc(file: Path, output: Path | None) -> None:
         _write(_made(file, lambda text: "\n".join([*head, *object_reference(text)])), output)
 
 
-@eds.command(epilog="Example: smarttac eds dbc eds/stimulator.eds --node-id 32 --output run.dbc")
+@eds.command(epilog="Example: smarttac eds dbc stimulator --node-id 32 --output run.dbc")
 @eds_file
 @click.option("--node-id", type=NODE_ID, default=1, show_default=True)
 @output_option
@@ -124,7 +137,7 @@ def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
 
 
 @eds.command(
-    epilog="Example: smarttac eds dcf eds/stimulator.eds --node-id 32 --bitrate 1000000"
+    epilog="Example: smarttac eds dcf stimulator --node-id 32 --bitrate 1000000"
     " --set 1017=500 --output stimulator-32.dcf"
 )
 @eds_file

@@ -15,6 +15,7 @@ import click
 
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.od.cia import UNCONFIGURED
@@ -35,6 +36,21 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+def _eds_path(value: str) -> Path:
+    """Find an EDS of any maker, or one of this package by the name of its node."""
+    path = Path(value)
+    if path.is_dir():
+        raise click.BadParameter(f"{value!r} is a directory")
+    if path.exists():
+        return path
+    if value in _PACKAGED_EDS:
+        return packaged_eds(f"{value}.eds")
+    raise click.BadParameter(f"{value!r} is neither a file nor {' or '.join(_PACKAGED_EDS)}")
+
+
+_PACKAGED_EDS = ("stimulator", "plate")
+EDS_FILE = click.types.FuncParamType(_eds_path)
+EDS_FILE.name = "EDS"
 NODE_ID = click.IntRange(1, 127)
 SECONDS = FiniteRange(min=0.01, max=3600)
 _OWN_OPTIONS = ("interface", "channel", "bitrate")

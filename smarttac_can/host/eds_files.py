@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 from typing import Final
 
@@ -10,10 +9,13 @@ from smarttac_can.host.bounded_file import read_bounded
 
 MAX_BYTES: Final = 4 << 20
 """Of an EDS: those of our own have 57 KB at most."""
+_PACKAGE: Final = Path(__file__).parents[1]
+PLACES: Final = (_PACKAGE / "eds", _PACKAGE.parent / "eds")
+"""In an installed package, and in the source tree."""
 
 
-def read_eds(name: str) -> str:
-    """Return the text of an EDS file of this package.
+def packaged_eds(name: str) -> Path:
+    """Find an EDS file of this package.
 
     Parameters
     ----------
@@ -25,12 +27,21 @@ def read_eds(name: str) -> str:
     FileNotFoundError
         If neither the installed package nor the source tree has it.
     """
-    packaged = resources.files("smarttac_can") / "eds" / name
-    source_tree = Path(__file__).parents[2] / "eds" / name
-    for place in (packaged, source_tree):
-        if place.is_file():
-            return place.read_text(encoding="ascii")
+    for place in PLACES:
+        if (place / name).is_file():
+            return place / name
     raise FileNotFoundError(f"there is no EDS file {name} in the package or its source tree")
+
+
+def read_eds(name: str) -> str:
+    """Return the text of an EDS file of this package.
+
+    Raises
+    ------
+    FileNotFoundError
+        As `packaged_eds`.
+    """
+    return packaged_eds(name).read_text(encoding="ascii")
 
 
 def read_eds_file(path: Path) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
 
 from smarttac_can.od import cia
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -12,6 +13,8 @@ from smarttac_can.od.finding import Finding
 from smarttac_can.od.ini import EDSError, read_sections
 from smarttac_can.od.object_rules import check_objects
 from smarttac_can.od.pdo_rules import check_pdos
+
+_HEADS: Final = {"fileinfo", "deviceinfo", "mandatoryobjects"}
 
 
 def check_eds(text: str, file_name: str) -> list[Finding]:
@@ -35,6 +38,10 @@ def check_eds(text: str, file_name: str) -> list[Finding]:
         sections = read_sections(text, odd)
     except EDSError as error:
         return [*findings, Finding("", str(error))]
+    if not _HEADS & sections.keys():
+        return [
+            Finding("", "it is no EDS: neither [FileInfo], [DeviceInfo] nor [MandatoryObjects]")
+        ]
     findings += [Finding("", line) for line in odd]
     findings += check_information(sections, file_name)
     findings += check_lists(sections)

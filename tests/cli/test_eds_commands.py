@@ -34,6 +34,43 @@ def test_a_file_without_fault_says_nothing() -> None:
     assert (result.exit_code, result.output) == (0, "")
 
 
+def test_a_file_that_is_no_eds_gets_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("# Notes\n\n[Shopping]\nmilk=2\n" + "bread\n" * 50)
+    result = run("check", path)
+    assert result.exit_code == 1
+    assert result.stdout == (
+        f"{path}: it is no EDS: neither [FileInfo], [DeviceInfo] nor [MandatoryObjects]\n"
+    )
+
+
+@pytest.mark.parametrize("node", ["stimulator", "plate"])
+def test_the_eds_of_a_node_by_its_name(
+    node: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shown = run("show", node)
+    assert shown.exit_code == 0
+    assert shown.stdout == (ROOT / "eds" / f"{node}.eds").read_text()
+    assert run("check", node).exit_code == 0
+    assert run("doc", node).stdout.startswith(f"# {node}.eds\n")
+
+
+def test_a_file_comes_before_a_node_of_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("plate").write_text(RICH.read_text())
+    assert run("show", "plate").stdout == RICH.read_text()
+
+
+def test_neither_a_file_nor_a_node(tmp_path: Path) -> None:
+    assert refusal("check", "stimulus").endswith(
+        "'stimulus' is neither a file nor stimulator or plate"
+    )
+    assert refusal("show", tmp_path).endswith("is a directory")
+
+
 def test_one_line_for_each_finding(tmp_path: Path) -> None:
     path = tmp_path / "rich.eds"
     text = RICH.read_text()
@@ -96,7 +133,7 @@ def test_dcf(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("check", "missing.eds"), "'missing.eds' does not exist"),
+        (("check", "missing.eds"), "'missing.eds' is neither a file nor stimulator or plate"),
         (("check", RICH, "--device"), "--device needs --node-id"),
         (("check", RICH, "--timeout", "0"), "0.0 is not in the range"),
         (("doc", ROOT / "README.md"), "README.md: the file has no objects"),

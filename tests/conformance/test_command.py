@@ -45,7 +45,7 @@ def device(multicast: dict[str, Any]) -> Iterator[None]:
 def test_device_on_a_bus_is_judged(conform: Conform, tmp_path: Path) -> None:
     report, results = tmp_path / "report.md", tmp_path / "results.json"
     code, output = conform(
-        "--time-out", "3", "--case", "SDO-01", "--case", "od-01", "--case", "HB-01",
+        "--timeout", "3", "--case", "SDO-01", "--case", "od-01", "--case", "HB-01",
         "--report", str(report), "--json", str(results),
     )  # fmt: skip
     assert (code, output.splitlines()) == (
@@ -64,7 +64,7 @@ def test_device_on_a_bus_is_judged(conform: Conform, tmp_path: Path) -> None:
 
 
 def test_no_device_is_a_failed_case(conform: Conform) -> None:
-    code, output = conform("--time-out", "0.01", "--case", "HB-01")
+    code, output = conform("--timeout", "0.01", "--case", "HB-01")
     assert code == 1
     assert "FAIL  HB-01     Boot-up: no boot-up (709h) within 0.1 s" in output
 
@@ -73,8 +73,8 @@ def test_no_device_is_a_failed_case(conform: Conform) -> None:
     ("arguments", "said"),
     [
         (("--case", "SDO-99"), "'SDO-99' is neither a case nor a group of cases"),
-        (("--time-out", "0"), "0.0 is not in the range"),
-        (("--time-out", "nan"), "nan is not a finite number"),
+        (("--timeout", "0"), "0.0 is not in the range"),
+        (("--timeout", "nan"), "nan is not a finite number"),
     ],
 )
 def test_wrong_options_are_refused(conform: Conform, arguments: tuple[str, ...], said: str) -> None:

@@ -1,8 +1,8 @@
-from importlib import resources
 from pathlib import Path
 
 import pytest
 
+from smarttac_can.host import eds_files
 from smarttac_can.host.eds_files import read_eds
 
 
@@ -12,9 +12,8 @@ def test_both_nodes_have_one(name: str) -> None:
 
 
 def test_packaged_file_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "eds").mkdir()
-    (tmp_path / "eds" / "plate.eds").write_text("packaged")
-    monkeypatch.setattr(resources, "files", lambda package: tmp_path)
+    (tmp_path / "plate.eds").write_text("packaged")
+    monkeypatch.setattr(eds_files, "PLACES", (tmp_path, *eds_files.PLACES))
     assert read_eds("plate.eds") == "packaged"
     assert "FileName" in read_eds("stimulator.eds")
 
