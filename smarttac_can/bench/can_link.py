@@ -70,6 +70,7 @@ class CanLink:
         timeout: float,
     ) -> None:
         self._network = network
+        self.where = where
         self._lockstep = lockstep
         # On a local bus everything happens within the call that sends: there is no other thread
         # to wait for, and the time is the bus's.

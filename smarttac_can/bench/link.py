@@ -49,6 +49,11 @@ class Link(Protocol):
     """
 
     @property
+    def where(self) -> str:
+        """Name of what it goes over, for messages."""
+        ...
+
+    @property
     def only_read(self) -> bool:
         """Whether the stimulator may be driven by somebody else, and is not by this bench."""
         ...

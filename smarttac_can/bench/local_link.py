@@ -26,6 +26,11 @@ class LocalLink:
         self._recorded = [block.od[name].reader for name in RECORDED]
 
     @property
+    def where(self) -> str:
+        """Name of what it goes over, for messages."""
+        return "the local link"
+
+    @property
     def only_read(self) -> bool:
         """Always False: nobody else can reach a stimulator in this process."""
         return False

@@ -27,6 +27,22 @@ def finite(name: str, value: object) -> float:
     return float(value)
 
 
+def find_object(od: ObjectDictionary, name: str) -> Entry:
+    """Find an object by its name.
+
+    Raises
+    ------
+    BenchError
+        If there is none; the message has names that are near.
+    """
+    entry = od.find(name)
+    if entry is None:
+        near = get_close_matches(name, [known.name for known in od], _HINTS)
+        hint = f", perhaps {' or '.join(near)}" if near else ""
+        raise BenchError(f"there is no object {name!r}{hint}")
+    return entry
+
+
 class NamedObjects:
     """Numbers of a stimulator, and of the simulation, over a link.
 
@@ -89,11 +105,7 @@ class NamedObjects:
         self._link.write(name, entry.counts(text))
 
     def _number(self, name: str) -> Entry:
-        entry = self._od.find(name)
-        if entry is None:
-            near = get_close_matches(name, [known.name for known in self._od], _HINTS)
-            hint = f", perhaps {' or '.join(near)}" if near else ""
-            raise BenchError(f"there is no object {name!r}{hint}")
+        entry = find_object(self._od, name)
         if not isinstance(entry.default, int | float):
             raise BenchError(f"{name} is not a number")
         return entry

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 from smarttac_can.bench.link import Link
 from smarttac_can.bench.local_link import LocalLink
+from smarttac_can.bench.named_objects import find_object
 from smarttac_can.bench.simulation import (
     PLATE_ID,
     STIMULATOR_ID,
@@ -21,8 +22,10 @@ from smarttac_can.bench.simulation import (
     stimulator_od,
 )
 from smarttac_can.host.bus import LogHook
+from smarttac_can.host.drivers import cure
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.errors import BenchError
+from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 
 if TYPE_CHECKING:
@@ -72,7 +75,7 @@ def open_can_link(
     try:
         network.connect(interface=interface, channel=channel, **options)
     except Exception as error:  # drivers raise what they like
-        raise BenchError(f"cannot open {where}: {error}") from error
+        raise BenchError(f"cannot open {where}: {error}{cure(interface)}") from error
     return _over_can(
         network, node_id, plate_node_id, where=where, lockstep=lockstep, timeout=timeout
     )
@@ -87,7 +90,16 @@ def _refuse_misspelt(options: Iterable[str]) -> None:
 def open_simulated_link(
     link: LinkName, *, plate_inside: bool, presets: Mapping[str, int], log: LogHook | None
 ) -> tuple[Link, ObjectDictionary]:
-    """Open a link to a simulation; the arguments are those of `Stimulator.simulate`."""
+    """Open a link to a simulation; the arguments are those of `Stimulator.simulate`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such link, or a preset is not a value of its object.
+    BenchError
+        If there is no such object.
+    """
+    _require_presets(presets)
     if link not in get_args(LinkName):
         raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
     if link == "local":
@@ -105,6 +117,17 @@ def open_simulated_link(
         lockstep=True,
         timeout=0.0,
     )
+
+
+def _require_presets(presets: Mapping[str, int]) -> None:
+    od = stimulator_od()
+    for name, raw in presets.items():
+        entry = find_object(od, name)
+        try:
+            entry.check(raw)
+        except Abort as error:
+            bounds = f"{entry.low}..{entry.high}"
+            raise ValueError(f"preset {name!r} is {raw!r}, no raw value in {bounds}") from error
 
 
 def _over_can(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Final
 
 from smarttac_can.bench.named_objects import NamedObjects, finite
@@ -61,8 +61,8 @@ class SetPoints(NamedObjects):
         return self.get("Setpoint.COF left"), self.get("Setpoint.COF right")
 
     @cof.setter
-    def cof(self, cof: float | Sequence[float]) -> None:
-        pair = list(cof) if isinstance(cof, Sequence) and not isinstance(cof, str) else [cof] * 2
+    def cof(self, cof: float | Iterable[float]) -> None:
+        pair = list(cof) if isinstance(cof, Iterable) and not isinstance(cof, str) else [cof] * 2
         if len(pair) != _SIDES:
             raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
         left, right = (finite("cof", one) for one in pair)

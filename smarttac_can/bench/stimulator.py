@@ -14,7 +14,7 @@ from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.set_points import SetPoints, by_name
 from smarttac_can.bench.simulation import STIMULATOR_ID
-from smarttac_can.bench.traces import Trace
+from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.bus import LogHook
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -53,12 +53,13 @@ class Stimulator(SetPoints):
         The finger of a simulated plate.
     """
 
-    __slots__ = ("_knows_fault", "finger")
+    __slots__ = ("_knows_fault", "_open", "finger")
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         super().__init__(link, od)
         self.finger = SimulatedFinger(self.set)
         self._knows_fault = False
+        self._open = True
 
     @classmethod
     def connect(
@@ -141,14 +142,35 @@ class Stimulator(SetPoints):
         trace: TracebackType | None,
     ) -> None:
         try:
-            if not self._link.only_read:
-                self.disarm()
+            self.close()
         except BenchError:
             # The first failure is the one to report.
             if kind is None:
                 raise
+
+    def close(self) -> None:
+        """Disarm, unless this bench only read, and leave the bus; may be called twice.
+
+        A ``with`` does it. Where there is none, as in a notebook, the plate is driven for as long
+        as the process lives, or until this is called.
+
+        Raises
+        ------
+        BenchError
+            If it could not be disarmed; the bus has been left all the same, and the heartbeat of
+            this bench ends the drive within its time.
+        """
+        if not self._open:
+            return
+        self._open = False
+        try:
+            if not self._link.only_read:
+                self.disarm()
         finally:
             self._link.close()
+
+    def __repr__(self) -> str:
+        return f"<Stimulator over {self._link.where}>"
 
     @property
     def mode(self) -> Mode:
@@ -292,13 +314,15 @@ class Stimulator(SetPoints):
         Raises
         ------
         ValueError
-            If `seconds` is not a finite number, or too short.
+            If `seconds` is not a finite number, or too short, or a label is none; nothing has run
+            then.
         FaultError
             If a fault is latched at its end that was not known at its beginning; `trace` of the
             error is what was recorded.
         NotRunningError
             If the loop gives no cycles, or most of them were lost.
         """
+        require_labels(experiment, subject)
         knew_fault = self._knows_fault
         cycles = round(finite("seconds", seconds) * CYCLES_PER_SECOND)
         if cycles < 1:

@@ -86,10 +86,7 @@ class Trace:
     """Normal force in mN."""
 
     def __post_init__(self) -> None:
-        if not _LABEL.fullmatch(self.experiment):
-            raise ValueError(f"experiment {self.experiment!r} is not made of a-z 0-9 . _")
-        if self.subject < 0:
-            raise ValueError(f"subject {self.subject} is below 0")
+        require_labels(self.experiment, self.subject)
         for column in COLUMNS:
             values = np.array(getattr(self, column.name))
             if values.ndim != 1 or values.dtype.kind not in "iu":
@@ -111,6 +108,13 @@ class Trace:
 
     def __len__(self) -> int:
         return len(self.tick)
+
+    def __repr__(self) -> str:
+        first, last = self.tick[0], self.tick[-1]
+        return (
+            f"<Trace {self.experiment!r} of subject {self.subject}: {len(self)} rows, "
+            f"ticks {first}..{last}, {self.lost} lost>"
+        )
 
     @property
     def time_s(self) -> Floats:
@@ -161,6 +165,20 @@ class Trace:
         (column,) = (column for column in COLUMNS if column.name == name)
         last_decimal = Quantity.parse(f"1e-{column.decimals} {column.unit}")
         return np.asarray(getattr(self, name) * last_decimal.in_unit(unit), dtype=np.float64)
+
+
+def require_labels(experiment: str, subject: int) -> None:
+    """Refuse labels that a trace cannot have.
+
+    Raises
+    ------
+    ValueError
+        If the experiment is not made of a-z, 0-9, point and underscore, or the subject below 0.
+    """
+    if not _LABEL.fullmatch(experiment):
+        raise ValueError(f"experiment {experiment!r} is not made of a-z 0-9 . _")
+    if subject < 0:
+        raise ValueError(f"subject {subject} is below 0")
 
 
 def write_csv(path: Path | str, traces: Iterable[Trace]) -> None:

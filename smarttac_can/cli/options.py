@@ -15,6 +15,7 @@ import click
 
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.drivers import cure
 from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import StorageFile
@@ -155,7 +156,7 @@ class BusChoice(NamedTuple):
         try:
             network.connect(**self.options)
         except Exception as error:  # drivers raise what they like
-            raise BusError(f"cannot open {self.where}: {error}") from error
+            raise BusError(f"cannot open {self.where}: {error}{cure(self.interface)}") from error
         return network
 
 

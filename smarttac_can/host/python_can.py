@@ -11,6 +11,7 @@ import can
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook, QueueFullError
 from smarttac_can.host.can_socket import open_socket
+from smarttac_can.host.drivers import cure
 
 _REFUSING_S = 0.1
 """How long a driver that does not say why may take no frame before its bus is lost."""
@@ -77,7 +78,7 @@ class PythonCanBus:
                 asked = "bus of python-can's configuration (no interface was given)"
             else:
                 asked = f"{interface} bus, channel {channel or 'configured'}"
-            raise BusError(f"cannot open the {asked}: {error}") from error
+            raise BusError(f"cannot open the {asked}: {error}{cure(interface)}") from error
         self._log = log
         self._can_ids: frozenset[int] | None = None
         self._refusing_since: float | None = None

@@ -1,7 +1,9 @@
 """The bench's client: the same over every link, in a person's units."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
+import numpy as np
 import pytest
 
 from smarttac_can.bench import (
@@ -107,6 +109,65 @@ def test_cof_of_both_sides_or_each(bench: Stimulator) -> None:
     assert bench.get("Setpoint.COF right") == pytest.approx(0.5)
     bench.cof = [0.3, 0.4]
     assert bench.cof == pytest.approx((0.3, 0.4))
+    bench.cof = np.array([0.25, 0.45])
+    assert bench.cof == pytest.approx((0.25, 0.45))
+    bench.cof = np.float64(0.5)
+    assert bench.cof == pytest.approx((0.5, 0.5))
+
+
+def test_what_a_stimulator_and_a_trace_show_of_themselves() -> None:
+    with Stimulator.simulate("local") as bench:
+        trace = bench.run(0.05, experiment="trial.1", subject=2)
+        assert repr(bench) == "<Stimulator over the local link>"
+    assert repr(trace) == "<Trace 'trial.1' of subject 2: 50 rows, ticks 0..49, 0 lost>"
+    with Stimulator.simulate("bus") as bench:
+        assert repr(bench) == "<Stimulator over the local bus>"
+
+
+@pytest.mark.parametrize(
+    ("labels", "text"),
+    [
+        ({"experiment": "Trial-1"}, "experiment 'Trial-1' is not made of a-z 0-9 . _"),
+        ({"subject": -1}, "subject -1 is below 0"),
+    ],
+)
+def test_labels_are_refused_before_anything_runs(
+    bench: Stimulator, labels: dict[str, Any], text: str
+) -> None:
+    last = bench.run(0.005).tick[-1]
+    with pytest.raises(ValueError, match=f"^{text}$"):
+        bench.run(0.1, **labels)
+    assert bench.run(0.005).tick[0] == last + 1
+
+
+@pytest.mark.parametrize(
+    ("presets", "error", "text"),
+    [
+        ({"Nope": 1}, BenchError, "there is no object 'Nope'"),
+        ({"Setpoint.Voltag": 1}, BenchError, "no object 'Setpoint.Voltag', perhaps Setpoint.Volt"),
+        ({"Setpoint.Voltage": 100_000}, ValueError, r"is 100000, no raw value in 0\.\."),
+        ({"Setpoint.Voltage": "80 V"}, ValueError, "'Setpoint.Voltage' is '80 V', no raw value"),
+    ],
+)
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_a_preset_that_is_none(
+    link: LinkName, presets: dict[str, Any], error: type[Exception], text: str
+) -> None:
+    with pytest.raises(error, match=text):
+        Stimulator.simulate(link, presets=presets)
+
+
+def test_a_bench_without_a_with_is_left_at_0_v() -> None:
+    bench = Stimulator.simulate("local")
+    bench.voltage = 40.0
+    bench.tare()
+    bench.mode = "open_loop"
+    assert bench.run(0.02).voltage_v[-1] == pytest.approx(40.0)
+    bench.close()
+    assert (bench.state, bench.mode) == (State.READY, Mode.OFF)
+    bench.arm()
+    bench.close()
+    assert bench.state is State.ARMED, "a bench that is closed already does nothing"
 
 
 def test_a_misspelt_property_is_an_error() -> None:
