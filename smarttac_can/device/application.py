@@ -66,5 +66,8 @@ class Application:
     def on_emergency(self, code: int) -> None:
         """Act on an emergency message of the node that the device listens to."""
 
+    def on_parameters(self) -> None:
+        """Act on parameters of a service that were written by SDO, and are in force."""
+
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse an SDO write by raising `Abort`; the entry still has its old value."""

@@ -136,7 +136,7 @@ class Device:
             for n in _pdo_numbers(od, TPDO_COMMUNICATION, TPDO_MAPPING)
         }
         self._owners: dict[int, list[Service]] = {}
-        access = Access(od, self._owners, self._application, self._listen)
+        access = Access(od, self._owners, self._application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
         self._watches = HeartbeatConsumer(
             port, od, self._emergency, self._application, self._error_behaviour.react
@@ -257,9 +257,9 @@ class Device:
         return self._port.take()
 
     def carries(self, rpdo: int, entry: Entry) -> bool:
-        """Tell whether an RPDO, from 1, has the entry in its mapping."""
-        mapping = self._rpdos[rpdo].mapping
-        return mapping is not None and entry in mapping.entries
+        """Tell whether an RPDO, from 1, is valid and has the entry in its mapping."""
+        pdo = self._rpdos[rpdo]
+        return pdo.valid and pdo.mapping is not None and entry in pdo.mapping.entries
 
     def in_time(self, rpdo: int) -> bool:
         """Whether an RPDO, from 1, has a deadline, and has come within it."""
@@ -367,6 +367,10 @@ class Device:
         loop = [tpdo.can_id for tpdo in self._loop_tpdos if tpdo.valid]
         urgent = (self._sync.can_id, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
         self.ids = Identifiers(frozenset(self._port.listeners), frozenset(urgent), emcy)
+
+    def _take_parameters(self) -> None:
+        self._listen()
+        self._application.on_parameters()
 
     def _synchronise(self, counter: int, own: bool) -> None:
         self.sync_counter = counter

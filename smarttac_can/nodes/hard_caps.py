@@ -62,6 +62,7 @@ STIMULATOR_CAPS: Final = (
 PLATE_CAPS: Final = (
     Cap("Drive.Voltage", _VOLTAGE, VOLTAGE_MAX),
     Cap("Stage.Voltage", _VOLTAGE, VOLTAGE_MAX),
+    Cap("Stage read-back", _VOLTAGE),
     Cap("Limit.Voltage", _VOLTAGE, VOLTAGE_MAX),
     Cap("Limit.Temperature", _TEMPERATURE, TEMPERATURE_MAX),
     Cap("Vibration.W_d", _PICKUP),

@@ -16,6 +16,10 @@ DRIVE_TPDO: Final = 5
 """PDO in which the stimulator sends a drive."""
 DRIVE_RPDO: Final = 1
 """PDO in which the plate receives it."""
+HARDWARE_RPDO: Final = 2
+"""PDO in which the plate hears hardware that watches its power stage; not valid by default."""
+PLATE_RPDOS: Final = (DRIVE_RPDO, HARDWARE_RPDO)
+"""All that the plate has."""
 
 LATCHED: Final = 0x80
 """Added to the node-ID of a drive's sender while it is in FAULT."""

@@ -14,6 +14,7 @@ from smarttac_can.plant.faults import Fault
 from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.stage import PowerStage
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.objects import FAULT_KIND, RECORDED, START_RUN, STROKE
@@ -25,6 +26,7 @@ _NEVER: Final = -1
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _IN_USE: Final = StageState.IN_USE
 _BARRED: Final = (StageState.WAITING, StageState.TRIPPED)
+
 STAGE_TOLERANCE: Final = 1.0
 """Largest difference in V between what the power stage was told and what it reads back."""
 
@@ -65,6 +67,8 @@ class PlateBlock:
         State of the power stage, to look at; `bar` and drives change it.
     session
         What the second tick of a measurement is ahead of the first, 0..255.
+    told
+        What the power stage is told, in V; it may put out something else.
     """
 
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
@@ -104,7 +108,8 @@ class PlateBlock:
         )
         od[FAULT_KIND].value = FaultKind.NONE
         self._fault_in = _NEVER
-        self._stuck_voltage = 0.0
+        self._power_stage = PowerStage()
+        self.told = 0.0
         self._voltage.value = 0
         self._follow(StageEvent.START_RUN)
         self._moving = False
@@ -146,7 +151,7 @@ class PlateBlock:
         Parameters
         ----------
         latched
-            Whether it is 0 V from a stimulator in FAULT, which bars.
+            Whether 0 V bars: it is from a stimulator in FAULT, or hardware does not enable.
         """
         in_time = self._drive_tick.value == self.tick.value
         late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
@@ -166,11 +171,12 @@ class PlateBlock:
             self._answered = True
         elif late:
             self._answered_before = True
-        voltage = float(self._voltage.value * self._voltage.si)
-        if self._stuck_voltage and voltage and abs(self._stuck_voltage - voltage) > STAGE_TOLERANCE:
+        self.told = told = float(self._voltage.value * self._voltage.si)
+        read_back = self._power_stage.put_out(told)
+        if abs(read_back - told) > STAGE_TOLERANCE:
             self.bar()
             return Taken.DISOBEYED
-        self._new = Drive(voltage, float(self._frequency.value * self._frequency.si))
+        self._new = Drive(read_back, float(self._frequency.value * self._frequency.si))
         self._show_stage()
         return Taken.IN_TIME if in_time else Taken.LATE
 
@@ -193,6 +199,7 @@ class PlateBlock:
     def _go_to_zero(self, event: StageEvent) -> None:
         self._follow(event)
         self._voltage.value = 0
+        self.told = 0.0
         self._old = self._new = Drive(0.0, self._new.frequency)
         self._show_stage()
 
@@ -235,7 +242,7 @@ class PlateBlock:
             fault.require_sense()
         except ValueError as error:
             raise Abort(AbortCode.VALUE) from error
-        self._stuck_voltage = 0.0
+        self._power_stage.stick(0.0)
         self.plate.inject(Fault(FaultKind.NONE, 1, 0))
         self._fault = fault
         self._fault_in = self.od["Fault.Delay in cycles"].value if kind else _NEVER
@@ -246,11 +253,10 @@ class PlateBlock:
         if self._fault_in >= 0:
             return
         if self._fault.kind is FaultKind.STAGE_STUCK:
-            # At 0 V the output is disconnected, so that much a stuck stage obeys.
-            self._stuck_voltage = self._fault.value * self._voltage.si or self._new.voltage
-            if self._new.voltage:
-                self._new = Drive(self._stuck_voltage, self._new.frequency)
-                self._show_stage()
+            voltage, frequency = self._new
+            self._power_stage.stick(float(self._fault.value * self._voltage.si) or voltage)
+            self._new = Drive(self._power_stage.put_out(voltage), frequency)
+            self._show_stage()
         else:
             self.plate.inject(self._fault)
 

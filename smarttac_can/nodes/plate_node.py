@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
@@ -14,6 +14,7 @@ from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.drive_sender import DriveSender
 from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.hardware_watch import HardwareWatch
 from smarttac_can.nodes.loop_frames import (
     DRIVE_RPDO,
     MEASUREMENT_TPDOS,
@@ -34,6 +35,16 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
+
+_REGISTERS: Final = {
+    FaultCode.VOLTAGE: ErrorRegister.VOLTAGE,
+    FaultCode.STAGE: ErrorRegister.VOLTAGE,
+    FaultCode.TEMPERATURE: ErrorRegister.TEMPERATURE,
+    FaultCode.DRIVE_LOST: ErrorRegister.COMMUNICATION,
+    FaultCode.DOUBLE: ErrorRegister.COMMUNICATION,
+    FaultCode.NOT_ENABLED: ErrorRegister.MANUFACTURER,
+}
+"""What the plate reports, with its bit of the error register."""
 
 
 class PlateNode(Application):
@@ -80,6 +91,8 @@ class PlateNode(Application):
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_time = MissedTime(clock)
         self._sender = DriveSender(od)
+        self._hardware = HardwareWatch(self.device)
+        self._refused = False
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
         self._stage_voltage = od["Stage.Voltage"]
@@ -109,7 +122,7 @@ class PlateNode(Application):
         """Go to 0 V, the transmit queue being full: the controller lacks what was measured."""
         self.block.bar()
         if self.block.state is StageState.TRIPPED:
-            self._protect(FaultCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
+            self._protect(FaultCode.DRIVE_LOST)
         return self.device.take()
 
     def shutdown(self) -> list[Frame]:
@@ -133,6 +146,8 @@ class PlateNode(Application):
         if state is NMTState.OPERATIONAL:
             self.block.session = self._next_session
             self._next_session = (self._next_session + 1) & TICK_MASK
+        if state not in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
+            self._hardware.configure()
 
     def on_sync(self) -> bool:
         """Step to this tick; while there is no loop, no measurement goes out."""
@@ -142,13 +157,17 @@ class PlateNode(Application):
             self.block.bar()
             return False
         self._missed.count(self._missed_time.cycle())
+        if self._hardware.reads_back:
+            self._hardware.cycle(self.block.told)
+            if self._hardware.cause is FaultCode.STAGE:
+                self._protect(FaultCode.STAGE)
         self.block.cycle()
         self._sender.follow(self.block.tick.value)
         self._sent.write()
         if self._temperature.value > self._temperature_max.value:
-            self._protect(FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE)
+            self._protect(FaultCode.TEMPERATURE)
         elif self.block.state is StageState.TRIPPED and not self._protecting:
-            self._protect(FaultCode.DRIVE_LOST, ErrorRegister.COMMUNICATION)
+            self._protect(FaultCode.DRIVE_LOST)
         return True
 
     def on_rpdo(self, number: int) -> None:
@@ -156,6 +175,9 @@ class PlateNode(Application):
 
         A corrupt one, and a stranger's, is a drive that did not come; several of them bar.
         """
+        if number in self._hardware.sources:
+            self._hardware.hear(number, self.block.told)
+            self._heed_hardware()
         if number != DRIVE_RPDO:
             return
         sender = self._sender
@@ -164,20 +186,34 @@ class PlateNode(Application):
                 self.block.bar()
             return
         if self._voltage.value > self._voltage_max.value:
-            self._protect(FaultCode.VOLTAGE, ErrorRegister.VOLTAGE)
+            self._protect(FaultCode.VOLTAGE)
             return
+        if self._hardware.cause is not None:
+            self._refuse(self._hardware.cause)
         hot = self._temperature.value > self._temperature_max.value
         if (hot or self.device.collision or sender.disturbed) and self._voltage.value:
             return
-        taken = self.block.take_drive(latched=sender.latched)
+        barring = sender.latched or self._hardware.cause is not None
+        taken = self.block.take_drive(latched=barring)
         if taken is Taken.IN_TIME:
             self._unanswered.start(self._deadline.value * TICK_US)
         elif taken is Taken.DISOBEYED:
-            self._protect(FaultCode.VOLTAGE, ErrorRegister.VOLTAGE)
+            self._protect(FaultCode.STAGE)
         if self._protecting and not (self.block.barred or hot or self.device.collision):
             for code in sorted(self._protecting):
                 self.device.clear_emergency(code)
             self._protecting.clear()
+
+    def on_rpdo_timeout(self, number: int, late: bool) -> None:
+        """Go to 0 V when the hardware that watches the stage falls silent."""
+        if number in self._hardware.sources:
+            self._hardware.look()
+            self._heed_hardware()
+
+    def on_parameters(self) -> None:
+        """Follow another mapping, COB-ID or event timer of the hardware's inputs."""
+        self._hardware.configure()
+        self._heed_hardware()
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Go to 0 V when a watched node falls silent, whatever the error behaviour says."""
@@ -187,7 +223,7 @@ class PlateNode(Application):
     def on_collision(self, heard: bool) -> None:
         """Go to 0 V, and stay there, while another node sends with an identifier of the plate."""
         if heard:
-            self._protect(FaultCode.DOUBLE, ErrorRegister.COMMUNICATION)
+            self._protect(FaultCode.DOUBLE)
 
     def _on_unanswered(self) -> None:
         """Go to 0 V, as no drive was taken for the time of the deadline.
@@ -197,12 +233,32 @@ class PlateNode(Application):
         """
         self.block.bar()
 
-    def _protect(self, code: FaultCode, register: ErrorRegister) -> None:
+    def _protect(self, code: FaultCode) -> None:
         """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
         self.block.bar()
         if code not in self._protecting:
             self._protecting.add(code)
-            self.device.emergency(code, register)
+            self.device.emergency(code, _REGISTERS[code])
+
+    def _heed_hardware(self) -> None:
+        """Go to 0 V if hardware does not let the stage drive; report it if it was in use."""
+        cause = self._hardware.cause
+        if cause is None:
+            return
+        if self.block.state is StageState.IN_USE:
+            self._refused = True
+            self._protect(cause)
+        else:
+            self.block.bar()
+
+    def _refuse(self, cause: FaultCode) -> None:
+        """Report what keeps the stage from a voltage, once for each time that one is asked for."""
+        asked = self._voltage.value != 0
+        if asked and not self._refused:
+            self.device.clear_emergency(cause)
+            self._protecting.discard(cause)
+            self._protect(cause)
+        self._refused = asked
 
     def on_store(self) -> None:
         """Refuse to store while it drives: a file may take longer than a cycle.
@@ -216,9 +272,10 @@ class PlateNode(Application):
             raise Abort(AbortCode.STATE)
 
     def on_write(self, entry: Entry, value: Any) -> None:
-        """Start a run; refuse a higher limit while in use, and a recorded finger that is none."""
+        """Start a run; refuse what is laxer while in use, and a recorded finger that is none."""
         limits = (self._voltage_max, self._temperature_max)
         in_use = self.block.state is StageState.IN_USE
+        self._hardware.require(entry, value, in_use=in_use)
         if in_use and entry in limits and HIGHER.holds(entry.value, value):
             raise Abort(AbortCode.STATE)
         if entry is self._deadline:

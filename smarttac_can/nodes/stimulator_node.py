@@ -50,6 +50,14 @@ _STATUS_TPDO: Final = 1
 _PUBLIC_TPDOS: Final = (2, 3, 4)
 _SETPOINT_RPDOS: Final = (1, 2, 3, 4)
 _PERCENT: Final = 100
+_OF_THE_PLATE: Final[dict[int, Watchdog]] = {
+    FaultCode.DRIVE_LOST: Watchdog.PLATE,
+    FaultCode.VOLTAGE: Watchdog.VOLTAGE,
+    FaultCode.STAGE: Watchdog.STAGE,
+    FaultCode.TEMPERATURE: Watchdog.TEMPERATURE,
+    FaultCode.NOT_ENABLED: Watchdog.NOT_ENABLED,
+}
+"""What the plate's emergency messages say of a drive that it has ended."""
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
@@ -237,8 +245,9 @@ class StimulatorNode(Application):
 
     def on_emergency(self, code: int) -> None:
         """Stop when the plate has gone to 0 V without being told, or is not alone."""
-        if code == FaultCode.DRIVE_LOST:
-            self._trip(Watchdog.PLATE)
+        watchdog = _OF_THE_PLATE.get(code)
+        if watchdog is not None:
+            self._trip(watchdog)
         elif code == FaultCode.DOUBLE:
             self._source.told()
 

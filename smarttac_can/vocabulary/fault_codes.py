@@ -9,6 +9,7 @@ class FaultCode(IntEnum):
     """What the watchdogs report, by the classes of CiA 301, table 26."""
 
     VOLTAGE = 0x3310
+    STAGE = 0x3311
     TEMPERATURE = 0x4210
     SENSOR_SATURATED = 0x5210
     SENSOR_STUCK = 0x5211
@@ -28,6 +29,7 @@ class FaultCode(IntEnum):
     MEASUREMENT_LOST = 0x8251
     SETPOINT_LOST = 0x8252
     DRIVE_LOST = 0x8253
+    NOT_ENABLED = 0x9010
     AMPLITUDE = 0xFF10
     RESONANCE = 0xFF11
     UNSEEN = 0xFF12

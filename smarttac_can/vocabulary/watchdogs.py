@@ -74,6 +74,8 @@ class Watchdog(IntEnum):
     DOUBLE = 22
     UNSEEN = 23
     MISSED_TIME = 24
+    STAGE = 25
+    NOT_ENABLED = 26
 
 
 class WatchdogRow(NamedTuple):
@@ -237,6 +239,21 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "to tell", "Limit.Missed ticks",
         lasting=False,
     ),
+    Watchdog.STAGE: WatchdogRow(
+        "the power stage does not put out what it is told",
+        FaultCode.STAGE, ErrorRegister.VOLTAGE, 1,
+        "the plate says so, by 3311h, in the cycle in which it sees it: at once in the simulated "
+        "stage, within 5 cycles where hardware reads the stage back",
+        lasting=False,
+    ),
+    Watchdog.NOT_ENABLED: WatchdogRow(
+        "hardware does not let the power stage drive, or is not heard",
+        FaultCode.NOT_ENABLED, _MANUFACTURER, 1,
+        "the plate says so, by 9010h: when its Enable goes while it drives, when the event timer "
+        "of that RPDO is over, and when a voltage is asked for without",
+        "event timer of the plate's RPDO 2",
+        lasting=False,
+    ),
 }  # fmt: skip
 """Every watchdog."""
 
@@ -246,6 +263,8 @@ _EVENT_DRIVEN: Final = frozenset(
         Watchdog.PLATE,
         Watchdog.DOUBLE,
         Watchdog.MISSED_TIME,
+        Watchdog.STAGE,
+        Watchdog.NOT_ENABLED,
     )
 )
 CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _EVENT_DRIVEN)

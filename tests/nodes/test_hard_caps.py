@@ -39,7 +39,8 @@ def name_of(value: object) -> str:
 def edited(text: str, name: str, **keys: str | None) -> str:
     """The EDS with other values of some keys of an object, or without them."""
     entry = load_eds(text, 1)[name]
-    head, title, rest = text.partition(f"[{entry.index:04X}sub{entry.subindex:X}]\n")
+    subindex = f"sub{entry.subindex:X}" if "." in name else ""
+    head, title, rest = text.partition(f"[{entry.index:04X}{subindex}]\n")
     assert title
     section, blank, rest = rest.partition("\n\n")
     lines = dict(line.split("=", 1) for line in section.splitlines()) | keys
@@ -64,6 +65,7 @@ def refusal(text: str, changed: str) -> str:
 @pytest.mark.parametrize("text", [STIMULATOR, PLATE], ids=["stimulator", "plate"])
 def test_everything_in_volts_is_capped_at_200_v(text: str) -> None:
     in_volts = {entry.name for entry in load_eds(text, 1) if entry.unit.symbol.endswith("V")}
+    in_volts -= {"Stage read-back"}  # What is measured may be anything, and is compared.
     assert in_volts == {cap.name for of, cap in CAPPED if of is text and "Voltage" in cap.name}
     assert all(load_eds(text, 1)[name].high == 20_000 for name in in_volts)
 
@@ -104,7 +106,7 @@ def test_a_limit_that_grows_with_the_node_id_is_refused(text: str, cap: Cap) -> 
 
 @pytest.mark.parametrize(("text", "cap"), ALL, ids=name_of)
 def test_another_unit_factor_or_type_is_refused(text: str, cap: Cap) -> None:
-    own = cap.name.partition(".")[2]
+    own = cap.name.rpartition(".")[2]
     for unit in ("V", "0.01 V", "mV", "um", "0.1 degC", "1.0 "):
         said = refusal(text, edited(text, cap.name, ParameterName=f"{own} [{unit}]"))
         assert said.startswith(f"{cap.name} has the unit [")
