@@ -92,7 +92,7 @@ class PlateNode(Application):
         self._missed_time = MissedTime(clock)
         self._sender = DriveSender(od)
         self._hardware = HardwareWatch(self.device)
-        self._refused = False
+        self._reported = False
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
         self._stage_voltage = od["Stage.Voltage"]
@@ -173,7 +173,8 @@ class PlateNode(Application):
     def on_rpdo(self, number: int) -> None:
         """Take a drive if it is sound, its voltage below the limit, the plate cool and alone.
 
-        A corrupt one, and a stranger's, is a drive that did not come; several of them bar.
+        A corrupt one, and a stranger's, is a drive that did not come; several of them bar. What
+        hardware keeps from a voltage is reported for each time that one is asked for.
         """
         if number in self._hardware.sources:
             self._hardware.hear(number, self.block.told)
@@ -188,13 +189,17 @@ class PlateNode(Application):
         if self._voltage.value > self._voltage_max.value:
             self._protect(FaultCode.VOLTAGE)
             return
-        if self._hardware.cause is not None:
-            self._refuse(self._hardware.cause)
+        cause = self._hardware.cause
+        if not self._voltage.value:
+            self._reported = False
+        elif cause is not None and not self._reported:
+            self._protecting.discard(cause)
+            self.device.clear_emergency(cause)
+            self._protect(cause)
         hot = self._temperature.value > self._temperature_max.value
         if (hot or self.device.collision or sender.disturbed) and self._voltage.value:
             return
-        barring = sender.latched or self._hardware.cause is not None
-        taken = self.block.take_drive(latched=barring)
+        taken = self.block.take_drive(latched=sender.latched or cause is not None)
         if taken is Taken.IN_TIME:
             self._unanswered.start(self._deadline.value * TICK_US)
         elif taken is Taken.DISOBEYED:
@@ -237,6 +242,7 @@ class PlateNode(Application):
         """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
         self.block.bar()
         if code not in self._protecting:
+            self._reported = True
             self._protecting.add(code)
             self.device.emergency(code, _REGISTERS[code])
 
@@ -246,19 +252,9 @@ class PlateNode(Application):
         if cause is None:
             return
         if self.block.state is StageState.IN_USE:
-            self._refused = True
             self._protect(cause)
         else:
             self.block.bar()
-
-    def _refuse(self, cause: FaultCode) -> None:
-        """Report what keeps the stage from a voltage, once for each time that one is asked for."""
-        asked = self._voltage.value != 0
-        if asked and not self._refused:
-            self.device.clear_emergency(cause)
-            self._protecting.discard(cause)
-            self._protect(cause)
-        self._refused = asked
 
     def on_store(self) -> None:
         """Refuse to store while it drives: a file may take longer than a cycle.

@@ -1,0 +1,376 @@
+"""Hardware that watches the power stage: what it says counts once it is mapped."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+
+import pytest
+from line import EMCY_STIMULATOR, PREOP, START, Line, both_nodes, drive, ready_plate
+from test_plate_watchdogs import emergencies, tick_of
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
+
+ENABLE, READ_BACK = 0x2031_0008, 0x2032_0010
+STATE = 0x0800_0022
+NOT_ENABLED, STAGE, LATE = 0x9010, 0x3311, 0x8250
+
+
+def says(enable: int = 1, volts: float = 0.0) -> Frame:
+    """What the hardware sends."""
+    return Frame(0x321, struct.pack("<BH", enable, round(100 * volts)))
+
+
+def stage(plate: PlateNode) -> float:
+    return plate.od["Stage.Voltage"].value / 100
+
+
+def map_inputs(line: Line, plate: PlateNode, *mapped: int, timer_ms: int = 3) -> None:
+    """Configure RPDO 2 as a master does; by default it carries both inputs."""
+    entry = plate.od.entry
+    assert line.write_entry(plate, entry(0x1401, 5), timer_ms) == 0
+    if mapped:
+        assert line.write_entry(plate, entry(0x1601, 0), 0) == 0
+        for subindex, value in enumerate(mapped, 1):
+            assert line.write_entry(plate, entry(0x1601, subindex), value) == 0
+        assert line.write_entry(plate, entry(0x1601, 0), len(mapped)) == 0
+    assert line.write_entry(plate, entry(0x1401, 1), 0x321) == 0
+
+
+def cycle(line: Line, plate: PlateNode, volts: float, *hardware: Frame) -> float:
+    """One cycle: SYNC, what the hardware says, and a drive; return the voltage of the stage."""
+    line.sync()
+    line.send(*hardware)
+    line.send(drive(round(100 * volts), tick_of(plate)))
+    return stage(plate)
+
+
+def watched(timer_ms: int = 3) -> tuple[Line, PlateNode]:
+    """A plate that puts out 20 V, with hardware that says so in each cycle."""
+    line, plate = ready_plate()
+    map_inputs(line, plate, timer_ms=timer_ms)
+    assert cycle(line, plate, 0, says()) == 0
+    assert cycle(line, plate, 20, says()) == 20
+    assert cycle(line, plate, 20, says(volts=20)) == 20
+    return line, plate
+
+
+def assert_barred(line: Line, plate: PlateNode, *hardware: Frame) -> None:
+    """Not even 0 V frees it."""
+    for volts in (20, 0, 0, 20, 20):
+        assert cycle(line, plate, volts, *hardware) == 0
+        assert plate.block.barred
+
+
+def assert_free_after_0_v(line: Line, plate: PlateNode) -> None:
+    assert cycle(line, plate, 20, says()) == 0
+    assert cycle(line, plate, 0, says()) == 0
+    assert emergencies(line)[-1] == 0
+    assert cycle(line, plate, 20, says()) == 20
+
+
+def test_hardware_is_not_asked_by_default_and_its_frame_is_not_heard() -> None:
+    line, plate = ready_plate()
+    before = len(line.frames)
+    assert line.send(says(enable=0)) == []
+    assert cycle(line, plate, 20, says(enable=0, volts=99)) == 20
+    assert line.write(plate, "Enable", 0) == 0
+    assert line.write(plate, "Stage read-back", 9900) == 0
+    for _ in range(50):
+        assert cycle(line, plate, 20) == 20
+    assert not emergencies(line)
+    assert {f.can_id for f in line.frames[before:]} == {
+        0x080, 0x1A1, 0x2A1, 0x3A1, 0x221, 0x321, 0x621, 0x5A1
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("mapped", [(), (ENABLE,), (READ_BACK,)])
+def test_before_it_is_heard_the_stage_is_barred(mapped: tuple[int, ...]) -> None:
+    line, plate = ready_plate()
+    map_inputs(line, plate, *mapped)
+    assert_barred(line, plate)
+    assert emergencies(line) == [NOT_ENABLED, 0, NOT_ENABLED], "once for each time it is asked"
+
+
+def test_a_mapping_that_comes_while_the_stage_is_in_use_ends_that() -> None:
+    line, plate = ready_plate()
+    assert cycle(line, plate, 20) == 20
+    map_inputs(line, plate)
+    assert stage(plate) == 0
+    assert emergencies(line) == [NOT_ENABLED]
+    assert plate.od["Error register"].value == 0x81
+
+
+def test_a_mapping_that_carries_neither_input_is_none() -> None:
+    line, plate = ready_plate()
+    map_inputs(line, plate, 0x0005_0008)
+    assert cycle(line, plate, 20) == 20
+
+
+def test_an_input_in_the_mapping_of_a_pdo_that_is_not_valid_is_not_mapped() -> None:
+    line, plate = ready_plate()
+    map_inputs(line, plate)
+    assert line.write_entry(plate, plate.od.entry(0x1401, 1), 0x8000_0321) == 0
+    assert cycle(line, plate, 0) == 0
+    assert cycle(line, plate, 20) == 20
+
+
+def test_enable_lets_the_stage_drive_and_ends_it_between_two_cycles() -> None:
+    line, plate = watched()
+    line.send(says(enable=0, volts=20))
+    assert stage(plate) == 0
+    assert emergencies(line) == [NOT_ENABLED]
+    assert_barred(line, plate, says(enable=0))
+    assert_free_after_0_v(line, plate)
+
+
+def test_enable_that_goes_before_a_run_is_told_when_a_voltage_is_asked_for() -> None:
+    line, plate = ready_plate()
+    map_inputs(line, plate)
+    for _ in range(5):
+        assert cycle(line, plate, 0, says(enable=0)) == 0
+    assert not emergencies(line)
+    assert cycle(line, plate, 20, says(enable=0)) == 0
+    assert cycle(line, plate, 20, says(enable=0)) == 0
+    assert emergencies(line) == [NOT_ENABLED]
+
+
+def test_hardware_that_falls_silent_ends_it_within_its_event_timer() -> None:
+    line, plate = watched()
+    assert cycle(line, plate, 20) == 20
+    assert cycle(line, plate, 20) == 20
+    line.sync()
+    assert stage(plate) == 0, "3 ms after it was heard last"
+    assert emergencies(line) == [LATE, NOT_ENABLED]
+    assert_barred(line, plate)
+    assert_free_after_0_v(line, plate)
+
+
+def test_what_is_out_of_range_does_not_count_as_heard() -> None:
+    line, plate = watched()
+    for _ in range(3):
+        cycle(line, plate, 20, says(enable=2, volts=20))
+    assert stage(plate) == 0
+
+
+def test_no_event_timer_is_no_watch() -> None:
+    line, plate = ready_plate()
+    for timer_ms in (0, 101):
+        assert line.write_entry(plate, plate.od.entry(0x1401, 5), timer_ms) in (
+            0x0609_0031, 0x0609_0032
+        )  # fmt: skip
+    plate.od.entry(0x1401, 5).value = 0
+    assert line.write_entry(plate, plate.od.entry(0x1401, 1), 0x321) == 0
+    assert_barred(line, plate, says())
+
+
+def cycles_to_0_v(line: Line, plate: PlateNode, told: Iterable[float], read: float) -> int:
+    for count, volts in enumerate(told):
+        if stage(plate) == 0:
+            return count
+        cycle(line, plate, volts, says(volts=read))
+    raise AssertionError("it goes on")
+
+
+def test_a_stage_that_reads_back_something_else_is_at_0_v_within_5_cycles() -> None:
+    line, plate = watched()
+    assert cycles_to_0_v(line, plate, [20] * 9, read=140) == 4
+    assert emergencies(line) == [STAGE]
+    assert plate.od["Error register"].value == 0x05
+    assert_barred(line, plate, says(volts=140))
+    cycle(line, plate, 0, says())
+    assert_free_after_0_v(line, plate)
+
+
+def test_a_stage_that_stays_behind_is_at_0_v_within_5_cycles() -> None:
+    line, plate = watched()
+    assert cycles_to_0_v(line, plate, [60] * 9, read=20) <= 6, "5 after the one that told it so"
+    assert emergencies(line) == [STAGE]
+
+
+@pytest.mark.parametrize("when", ["before the drive", "after the drive"])
+@pytest.mark.parametrize("age", [0, 1])
+def test_a_reading_may_be_a_cycle_old_whatever_the_stage_is_told(age: int, when: str) -> None:
+    line, plate = watched()
+    told = [20.0, 20.0, 20.0] + [20 + 90 * (n * 7919 % 11) / 10 for n in range(200)]
+    for n in range(3, 203):
+        line.sync()
+        if when == "before the drive":
+            line.send(says(volts=told[n - 1 - age]))
+        line.send(drive(round(100 * told[n]), tick_of(plate)))
+        if when == "after the drive":
+            line.send(says(volts=told[n - age]))
+        assert stage(plate) == told[n]
+    assert not emergencies(line)
+
+
+@pytest.mark.parametrize(("off", "ends"), [(0.99, False), (1.02, True)])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_tolerance_is_1_v(off: float, ends: bool, sign: int) -> None:
+    line, plate = watched()
+    for _ in range(10):
+        cycle(line, plate, 20, says(volts=20 + sign * off))
+    assert (stage(plate) == 0) == ends
+
+
+def test_two_wrong_readings_in_a_row_pass_and_the_third_does_not() -> None:
+    line, plate = watched()
+    for _ in range(5):
+        for read in (140, 140, 20):
+            assert cycle(line, plate, 20, says(volts=read)) == 20
+    for _ in range(3):
+        cycle(line, plate, 20, says(volts=140))
+    line.sync()
+    assert stage(plate) == 0
+
+
+def test_a_stage_that_is_live_at_0_v_does_not_get_a_voltage() -> None:
+    line, plate = ready_plate()
+    map_inputs(line, plate)
+    for _ in range(5):
+        cycle(line, plate, 0, says(volts=30))
+    assert emergencies(line) == [STAGE]
+    assert_barred(line, plate, says(volts=30))
+    assert emergencies(line)[1:] == [0, STAGE, 0, STAGE], "and the register still says so"
+    assert plate.od["Error register"].value == 0x05
+
+
+def defeats(plate: PlateNode) -> dict[str, tuple[int, int, int]]:
+    return {
+        "not valid": (0x1401, 1, 0x8000_0321),
+        "another COB-ID": (0x1401, 1, 0x322),
+        "at SYNC": (0x1401, 2, 1),
+        "a longer timer": (0x1401, 5, 4),
+        "nothing mapped": (0x1601, 0, 0),
+        "another object": (0x1601, 1, 0x0005_0008),
+        "enabled by SDO": (0x2031, 0, 0),
+        "read back by SDO": (0x2032, 0, 1),
+    }
+
+
+@pytest.mark.parametrize("name", defeats(PlateNode.__new__(PlateNode)))
+def test_nothing_takes_the_watch_away_while_the_stage_is_in_use(name: str) -> None:
+    line, plate = watched()
+    index, subindex, value = defeats(plate)[name]
+    entry = plate.od.entry(index, subindex)
+    before = entry.value
+    assert line.write_entry(plate, entry, value) == STATE
+    assert entry.value == before
+    assert line.write_entry(plate, entry, before) == 0, "what it is may be written"
+    assert stage(plate) == 20
+
+
+def test_a_shorter_timer_is_taken_while_the_stage_is_in_use() -> None:
+    line, plate = watched()
+    assert line.write_entry(plate, plate.od.entry(0x1401, 5), 1) == 0
+    assert stage(plate) == 20
+    line.sync()
+    assert stage(plate) == 0
+
+
+def test_a_mapped_input_is_not_written_by_sdo_at_0_v_either() -> None:
+    line, plate = ready_plate()
+    map_inputs(line, plate)
+    line.send(says(enable=0))
+    assert line.write(plate, "Enable", 1) == STATE
+    cycle(line, plate, 0)
+    assert cycle(line, plate, 20) == 0
+
+
+def test_the_watch_may_be_taken_away_at_rest() -> None:
+    line, plate = watched()
+    cycle(line, plate, 0, says())
+    line.nmt(PREOP)
+    assert line.write_entry(plate, plate.od.entry(0x1401, 1), 0x8000_0321) == 0
+    line.nmt(START)
+    line.sync()
+    for volts in (0, 2000):
+        line.sync()
+        line.send(drive(volts, tick_of(plate), session=1))
+    assert stage(plate) == 20
+
+
+def test_leaving_operational_forgets_what_was_heard() -> None:
+    line, plate = watched()
+    line.nmt(PREOP)
+    line.nmt(START)
+    for volts in (0, 2000):
+        line.sync()
+        line.send(drive(volts, tick_of(plate), session=1))
+    assert stage(plate) == 0
+
+
+def driven_both() -> tuple[Line, PlateNode, StimulatorNode]:
+    """Both nodes at 20 V, with hardware that the plate watches."""
+    line, plate, node = both_nodes()
+    map_inputs(line, plate, timer_ms=100)
+    line.nmt(START)
+    line.send(says())
+    line.sync(70)
+    assert line.write(node, "Setpoint.Voltage", 2000) == 0
+    line.send(says())
+    line.run(node, 1)
+    line.sync(2)
+    line.send(says(volts=20))
+    line.sync(3)
+    assert stage(plate) == 20
+    return line, plate, node
+
+
+def said_by(line: Line, node: StimulatorNode) -> list[int]:
+    frames = [f.data for f in line.frames if f.can_id == EMCY_STIMULATOR]
+    return [int.from_bytes(data[:2], "little") for data in frames]
+
+
+def test_the_stimulator_names_hardware_that_does_not_enable() -> None:
+    line, plate, node = driven_both()
+    line.send(says(enable=0, volts=20))
+    assert (stage(plate), node.block.state) == (0, State.FAULT)
+    assert node.block.supervisor.latched == 1 << Watchdog.NOT_ENABLED
+    assert line.read(node, "Diagnosis.Code") == NOT_ENABLED
+    line.sync(30)
+    assert said_by(line, node) == [NOT_ENABLED]
+
+
+def test_the_stimulator_names_it_again_when_it_tries_again() -> None:
+    line, _, node = driven_both()
+    line.send(says(enable=0, volts=20))
+    for _ in range(2):
+        for word in (0, 0x80, 0):
+            line.write(node, "Controlword", word)
+        line.sync(5)
+        assert node.block.state is State.READY
+        line.send(says(enable=0))
+        line.run(node, 1)
+        line.sync(5)
+        assert node.block.supervisor.latched == 1 << Watchdog.NOT_ENABLED
+
+
+def test_the_stimulator_names_a_stage_that_does_not_obey() -> None:
+    line, _, node = driven_both()
+    line.send(says(volts=140))
+    line.sync(5)
+    assert node.block.supervisor.latched == 1 << Watchdog.STAGE
+    assert said_by(line, node) == [STAGE]
+
+
+@pytest.mark.parametrize(
+    ("limit", "raw", "watchdog", "code"),
+    [
+        ("Voltage", 1000, Watchdog.VOLTAGE, 0x3310),
+        ("Temperature", 1500, Watchdog.TEMPERATURE, 0x4210),
+    ],
+)
+def test_the_stimulator_names_a_limit_of_the_plate(
+    limit: str, raw: int, watchdog: Watchdog, code: int
+) -> None:
+    line, plate, node = driven_both()
+    assert line.write(plate, f"Limit.{limit}", raw) == 0
+    line.sync(30)
+    assert node.block.state is State.FAULT
+    assert node.block.supervisor.latched == 1 << watchdog
+    assert said_by(line, node) == [code]
