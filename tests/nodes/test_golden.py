@@ -16,6 +16,7 @@ LINES: dict[str, Callable[[], Line]] = {
     "plate_cycle": lambda: plate_alone()[0],
     "plate_period": lambda: plate_alone()[0],
     "plate_drive_tick": lambda: plate_alone()[0],
+    "plate_hardware": lambda: plate_alone()[0],
     "stimulator_cycle": lambda: stimulator_alone()[0],
     "stimulator_lost_frames": lambda: stimulator_alone()[0],
     "stimulator_plate_inside": lambda: plate_inside()[0],
