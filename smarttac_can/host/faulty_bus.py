@@ -4,137 +4,14 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable
-from typing import Final
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.frame_faults import Disturbance, FrameFault, require_can_id
+from smarttac_can.host.faulty_station import Station, Transmitter, WholeNode
+from smarttac_can.host.frame_faults import Disturbance, require_can_id
 from smarttac_can.host.local_bus import Connection, LocalBus, Wire
-from smarttac_can.host.node import Node, without_queue
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.vocabulary.signals import TICK_US
-
-QUEUE_FRAMES: Final = 1000
-"""Frames of a party that wait at most while the bus has no room; an assumption."""
-
-
-class _Transmitter:
-    """The way of one party's frames to the bus."""
-
-    __slots__ = ("_behind", "_bus", "_held")
-
-    def __init__(self, bus: FaultyBus) -> None:
-        self._bus = bus
-        self._held: list[tuple[int, Frame]] = []
-        self._behind: list[Frame] = []
-
-    def passed(self, frames: Iterable[Frame]) -> list[Frame]:
-        """Return what becomes of the frames that a party sends now."""
-        if not (self._bus.disturbed or self._held or self._behind):
-            return list(frames)
-        out = self._due()
-        for frame in frames:
-            sent = self._disturb(frame)
-            if sent is None:
-                continue
-            out += sent
-            out += self._behind
-            self._behind = []
-        return self._fitting(out)
-
-    def _due(self) -> list[Frame]:
-        cycle = self._bus.cycle
-        due = [frame for when, frame in self._held if when <= cycle]
-        self._held = [(when, frame) for when, frame in self._held if when > cycle]
-        return due
-
-    def _disturb(self, frame: Frame) -> list[Frame] | None:
-        """Return the frames sent now in place of one, None if it goes behind the next."""
-        bus = self._bus
-        for disturbance in bus.disturbances:
-            if disturbance.can_ids and frame.can_id not in disturbance.can_ids:
-                continue
-            if disturbance.share < 1.0 and bus.random.random() >= disturbance.share:
-                continue
-            frame_fault = disturbance.frame_fault
-            if frame_fault is FrameFault.LOSS:
-                return []
-            if frame_fault is FrameFault.DUPLICATION:
-                return [frame, frame]
-            if frame_fault is FrameFault.REORDERING and not self._behind:
-                self._behind.append(frame)
-                return None
-            if frame_fault is FrameFault.DELAY:
-                self._held.append((bus.cycle + disturbance.cycles, frame))
-                return []
-            if frame_fault is FrameFault.CORRUPTION and frame.data:
-                data = bytearray(frame.data)
-                bit = bus.random.randrange(8 * len(data))
-                data[bit // 8] ^= 1 << bit % 8
-                return [Frame(frame.can_id, bytes(data), frame.rtr)]
-        return [frame]
-
-    def _fitting(self, frames: list[Frame]) -> list[Frame]:
-        """Leave for the next cycle what a babbling node leaves no room for in this one.
-
-        What the queue of a party has no room for, either, is lost.
-        """
-        out = []
-        for frame in frames:
-            if self._bus.has_room(frame):
-                out.append(frame)
-            elif len(self._held) < QUEUE_FRAMES:
-                self._held.append((self._bus.cycle + 1, frame))
-        return out
-
-
-class _Station:
-    """A node with its own power, clock and process."""
-
-    __slots__ = ("_missed", "_receive", "clock_runs", "node", "paused", "powered", "transmitter")
-
-    def __init__(self, node: Node, transmitter: _Transmitter) -> None:
-        self.node = node
-        self._receive = without_queue(node)
-        self.transmitter = transmitter
-        self.powered = True
-        self.clock_runs = True
-        self.paused = False
-        self._missed: list[Frame | int] = []
-
-    def start(self) -> list[Frame]:
-        return self.transmitter.passed(self.node.start())
-
-    def receive(self, frame: Frame) -> list[Frame]:
-        if self.paused:
-            self._missed.append(frame)
-        elif self.powered:
-            return self.transmitter.passed(self._receive(frame))
-        return []
-
-    def advance(self, microseconds: int) -> list[Frame]:
-        if self.paused:
-            self._missed.append(microseconds)
-        elif self.powered:
-            return self.transmitter.passed(
-                self.node.advance(microseconds) if self.clock_runs else ()
-            )
-        return []
-
-    def segments(self, most: int) -> list[Frame]:
-        return []
-
-    def shutdown(self) -> list[Frame]:
-        return self.transmitter.passed(self.node.shutdown()) if self.powered else []
-
-    def catch_up(self) -> list[Frame]:
-        """Go on after a pause with all the frames and the time that came meanwhile."""
-        self.paused = False
-        missed, self._missed = self._missed, []
-        out = []
-        for item in missed:
-            out += self.advance(item) if isinstance(item, int) else self.receive(item)
-        return out
 
 
 class _DisturbedConnection(Connection):
@@ -143,7 +20,7 @@ class _DisturbedConnection(Connection):
     __slots__ = ("_transmitter",)
 
     def __init__(
-        self, bus: FaultyBus, receive: Callable[[Frame], None], transmitter: _Transmitter
+        self, bus: FaultyBus, receive: Callable[[Frame], None], transmitter: Transmitter
     ) -> None:
         super().__init__(bus, receive, None, False)
         self._transmitter = transmitter
@@ -185,7 +62,7 @@ class FaultyBus(LocalBus):
         self.random = random.Random(seed)
         self.disturbances: list[Disturbance] = []
         self.cycle = 0
-        self._stations: dict[Connection, _Station] = {}
+        self._stations: dict[Connection, Station] = {}
         self._babbler: Connection | None = None
         self._babble = Frame(0)
         self._babble_time = 0
@@ -196,16 +73,18 @@ class FaultyBus(LocalBus):
         """Whether anything happens to frames now."""
         return bool(self.disturbances) or self._babbler is not None
 
-    def attach(self, node: Node, *, lockstep: bool = True) -> Connection:
+    def attach(  # type: ignore[override] # what goes wrong here is up to a node's host
+        self, node: WholeNode, *, lockstep: bool = True
+    ) -> Connection:
         """Plug in a node and switch it on; see `LocalBus.attach`."""
-        station = _Station(node, _Transmitter(self))
+        station = Station(node, Transmitter(self), lockstep)
         port = super().attach(station, lockstep=lockstep)
         self._stations[port] = station
         return port
 
     def connect(self, listener: Callable[[Frame], None]) -> Connection:
         """Plug in a party; what it sends may go wrong as well."""
-        port = _DisturbedConnection(self, listener, _Transmitter(self))
+        port = _DisturbedConnection(self, listener, Transmitter(self))
         self._add(port)
         return port
 
@@ -227,8 +106,25 @@ class FaultyBus(LocalBus):
         self._stations[port].paused = True
 
     def resume(self, port: Connection) -> None:
-        """Let a process go on: it takes all frames and all time that it missed, in order."""
+        """Let a process go on with what it missed: time before frames, unless in lockstep."""
         self._send(port, self._stations[port].catch_up())
+
+    def clog(self, port: Connection, cycles: int) -> None:
+        """Have a node's CAN controller take no frames for some cycles, 1 or more.
+
+        They wait in an `Outbox`, which tells the node.
+        """
+        if cycles < 1:
+            raise ValueError(f"cycles {cycles} is below 1")
+        self._stations[port].clog(self.cycle + cycles)
+
+    def bus_off(self, port: Connection) -> None:
+        """Have a node's CAN controller leave the bus, and its host notice."""
+        self._stations[port].bus_off()
+
+    def bus_recovered(self, port: Connection) -> None:
+        """Have it be on the bus again."""
+        self._send(port, self._stations[port].bus_recovered())
 
     def stop_clock(self, port: Connection) -> None:
         """Stop a node's clock; it goes on hearing frames."""

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Final
+from typing import Final, Protocol
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import Bus, QueueFullError
+from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.node import HostedNode
 from smarttac_can.vocabulary.signals import TICK_US
 
 _MOST_WAITING: Final = 64
 """Frames of no urgency, or emergency messages, that wait before the oldest is dropped."""
+
+
+class Taker(Protocol):
+    """Where frames go: a `Bus`, or what stands for one."""
+
+    def send(self, frame: Frame) -> None:
+        """Take a frame, or raise QueueFullError."""
+        ...
 
 
 class Outbox:
@@ -32,7 +40,9 @@ class Outbox:
         Told when a fault begins, with the word of the bus; it ends when all was handed over.
     """
 
-    def __init__(self, node: HostedNode, bus: Bus, full: Callable[[QueueFullError], None]) -> None:
+    def __init__(
+        self, node: HostedNode, bus: Taker, full: Callable[[QueueFullError], None]
+    ) -> None:
         self._node = node
         self._bus = bus
         self._full = full

@@ -11,13 +11,15 @@ from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.collision import GONE_AFTER_US
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_faults import Disturbance, FrameFault
-from smarttac_can.od.cia import PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS
-from smarttac_can.trials.rig import Rig
+from smarttac_can.od.cia import HEARTBEAT_ID, PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS
+from smarttac_can.trials.rig import MASTER_ID, PLATE_LOST_MS, Rig
+from smarttac_can.trials.stage_hardware import StageHardware
 from smarttac_can.vocabulary.signals import TICK_US, Drive, Measurement, Setpoint
 
 SETPOINT_DEADLINE_MS: Final = 5
 """Event timer of the set-points at the stimulator, where the master sends them in each cycle."""
 _PAUSE_CYCLES: Final = 2000
+_FULL_CYCLES: Final = 20
 _SETPOINT_RPDO: Final = 2
 _SETPOINT_PDO: Final = Frame(
     RPDO_IDS[_SETPOINT_RPDO - 1] + STIMULATOR_ID, pack("<HI", 4000, 4_339_000)
@@ -107,10 +109,9 @@ def resume_stimulator(rig: Rig) -> None:
 
 
 def pause_plate(rig: Rig) -> None:
-    """Stop the process of the plate for 2 s, and let it go on.
+    """Stop the process of the plate for 2 s, and let it go on: the first cycle counts from there.
 
-    All of it happens before the first cycle counts: a plate that is stopped cannot put its own
-    stage at 0 V.
+    A plate that is stopped cannot put its own stage at 0 V.
     """
     assert rig.plate_port is not None
     rig.bus.pause(rig.plate_port)
@@ -212,15 +213,36 @@ def skip_syncs(rig: Rig) -> None:
 
 
 def bus_off(rig: Rig) -> None:
-    """Tell the stimulator that its CAN controller is bus-off."""
-    rig.bus.answer(rig.stimulator_port, rig.stimulator.bus_off())
+    """Have the CAN controller of the stimulator leave the bus."""
+    rig.bus.bus_off(rig.stimulator_port)
 
 
 def bus_recovered(rig: Rig) -> None:
-    """Tell the stimulator that its CAN controller is back."""
-    rig.bus.answer(rig.stimulator_port, rig.stimulator.bus_recovered())
+    """Have it be on the bus again."""
+    rig.bus.bus_recovered(rig.stimulator_port)
 
 
-def transmit_failed(rig: Rig) -> None:
-    """Tell the stimulator that its transmit queue is full."""
-    rig.bus.answer(rig.stimulator_port, rig.stimulator.transmit_failed())
+def fill_queue(rig: Rig) -> None:
+    """Have the CAN controller of the stimulator take no frames for some cycles, then all."""
+    rig.bus.clog(rig.stimulator_port, _FULL_CYCLES)
+
+
+def boot_again(rig: Rig) -> None:
+    """Have the master say that it has booted."""
+    rig.master.send(Frame(HEARTBEAT_ID + MASTER_ID, bytes(1)))
+
+
+def hear_plate(rig: Rig) -> None:
+    """Let no frames get lost, until a heartbeat of the plate has come."""
+    calm(rig)
+    rig.cycle(PLATE_LOST_MS // 2 + 1)
+
+
+def connect_hardware(rig: Rig) -> None:
+    """Have hardware watch the power stage."""
+    rig.hardware = StageHardware(rig)
+
+
+def hardware(name: str, value: int) -> Act:
+    """Make an act that gives an attribute of that hardware another value."""
+    return lambda rig: setattr(rig.hardware, name, value)

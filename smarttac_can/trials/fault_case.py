@@ -52,8 +52,15 @@ class FaultCase(NamedTuple):
     """Whether the power stage ignores what is asked for."""
     breaks_controller: bool = False
     """Whether the controllers themselves are replaced."""
+    cut_off: bool = False
+    """Whether what the stimulator says is lost with the bus."""
     needs_voltage: bool = False
     """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
+
+    why: str = ""
+    """Why another watchdog is first than the one of the name."""
+    uncovered: str = ""
+    """Why no software can act, where none can; the bound then counts from where it goes on."""
 
     def trips(self, mode: Mode) -> Watchdog | None:
         """Return what trips first in a mode."""

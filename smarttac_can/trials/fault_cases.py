@@ -8,17 +8,23 @@ from typing import Final
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.nodes.hardware_watch import READ_BACK_CYCLES
 from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
 from smarttac_can.trials.fault_acts import (
     SETPOINT_DEADLINE_MS,
     another_plate,
+    boot_again,
     bus_off,
     bus_recovered,
     calm,
+    connect_hardware,
     control_rightly,
     control_wrongly,
     disturb,
     fall_silent,
+    fill_queue,
+    hardware,
+    hear_plate,
     jump,
     limit_amplitude,
     limit_bound,
@@ -38,7 +44,6 @@ from smarttac_can.trials.fault_acts import (
     speak_as,
     start_clock,
     stop_clock,
-    transmit_failed,
 )
 from smarttac_can.trials.fault_case import (
     REGULATED,
@@ -47,7 +52,7 @@ from smarttac_can.trials.fault_case import (
     FaultCase,
     broken,
 )
-from smarttac_can.trials.rig import NODE_LOST_MS, Rig
+from smarttac_can.trials.rig import MASTER_LOST_MS, PLATE_LOST_MS, Rig
 from smarttac_can.trials.weak_pickup import WEAK_PICKUP
 from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
 from smarttac_can.vocabulary.modes import Mode
@@ -75,6 +80,8 @@ SYNC_IRREGULAR_CYCLES: Final = 2 * sync_window(PDO_DEADLINE_MS)
 """The window in which the fault comes may end too early to tell; the next one is enough."""
 HUNTING_CYCLES: Final = SILENT_CYCLES
 """A loop that answers a wrong pick-up lets its excess come and go, but not for longer."""
+READ_BACK_BOUND: Final = READ_BACK_CYCLES + 2
+"""A reading may be a cycle old, and so may what it is compared with."""
 FORCE_PATH_CYCLES: Final = 6
 """What flexure and filter of 100 Hz take to show half of a sudden force, and a cycle."""
 
@@ -114,12 +121,15 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _nmt("NMT stop of the plate", NMTCommand.STOP, AT_ONCE, of_plate=True),
     _nmt("NMT reset of the plate", NMTCommand.RESET_NODE, AT_ONCE, of_plate=True),
     _nmt("NMT stop, plate inside", NMTCommand.STOP, AT_ONCE, inside=True),
-    FaultCase("heartbeat of the master lost", NODE_LOST_MS, Watchdog.HEARTBEAT,
-              put("heartbeat", False), put("heartbeat", True)),
-    FaultCase("heartbeat of the master lost, plate inside", NODE_LOST_MS, Watchdog.HEARTBEAT,
-              put("heartbeat", False), put("heartbeat", True), plate_inside=True),
-    FaultCase("heartbeat of the plate lost", NODE_LOST_MS, Watchdog.HEARTBEAT,
-              disturb(FrameFault.LOSS, HEARTBEAT_ID + PLATE_ID), calm),
+    # An identification is over before a heartbeat is missed.
+    FaultCase("heartbeat of the master lost", MASTER_LOST_MS, Watchdog.HEARTBEAT,
+              put("heartbeat", False), put("heartbeat", True), REGULATED),
+    FaultCase("heartbeat of the master lost, plate inside", MASTER_LOST_MS, Watchdog.HEARTBEAT,
+              put("heartbeat", False), put("heartbeat", True), REGULATED, plate_inside=True),
+    FaultCase("heartbeat of the plate lost", PLATE_LOST_MS, Watchdog.HEARTBEAT,
+              disturb(FrameFault.LOSS, HEARTBEAT_ID + PLATE_ID), hear_plate, REGULATED,
+              prepare=hear_plate),
+    FaultCase("master boots again", AT_ONCE, Watchdog.HEARTBEAT, boot_again, nothing),
     FaultCase("measurements lost", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               disturb(FrameFault.LOSS, *MEASUREMENTS), calm),
     FaultCase("drives lost", PDO_DEADLINE_MS, Watchdog.PLATE,
@@ -131,8 +141,9 @@ CASES: Final[tuple[FaultCase, ...]] = (
               put("syncs", 2), put("syncs", 1)),
     FaultCase("SYNC counter jumps", AT_ONCE, Watchdog.SYNC_COUNTER, skip_syncs, nothing,
               prepare=Rig.count_syncs),
-    FaultCase("bus-off", AT_ONCE, Watchdog.BUS_OFF, bus_off, bus_recovered),
-    FaultCase("transmit queue full", AT_ONCE, Watchdog.TRANSMIT_QUEUE, transmit_failed, nothing),
+    FaultCase("bus-off", PDO_DEADLINE_MS, Watchdog.BUS_OFF, bus_off, bus_recovered, cut_off=True),
+    FaultCase("transmit queue full", PDO_DEADLINE_MS, Watchdog.TRANSMIT_QUEUE,
+              fill_queue, nothing),
     FaultCase("controller asks for 999 V", AT_ONCE, Watchdog.VOLTAGE,
               control_wrongly(999.0), control_rightly, breaks_controller=True),
     FaultCase("controller gives NaN", AT_ONCE, Watchdog.CONTROLLER,
@@ -190,8 +201,14 @@ CASES: Final[tuple[FaultCase, ...]] = (
     broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
             FaultKind.OFFSET, PICKUP_D, 500, modes=(Mode.IDENTIFY,),
             prepare=limit_amplitude(1000)),
-    broken("power stage stuck", AT_ONCE, Watchdog.PICKUP,
+    broken("power stage stuck", AT_ONCE, Watchdog.STAGE,
             FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True),
+    FaultCase("hardware takes its enable away", AT_ONCE, Watchdog.NOT_ENABLED,
+              hardware("enable", 0), hardware("enable", 1), prepare=connect_hardware),
+    FaultCase("hardware falls silent", PDO_DEADLINE_MS, Watchdog.NOT_ENABLED,
+              hardware("speaks", False), hardware("speaks", True), prepare=connect_hardware),
+    FaultCase("hardware reads 10 V more", READ_BACK_BOUND, Watchdog.STAGE,
+              hardware("excess", 1000), hardware("excess", 0), prepare=connect_hardware),
     FaultCase("measurements two cycles late", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               disturb(FrameFault.DELAY, *MEASUREMENTS, cycles=2), calm),
     FaultCase("drives two cycles late", PDO_DEADLINE_MS, Watchdog.PLATE,
@@ -216,8 +233,11 @@ CASES: Final[tuple[FaultCase, ...]] = (
               stop_clock, start_clock),
     FaultCase("stimulator paused for 2 s", PDO_DEADLINE_MS, None,
               pause_stimulator, resume_stimulator, deaf=True),
-    FaultCase("plate paused for 2 s", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              pause_plate, nothing, deaf=True),
+    FaultCase("plate paused for 2 s", AT_ONCE, Watchdog.MEASUREMENT,
+              pause_plate, nothing, deaf=True, uncovered="a process that stands cannot put its "
+              "stage at 0 V, and does not hear hardware that asks for it. The stage's own hardware "
+              "has to: an enable in its supply that falls when it is not served in time, by a "
+              "watchdog that each cycle of the plate retriggers"),
     FaultCase("master paused", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, pause_master, resume_master),
 )  # fmt: skip
 """Faults that have to end in 0 V."""

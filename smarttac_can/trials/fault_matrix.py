@@ -174,9 +174,9 @@ def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) 
     rig.cycle(_LOGGED_CYCLES)
     before = rig.stage.si_value
     seen = len(rig.emergencies)
-    case.inject(rig)
     injected = log.time
     reached = _Peak(rig)
+    case.inject(rig)
     cycles_to_zero = _cycles_to_zero(rig, case.bound)
     rig.observe = None
     state = rig.state
@@ -201,6 +201,7 @@ def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) 
         recovered=recovered,
         injected_at_s=injected * 1e-6,
         reached_um=round(reached.um, 2),
+        covered=not case.uncovered,
     )
     return row, log.frames, log.time
 

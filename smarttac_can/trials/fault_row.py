@@ -36,6 +36,9 @@ class FaultRow:
     reached_um: float
     """Largest vibration of the plate, from the fault until 0 V and 50 cycles."""
 
+    covered: bool = True
+    """Whether software can act; if not, the cycles to 0 V count from where it goes on."""
+
     @property
     def emcy_code(self) -> str | None:
         """Code of the first emergency message after the fault; None if there was none."""
@@ -83,7 +86,7 @@ def matrix_table(rows: Iterable[FaultRow]) -> Iterator[str]:
                 row.fault,
                 row.mode.replace("_", " "),
                 f"{row.voltage_before_v:.0f}",
-                str(row.detection_bound_cycles),
+                str(row.detection_bound_cycles) if row.covered else "not covered",
                 "never" if row.cycles_to_zero is None else str(row.cycles_to_zero),
                 f"{row.reached_um:.2f}",
                 ", ".join(row.emcy_codes) or "none",

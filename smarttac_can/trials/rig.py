@@ -19,13 +19,13 @@ from smarttac_can.od.cia import (
     EMCY_ID,
     FRAME_BYTES,
     HEARTBEAT_CONSUMER,
-    HEARTBEAT_PRODUCER,
     SYNC_COUNTER,
     SYNC_COUNTER_LAST,
     SYNC_PERIOD,
     NMTCommand,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.trials.stage_hardware import StageHardware
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
@@ -33,12 +33,12 @@ from smarttac_can.vocabulary.states import Control, State
 
 MASTER_ID: Final = 1
 """Node-ID of the master."""
-HEARTBEAT_CYCLES: Final = 20
-"""Cycles between two heartbeats of the master, and of the plate."""
-NODE_LOST_MS: Final = 50
-"""After how long without a heartbeat the stimulator counts master or plate as lost."""
-_PLATE_WATCH: Final = 4
-"""Entry of the heartbeat consumer that watches the plate."""
+HEARTBEAT_CYCLES: Final = 100
+"""Cycles between two heartbeats of the master, as of the bench and in the docs."""
+MASTER_LOST_MS: Final = 1000
+"""After how long without one the stimulator counts the master as lost, as the bench has it."""
+PLATE_LOST_MS: Final = 2000
+"""The same of the plate, two of its heartbeats: as the stimulator does by default."""
 TARE_CYCLES: Final = TARE_SAMPLES + 6
 """Cycles without a finger that are enough for the tare, even if some are lost."""
 _READY_CYCLES: Final = 5
@@ -90,6 +90,8 @@ class Rig:
         Called after every cycle.
     each_cycle
         Further frames that the master sends in every cycle.
+    hardware
+        What watches the power stage, if anything does.
     """
 
     def __init__(
@@ -107,6 +109,7 @@ class Rig:
         self.syncs = 1
         self.observe: Callable[[], None] | None = None
         self.each_cycle: list[Frame] = []
+        self.hardware: StageHardware | None = None
         self._emcy_ids = (EMCY_ID + STIMULATOR_ID, EMCY_ID + PLATE_ID)
         self.master = LocalMaster(self.bus, self._hear)
         if plate_inside:
@@ -156,15 +159,9 @@ class Rig:
         return self.stimulator.block.state
 
     def configure(self) -> None:
-        """Have heartbeats of master and plate under watch, as after every reset of a node."""
-        watched = [(1, MASTER_ID)]
-        if self.plate_port is not None:
-            watched.append((_PLATE_WATCH, PLATE_ID))
-            producer = self.plate.od.entry(HEARTBEAT_PRODUCER)
-            self.master.write(PLATE_ID, producer, HEARTBEAT_CYCLES)
-        for subindex, node_id in watched:
-            watch = self.od.entry(HEARTBEAT_CONSUMER, subindex)
-            self.master.write(STIMULATOR_ID, watch, node_id << 16 | NODE_LOST_MS)
+        """Have the heartbeat of the master under watch, as after every reset of a node."""
+        watch = self.od.entry(HEARTBEAT_CONSUMER, 1)
+        self.master.write(STIMULATOR_ID, watch, MASTER_ID << 16 | MASTER_LOST_MS)
 
     def start(self) -> None:
         """Configure and start both nodes."""
