@@ -11,14 +11,15 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Iterable
 from difflib import unified_diff
 from pathlib import Path
 
 import click
 
 from smarttac_can.od.object_reference import table
-from smarttac_can.trials.fault_case import DRIVING, REGULATED, TRACKED
-from smarttac_can.trials.fault_cases import TOLERATED
+from smarttac_can.trials.fault_case import DRIVING, REGULATED, TRACKED, FaultCase
+from smarttac_can.trials.fault_cases import CASES, TOLERATED
 from smarttac_can.trials.fault_matrix import (
     ALL_NOT_SEEN,
     ALL_TOLERATED,
@@ -45,15 +46,18 @@ bus, or on the stimulator with the plate inside where the name says so. Cycles a
 loop, 1 ms.
 
 - **Before**: voltage of the power stage in the cycle before the fault.
-- **Bound**: cycles from the fault to its detection at the latest.
+- **Bound**: cycles from the fault to its detection at the latest. A fault that software cannot
+  cover says so, and is [below](#what-software-does-not-cover): the cycles count from where it goes
+  on.
 - **To 0 V**: cycles from the fault until the power stage is at 0 V; never more than the bound and
   one. It is the stage that is looked at, not what the controller asks for.
 - **Reached**: largest vibration of the plate in um peak-to-peak until 50 cycles after the bound,
   whatever its pick-up reads.
 - **EMCY**: codes of the emergency messages of both nodes, in order. Those that end in 30h and 50h
   among 81xxh and 82xxh are of the CiA 301 services, 8253h is of the
-  [plate](safety.md#watchdogs-of-the-plate), the others of the
-  [stimulator](safety.md#watchdogs-of-the-stimulator).
+  [plate](safety.md#watchdogs-of-the-plate), 3311h and 9010h first of the plate, the others of the
+  [stimulator](safety.md#watchdogs-of-the-stimulator). One that is bus-off tells nobody: 8141h
+  stands in its history.
 - **State after**: state of the stimulator at 0 V. One that is paused still believes that it runs.
 - **Held**: the plate stays at 0 V for the cycles of `--hold`, 1000 in continuous integration,
   {HOLD_CYCLES} unless told otherwise. The master reads, writes set-points and modes, arms, runs and
@@ -63,8 +67,10 @@ loop, 1 ms.
 
 Every watchdog trips in every mode; that of the resonance only where the resonance is tracked.
 Missed time has no row: without SYNC others are sooner, and a process without time is no fault of
-the bus. A plate process that is paused is paused with its plate: no time passes for either, and the
-cycles count from where it goes on.
+the bus. The heartbeat of the master comes each 100 ms and is missed after 1000 ms, that of the
+plate each 1000 ms and is missed after 2000 ms: as the bench has it, and a stimulator by default. An
+identification is over by then. A process that goes on after a pause has its time first, then the
+frames that waited.
 """
 
 
@@ -74,6 +80,25 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, Mode], float]) -> str:
     lines = [
         HEAD,
         *matrix_table(rows),
+        "## Another watchdog first",
+        "",
+        "Where it is not the one of the name that trips first, or not in each mode:",
+        "",
+        *table(
+            ("Fault", "Mode", "First", "Why that is right"),
+            *(
+                (case.name, _modes(case.instead), _first(case), case.why)
+                for case in CASES
+                if case.why
+            ),
+        ),
+        "## What software does not cover",
+        "",
+        *(f"- **{case.name}**: {case.uncovered}." for case in CASES if case.uncovered),
+        "",
+        "Tested is what comes after it: when the process goes on, the first thing is 0 V, barred, "
+        "before a frame that has waited is used.",
+        "",
         "## What does not end a run",
         "",
         f"In every mode, and tested likewise: {names}.",
@@ -95,13 +120,23 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, Mode], float]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _modes(modes: Iterable[Mode]) -> str:
+    return ", ".join(mode_name(mode).replace("_", " ") for mode in modes) or "every one"
+
+
+def _first(case: FaultCase) -> str:
+    """Name what trips first, where it is not the watchdog of the name."""
+    first = dict.fromkeys(case.instead.values() or [case.watchdog])
+    return ", ".join(watchdog.name.lower().replace("_", " ") for watchdog in first if watchdog)
+
+
 def undetected(rows: list[FaultRow]) -> list[str]:
     """Name the watchdogs whose emergency code is in no row of a mode."""
     seen = {(row.mode, code) for row in rows for code in row.emcy_codes}
     return [
         f"{mode_name(mode)}: no row with {row.code:04X}h, {row.text}"
         for watchdog, row in WATCHDOGS.items()
-        if watchdog is not Watchdog.MISSED_TIME
+        if watchdog not in (Watchdog.MISSED_TIME, Watchdog.BUS_OFF)
         for mode in (TRACKED if watchdog is Watchdog.RESONANCE else DRIVING)
         if (mode_name(mode), f"{row.code:04X}h") not in seen
     ]

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 QUEUE_FRAMES: Final = 1000
 """Frames of a party that wait at most while the bus has no room; an assumption."""
+RECEIVED_FRAMES: Final = 256
+"""Frames that wait at most for a process that stands: about what the 208 KiB hold that a socket
+has by default on Linux; an assumption."""
 
 
 class Transmitter:
@@ -127,6 +130,7 @@ class Station:
         "_missed",
         "_outbox",
         "_receive",
+        "_waiting",
         "clock_runs",
         "connected",
         "node",
@@ -145,6 +149,7 @@ class Station:
         self.paused = False
         self.connected = True
         self._missed: list[Frame | int] = []
+        self._waiting = 0
         self._controller = _Controller(transmitter.bus)
         self._outbox: Outbox | None = None
 
@@ -155,7 +160,9 @@ class Station:
     def receive(self, frame: Frame) -> list[Frame]:
         """Take a frame from the bus, if it can."""
         if self.paused:
-            self._missed.append(frame)
+            self._waiting += 1
+            if self._waiting <= RECEIVED_FRAMES:
+                self._missed.append(frame)
         elif self.powered and self.connected:
             return self._sent(self._receive(frame))
         return []
@@ -177,12 +184,12 @@ class Station:
         return self._sent(self.node.shutdown()) if self.powered else []
 
     def catch_up(self) -> list[Frame]:
-        """Go on after a pause with all the frames and the time that came meanwhile.
+        """Go on after a pause with the frames that wait and the time that passed meanwhile.
 
         In real time the time comes first, and what is overdue by then, as for a process of its own.
         """
         self.paused = False
-        missed, self._missed = self._missed, []
+        missed, self._missed, self._waiting = self._missed, [], 0
         out = []
         if not self._lockstep:
             self.node.clock.now += sum(item for item in missed if isinstance(item, int))

@@ -86,6 +86,17 @@ FORCE_PATH_CYCLES: Final = 6
 """What flexure and filter of 100 Hz take to show half of a sudden force, and a cycle."""
 
 
+_BEYOND: Final = "the end of the range, less the zero, is above the limit of the force in one cycle"
+_LATERAL: Final = "without a finger a lateral force contradicts the other gauges at once"
+_DIAGONAL: Final = (
+    "0 N contradicts the other three normal gauges before it has lasted for 12 cycles"
+)
+_LOOP: Final = (
+    "an amplitude loop asks for more until the other axis is at its end; an identification beside "
+    "the resonance still reads that one, so that equal samples are first"
+)
+
+
 def _nmt(
     name: str, command: int, bound: int, *, of_plate: bool = False, inside: bool = False
 ) -> FaultCase:
@@ -104,13 +115,21 @@ def _sensor(
     dead: Watchdog,
     saturated: Watchdog,
     instead: Mapping[Mode, Watchdog] = MappingProxyType({}),
+    why: str = "",
 ) -> list[FaultCase]:
-    """Return the ways in which any sensor fails; `instead` is of a dead one."""
+    """Return the ways in which any sensor fails; `instead` and `why` are of a dead one."""
+    beyond = "" if saturated is Watchdog.SATURATED else _BEYOND
     return [
         broken(f"{name} stuck", STUCK_GAUGE_CYCLES, Watchdog.STUCK, FaultKind.STUCK, sensor),
-        broken(f"{name} dead", STUCK_GAUGE_CYCLES, dead, FaultKind.DEAD, sensor, instead=instead),
-        broken(f"{name} saturated", SATURATED_CYCLES, saturated, FaultKind.SATURATED, sensor),
-    ]
+        broken(
+            f"{name} dead", STUCK_GAUGE_CYCLES, dead, FaultKind.DEAD, sensor,
+            instead=instead, why=why,
+        ),
+        broken(
+            f"{name} saturated", SATURATED_CYCLES, saturated, FaultKind.SATURATED, sensor,
+            why=beyond,
+        ),
+    ]  # fmt: skip
 
 
 CASES: Final[tuple[FaultCase, ...]] = (
@@ -159,27 +178,27 @@ CASES: Final[tuple[FaultCase, ...]] = (
               speak_as(HEARTBEAT_ID + PLATE_ID), fall_silent),
     FaultCase("another node sends drives", AT_ONCE, Watchdog.DOUBLE,
               speak_as(DRIVE), fall_silent),
-    # Without a finger a lateral force contradicts the other gauges before its gauge is stuck.
-    *_sensor("S1", 1, Watchdog.STUCK, Watchdog.SATURATED, {Mode.IDENTIFY: Watchdog.GAUGES}),
-    *_sensor("S2", 2, Watchdog.STUCK, Watchdog.SATURATED, {Mode.IDENTIFY: Watchdog.GAUGES}),
-    # A zero far from the end of the range makes a force above its limit of that end.
-    *_sensor("S3", 3, Watchdog.GAUGES, Watchdog.NORMAL_FORCE),
-    *_sensor("S4", 4, Watchdog.GAUGES, Watchdog.SATURATED),
-    *_sensor("S5", 5, Watchdog.GAUGES, Watchdog.NORMAL_FORCE),
-    *_sensor("S6", 6, Watchdog.GAUGES, Watchdog.NORMAL_FORCE),
+    *(case for number in (1, 2) for case in _sensor(
+        f"S{number}", number, Watchdog.STUCK, Watchdog.SATURATED,
+        {Mode.IDENTIFY: Watchdog.GAUGES}, _LATERAL)),
+    *_sensor("S3", 3, Watchdog.GAUGES, Watchdog.NORMAL_FORCE, why=_DIAGONAL),
+    *_sensor("S4", 4, Watchdog.GAUGES, Watchdog.SATURATED, why=_DIAGONAL),
+    *_sensor("S5", 5, Watchdog.GAUGES, Watchdog.NORMAL_FORCE, why=_DIAGONAL),
+    *_sensor("S6", 6, Watchdog.GAUGES, Watchdog.NORMAL_FORCE, why=_DIAGONAL),
     *(broken(f"S{number} jumps", GAUGE_CYCLES, Watchdog.GAUGES, FaultKind.OFFSET, number, 600)
       for number in range(3, 7)),
     *_sensor("pick-up d", PICKUP_D, Watchdog.PICKUP, Watchdog.SATURATED, {
         Mode.AMPLITUDE: Watchdog.SATURATED, Mode.AMPLITUDE_RESONANCE: Watchdog.SATURATED,
         Mode.IDENTIFY: Watchdog.STUCK,
-    }),
+    }, _LOOP),
     *_sensor("pick-up q", PICKUP_Q, Watchdog.STUCK, Watchdog.SATURATED),
     broken("S3 saturated, plate inside", SATURATED_CYCLES, Watchdog.NORMAL_FORCE,
-            FaultKind.SATURATED, 3, plate_inside=True),
+            FaultKind.SATURATED, 3, plate_inside=True, why=_BEYOND),
     broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.PICKUP,
             FaultKind.GAIN, PICKUP_D, 6000, instead={
                 Mode.OPEN_LOOP: Watchdog.SATURATED, Mode.FRICTION: Watchdog.SATURATED,
-            }),
+            }, why="six times the vibration is beyond the end of the range where no amplitude "
+            "loop takes it back"),
     *WEAK_PICKUP,
     FaultCase("bound by the drive above its limit", UNSEEN_CYCLES, Watchdog.UNSEEN,
               limit_bound(100), limit_bound(5000), needs_voltage=True),
@@ -202,7 +221,10 @@ CASES: Final[tuple[FaultCase, ...]] = (
             FaultKind.OFFSET, PICKUP_D, 500, modes=(Mode.IDENTIFY,),
             prepare=limit_amplitude(1000)),
     broken("power stage stuck", AT_ONCE, Watchdog.STAGE,
-            FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True),
+            FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True,
+            instead={Mode.IDENTIFY: Watchdog.PICKUP},
+            why="140 V instead of 16 V are more vibration than an identification bears: it asks "
+            "for 0 V, which a stuck stage obeys, before a drive could show that it does not"),
     FaultCase("hardware takes its enable away", AT_ONCE, Watchdog.NOT_ENABLED,
               hardware("enable", 0), hardware("enable", 1), prepare=connect_hardware),
     FaultCase("hardware falls silent", PDO_DEADLINE_MS, Watchdog.NOT_ENABLED,

@@ -46,11 +46,11 @@ class FaultRow:
 
     @property
     def passed(self) -> bool:
-        """Whether the fault ended in 0 V in time, and for good until it was reset."""
+        """Whether the fault ended in 0 V, in time if software can act, and for good until reset."""
         return (
             self.voltage_before_v > 0.0
             and self.cycles_to_zero is not None
-            and self.cycles_to_zero <= self.detection_bound_cycles + 1
+            and (not self.covered or self.cycles_to_zero <= self.detection_bound_cycles + 1)
             and self.held
             and self.recovered
         )

@@ -39,6 +39,8 @@ def _weak(
     return broken(
         name, LACK_BOUND, Watchdog.PICKUP, FaultKind.GAIN, sensor, per_mille,
         modes=modes, instead=instead, needs_voltage=True,
+        why="the loop drives the plate beyond what it may reach before the lack has lasted"
+        if instead else "",
     )  # fmt: skip
 
 
@@ -48,6 +50,7 @@ def _detuned(per_mille: int, instead: Mapping[Mode, Watchdog]) -> FaultCase:
         f"pick-up d at {per_mille / _PER_MILLE:g}, tracked", RESONANCE_CYCLES + LACK_BOUND,
         Watchdog.RESONANCE, FaultKind.GAIN, PICKUP_D, per_mille,
         modes=TRACKED, instead=instead, needs_voltage=True,
+        why="the lack has lasted before the wrong phase" if instead else "",
     )  # fmt: skip
 
 

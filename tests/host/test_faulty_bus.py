@@ -4,6 +4,7 @@ import pytest
 from toy_node import (
     AT_SYNC,
     BOOT_UP,
+    EMERGENCY,
     OFF,
     REPLY,
     REQUEST,
@@ -165,6 +166,59 @@ def test_paused_process_takes_everything_afterwards() -> None:
     assert bench.node.advances == sound.node.advances
     answers = [frame for frame in bench.frames if frame != SYNC]
     assert answers == [frame for frame in sound.frames if frame != SYNC]
+
+
+def test_paused_process_in_real_time_has_the_time_first() -> None:
+    bus = FaultyBus()
+    master = bus.connect(lambda frame: None)
+    node = ToyNode()
+    port = bus.attach(node, lockstep=False)
+    bus.pause(port)
+    for _ in range(300):
+        bus.advance(1000)
+        master.send(SYNC)
+    bus.resume(port)
+    assert node.late == [300_000], "before it hears a frame"
+    assert len(node.heard) == 256, "a queue is full some time"
+    assert node.time == 300_000
+
+
+def test_clogged_node_is_told_by_its_outbox_and_says_the_rest_later() -> None:
+    frames: list[Frame] = []
+    bus = FaultyBus(log=lambda _time, frame: frames.append(frame))
+    master = bus.connect(lambda frame: None)
+    node = ToyNode()
+    port = bus.attach(node, lockstep=False)
+    bus.clog(port, 4)
+    frames.clear()
+    failures = []
+    for _ in range(6):
+        bus.advance(1000)
+        master.send(SYNC)
+        failures.append(node.failures)
+    assert failures[:3] == [0, 1, 2], "one that was not handed over in its cycle, of each"
+    others = [(n, f.can_id) for n, f in enumerate(frames) if f != SYNC]
+    assert others[0][0] == 3, "nothing before"
+    assert EMERGENCY + 1 in [can_id for _, can_id in others]
+    assert others[-1][1] == REPORT
+    with pytest.raises(ValueError, match="cycles 0 is below 1"):
+        bus.clog(port, 0)
+
+
+def test_node_that_is_bus_off_is_told_and_neither_hears_nor_is_heard() -> None:
+    bench = Bench()
+    told: list[str] = []
+    bench.node.bus_off = lambda: [told.append("off"), Frame(0x123)][1:]  # type: ignore
+    bench.node.bus_recovered = lambda: [told.append("back"), Frame(0x124)][1:]  # type: ignore
+    bench.bus.bus_off(bench.port)
+    assert bench.ids(7) == [SYNC.can_id] * 7
+    assert not bench.node.heard
+    assert bench.node.time == 7000, "its clock goes on"
+    del bench.frames[:]
+    bench.bus.bus_recovered(bench.port)
+    assert bench.frames == [Frame(0x124)]
+    assert told == ["off", "back"]
+    assert REPORT in bench.ids(1)
 
 
 def test_clock_jumps_and_stands() -> None:

@@ -10,10 +10,17 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import EMCY_ID, RPDO_IDS, SYNC_ID
 from smarttac_can.trials.fault_case import DRIVING, REGULATED, FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
-from smarttac_can.trials.fault_matrix import cases, fault_matrix, reached_unseen, tolerated
+from smarttac_can.trials.fault_matrix import (
+    cases,
+    driving_rig,
+    fault_matrix,
+    reached_unseen,
+    tolerated,
+)
 from smarttac_can.trials.fault_row import FaultRow, matrix_table, rows_as_json
 from smarttac_can.trials.weak_pickup import NOT_SEEN
 from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State
 
 HOLD = 50
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
@@ -34,6 +41,70 @@ def test_fault_ends_in_0_v_in_time_and_recovers(case: FaultCase, mode: Mode) -> 
     assert row.held
     assert row.recovered
     assert row.passed
+
+
+@pytest.mark.parametrize("mode", DRIVING)
+def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(mode: Mode) -> None:
+    case = next(case for case in CASES if case.name == "plate paused for 2 s")
+    rig = driving_rig(case, mode)
+    port = rig.plate_port
+    assert port is not None
+    rig.bus.pause(port)
+    rig.cycle(2000)
+    assert rig.stage.value > 0, "nothing puts the stage at 0 V while it stands"
+    seen: list[tuple[int, bool]] = []
+    station = rig.bus._stations[port]
+    receive = station._receive
+
+    def note(frame: Frame) -> list[Frame]:
+        seen.append((rig.stage.value, rig.plate_block.barred))
+        return receive(frame)
+
+    station._receive = note
+    rig.bus.resume(port)
+    assert len(seen) > 200
+    assert set(seen) == {(0, True)}
+
+
+def test_the_time_of_a_fault_is_before_what_it_does() -> None:
+    frames: list[tuple[int, Frame]] = []
+    (row,) = fault_matrix(
+        cases(["NMT stop"], [Mode.AMPLITUDE]),
+        hold=HOLD,
+        log=lambda time, frame: frames.append((time, frame)),
+    )
+    stop = next(t for t, f in frames if f == Frame(0x000, b"\x02\x20"))
+    assert row.injected_at_s * 1e6 < stop
+
+
+def test_a_row_that_is_not_covered_says_so_and_is_not_over_its_bound() -> None:
+    row = one("plate paused for 2 s", Mode.AMPLITUDE)
+    assert not row.covered
+    assert "| not covered | 0 |" in list(matrix_table([row]))[2]
+    assert replace(row, cycles_to_zero=9).passed
+    assert not replace(row, held=False).passed
+    assert [case.name for case in CASES if case.uncovered] == ["plate paused for 2 s"]
+
+
+def test_a_full_queue_is_told_by_the_outbox_when_its_cycle_is_over() -> None:
+    case = next(case for case in CASES if case.name == "transmit queue full")
+    rig = driving_rig(case, Mode.AMPLITUDE)
+    case.inject(rig)
+    states = []
+    for _ in range(3):
+        rig.cycle()
+        states.append(rig.state)
+    assert states == [State.RUNNING, State.FAULT, State.FAULT]
+    assert rig.stimulator.block.supervisor.latched & 1 << 8
+    heard = len(rig.emergencies)
+    rig.cycle(16)
+    assert 0x8111 not in [emcy.code for emcy in rig.emergencies], "it has no room either"
+    rig.cycle(2)
+    assert 0x8111 in [emcy.code for emcy in rig.emergencies[heard:]]
+
+
+def test_where_another_watchdog_is_first_it_says_why() -> None:
+    assert all(case.why for case in CASES if case.instead)
 
 
 @pytest.mark.parametrize("case", TOLERATED, ids=[case.name for case in TOLERATED])
