@@ -42,9 +42,25 @@ _OF_THE_PLATE = (
     (
         FaultCode.VOLTAGE,
         ErrorRegister.VOLTAGE,
-        "a drive above `Limit.Voltage` of the plate, or a power stage whose output is more than "
-        "1 V from what it was told",
+        "a drive above `Limit.Voltage` of the plate",
         "a drive of 0 V",
+    ),
+    (
+        FaultCode.STAGE,
+        ErrorRegister.VOLTAGE,
+        "a power stage that puts out more than 1 V more or less than it was told: at once where it "
+        "reads itself back, as in the simulation; by `Stage read-back`, once mapped, for 3 cycles "
+        "in a row, where a reading may be a cycle old: 5 cycles at most. Sent again for each "
+        "voltage that is asked for after 0 V",
+        "a drive of 0 V, once the reading is right",
+    ),
+    (
+        FaultCode.NOT_ENABLED,
+        ErrorRegister.MANUFACTURER,
+        "`Enable` is mapped and 0, or an RPDO with `Enable` or `Stage read-back` in its mapping is "
+        "valid and was not heard within its event timer. Sent if the stage was in use, and for "
+        "each voltage that is asked for after 0 V",
+        "a drive of 0 V, once enabled and heard",
     ),
     (
         FaultCode.TEMPERATURE,
