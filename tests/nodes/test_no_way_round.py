@@ -73,7 +73,7 @@ def test_a_force_above_its_limit_is_not_tared_away() -> None:
 def test_a_heartbeat_that_was_lost_before_a_reset_can_be_reset() -> None:
     rig = driven()
     rig.heartbeat = False
-    rig.cycle(60)
+    rig.cycle(1001)
     assert latched(rig, Watchdog.HEARTBEAT)
     assert reset_fault(rig) == STATE
     rig.nmt(RESET_COMMUNICATION, 0x20)
@@ -95,7 +95,7 @@ def test_a_setpoint_that_is_waited_for_no_more_can_be_reset() -> None:
 @pytest.mark.parametrize(
     ("index", "subindex", "raw", "silence", "watchdog", "cycles"),
     [
-        (0x1016, 1, MASTER << 16 | 40, put("heartbeat", False), Watchdog.HEARTBEAT, 41),
+        (0x1016, 1, MASTER << 16 | 400, put("heartbeat", False), Watchdog.HEARTBEAT, 401),
         (0x1401, 5, 3, put("each_cycle", []), Watchdog.SETPOINT, 4),
     ],
     ids=["heartbeat", "set-points"],
