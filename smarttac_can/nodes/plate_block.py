@@ -173,7 +173,7 @@ class PlateBlock:
             self._answered_before = True
         self.told = told = float(self._voltage.value * self._voltage.si)
         read_back = self._power_stage.put_out(told)
-        if abs(read_back - told) > STAGE_TOLERANCE:
+        if read_back != told and abs(read_back - told) > STAGE_TOLERANCE:
             self.bar()
             return Taken.DISOBEYED
         self._new = Drive(read_back, float(self._frequency.value * self._frequency.si))

@@ -176,8 +176,9 @@ class PlateNode(Application):
         A corrupt one, and a stranger's, is a drive that did not come; several of them bar. What
         hardware keeps from a voltage is reported for each time that one is asked for.
         """
-        if number in self._hardware.sources:
-            self._hardware.hear(number, self.block.told)
+        hardware = self._hardware
+        if number in hardware.sources:
+            hardware.hear(number, self.block.told)
             self._heed_hardware()
         if number != DRIVE_RPDO:
             return
@@ -189,7 +190,7 @@ class PlateNode(Application):
         if self._voltage.value > self._voltage_max.value:
             self._protect(FaultCode.VOLTAGE)
             return
-        cause = self._hardware.cause
+        cause = hardware.cause
         if not self._voltage.value:
             self._reported = False
         elif cause is not None and not self._reported:
