@@ -48,7 +48,8 @@ class LocalLink:
         """
         entry = self._block.od[name]
         if not entry.readable:
-            raise RefusedError(f"cannot read {name}: {Abort(AbortCode.WRITE_ONLY)}")
+            reason = Abort(AbortCode.WRITE_ONLY)
+            raise RefusedError(f"cannot read {name}: {reason}", reason.code)
         return int(entry.read())
 
     def text(self, name: str) -> str:

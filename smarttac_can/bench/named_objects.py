@@ -8,10 +8,16 @@ from numbers import Real
 from typing import Final
 
 from smarttac_can.bench.link import Link
-from smarttac_can.master.errors import BenchError
+from smarttac_can.master.errors import BenchError, RefusedError
+from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.objects import SIMULATION
+from smarttac_can.vocabulary.states import STATE_SHIFT, State
 
 _HINTS: Final = 3
+_MESSAGE: Final = "Message"
+_STATE_MASK: Final = 0b111
+_SHARP: Final = (State.ARMED, State.RUNNING)
 
 
 def finite(name: str, value: object) -> float:
@@ -102,10 +108,25 @@ class NamedObjects:
         """
         entry = self._number(name)
         text = value if isinstance(value, str) else f"{finite(name, value)} {entry.unit.symbol}"
-        self._link.write(name, entry.counts(text))
+        self._write(name, entry.counts(text))
+
+    def _write(self, name: str, raw: int) -> None:
+        """Write a raw value; where the device refuses it for being armed or running, say so."""
+        try:
+            self._link.write(name, raw)
+        except RefusedError as error:
+            simulated = name.partition(".")[0] in SIMULATION
+            if error.code == AbortCode.STATE and not simulated and self._state() in _SHARP:
+                text = f"{error}: it is armed or running, disarm() first"
+                raise RefusedError(text, error.code) from error
+            raise
+
+    def _state(self) -> State:
+        return State(self._link.read("Statusword") >> STATE_SHIFT & _STATE_MASK)
 
     def _number(self, name: str) -> Entry:
         entry = find_object(self._od, name)
         if not isinstance(entry.default, int | float):
-            raise BenchError(f"{name} is not a number")
+            hint = ": it is the text in .message" if name == _MESSAGE else ""
+            raise BenchError(f"{name} is not a number{hint}")
         return entry

@@ -23,7 +23,7 @@ def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
         kind = FaultKind(round(raw))
         low, high = value_range(kind)
         text += f": Fault.Value of {kind.name.lower()} is {low} to {high}"
-    return RefusedError(text)
+    return RefusedError(text, reason.code)
 
 
 def _shown(entry: Entry, raw: float) -> str:

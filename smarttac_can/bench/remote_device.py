@@ -144,7 +144,7 @@ class RemoteDevice:
         try:
             yield
         except SdoAbortedError as error:
-            raise RefusedError(f"cannot {action}: {Abort(error.code)}") from error
+            raise RefusedError(f"cannot {action}: {Abort(error.code)}", error.code) from error
         except SdoCommunicationError as error:
             raise HeartbeatLostError(
                 f"cannot {action}: node {self.od.node_id} does not answer"

@@ -53,7 +53,7 @@ class SetPoints(NamedObjects):
 
     @law.setter
     def law(self, law: Law | str) -> None:
-        self._link.write("Friction law", by_name(Law, law))
+        self._write("Friction law", by_name(Law, law))
 
     @property
     def cof(self) -> tuple[float, float]:

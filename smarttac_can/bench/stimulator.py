@@ -22,14 +22,13 @@ from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, UNWATCHED, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
-from smarttac_can.vocabulary.states import STATE_SHIFT, Control, IdentificationState, State
+from smarttac_can.vocabulary.states import Control, IdentificationState, State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 CYCLES_PER_SECOND: Final = 1000
 _READY_CYCLES: Final = 100
 """What the tare at power-on takes, and some lost cycles."""
 _CONTROLWORD: Final = "Controlword"
-_STATE_MASK: Final = 0b111
 _IDENTIFY_CYCLES: Final = 100
 _IDENTIFY_LIMIT: Final = 50
 _LEAST_RECORDED: Final = 0.5
@@ -201,7 +200,7 @@ class Stimulator(SetPoints):
     @property
     def state(self) -> State:
         """State of the device; who has read FAULT here gets no `FaultError` of `run` for it."""
-        state = State(self._link.read("Statusword") >> STATE_SHIFT & _STATE_MASK)
+        state = self._state()
         self._knows_fault = state is State.FAULT
         return state
 
@@ -277,8 +276,9 @@ class Stimulator(SetPoints):
         present = watchdogs_in(self._link.read("Diagnosis.Present"))
         if present:
             return ", ".join(WATCHDOGS[watchdog].text for watchdog in present)
-        if self.message == UNWATCHED:
-            return UNWATCHED
+        message = self.message
+        if message.startswith(UNWATCHED):
+            return message
         return "it has to be tared, and its nodes have to be operational and give cycles"
 
     @property
@@ -345,10 +345,16 @@ class Stimulator(SetPoints):
         self._link.start_run()
 
     def tare(self) -> None:
-        """Take the present gauge readings, without a finger, as zero."""
+        """Take the present gauge readings, without a finger, as zero.
+
+        Raises
+        ------
+        RefusedError
+            While armed or running: `disarm` first.
+        """
         self._link.drive()
         self._link.run(TARE_SAMPLES)
-        self._link.write(AUTO_ZERO[0], ZERO)
+        self._write(AUTO_ZERO[0], ZERO)
 
     def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:
         """Identify the unloaded plate and have the controllers designed for it.

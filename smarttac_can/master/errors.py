@@ -16,7 +16,17 @@ class WrongDeviceError(BenchError):
 
 
 class RefusedError(BenchError):
-    """The device refused to read or write an object; the message has the abort code's text."""
+    """The device refused to read or write an object; the message has the abort code's text.
+
+    Attributes
+    ----------
+    code
+        Abort code; 0 where LSS refused.
+    """
+
+    def __init__(self, text: str, code: int = 0) -> None:
+        super().__init__(text)
+        self.code = code
 
 
 class HeartbeatLostError(BenchError):

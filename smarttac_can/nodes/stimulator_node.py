@@ -12,6 +12,7 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
+from smarttac_can.nodes.arming_watch import ArmingWatch
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import (
     DRIVE_TPDO,
@@ -48,7 +49,6 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 
 _STATUS_TPDO: Final = 1
 _PUBLIC_TPDOS: Final = (2, 3, 4)
-_SETPOINT_RPDOS: Final = (1, 2, 3, 4)
 _PERCENT: Final = 100
 _OF_THE_PLATE: Final[dict[int, Watchdog]] = {
     FaultCode.DRIVE_LOST: Watchdog.PLATE,
@@ -110,7 +110,6 @@ class StimulatorNode(Application):
         self.od = od
         self._plate_node_id = plate_node_id
         self._produce_sync = produce_sync
-        self._lockstep = lockstep
         self._presets = dict(presets or {})
         self.block = StimulatorBlock(od, plate)
         self._told = 0
@@ -133,6 +132,8 @@ class StimulatorNode(Application):
             emergencies_of=plate_node_id,
         )  # fmt: skip
         self._period = LoopPeriod(self.device)
+        self._arming = ArmingWatch(self.device, plate_node_id, lockstep)
+        self.block.supervisor.advice = self._arming.advice
         self._unfit = False
         self._pairing = Pairing(od, lambda: self._trip(Watchdog.MEASUREMENT), self._source.strange)
         self._missed = od["Cycle.Missed deadlines"]
@@ -261,7 +262,7 @@ class StimulatorNode(Application):
         if number not in MEASUREMENT_RPDOS:
             if self.device.carries(number, self._controlword):
                 before = self.block.state
-                self.block.note_watch(self._watched)
+                self.block.note_watch(self._arming.kept)
                 self.block.take_controlword()
                 self._tell()
                 self._show_change(before)
@@ -304,7 +305,7 @@ class StimulatorNode(Application):
             raise Abort(AbortCode.STATE)
         before = self.block.state
         if entry is self._controlword:
-            self.block.note_watch(self._watched)
+            self.block.note_watch(self._arming.kept)
         self.block.on_write(entry, value)
         if entry in self._deadlines:
             shortest = min(value, *(e.value for e in self._deadlines if e is not entry))
@@ -315,17 +316,6 @@ class StimulatorNode(Application):
         self._show_change(before)
         if entry.name == START_RUN:
             self._pairing.start_run()
-
-    @property
-    def _watched(self) -> bool:
-        """Whether who drives would be missed, as a watch that is kept now would tell."""
-        device = self.device
-        return (
-            self._lockstep
-            or device.guarded
-            or bool(device.watched_in_time - {self._plate_node_id})
-            or any(device.in_time(number) for number in _SETPOINT_RPDOS)
-        )
 
     def _judge_time(self) -> None:
         """Stop if too much of a second of the run had no cycle."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade
@@ -54,6 +54,8 @@ class Supervisor:
         Whether the gauges have a zero.
     watched
         Whether who drives would be missed, or need not be; True without CANopen.
+    advice
+        Says what to do to be watched; called when an arming is refused for want of it.
     present, latched
         Faults as bits, 1 << `Watchdog`.
     """
@@ -73,6 +75,7 @@ class Supervisor:
         self.live = False
         self.tared = False
         self.watched = True
+        self.advice: Callable[[], str] = str
         self.present = self.latched = 0
         self._seen = 0
         self._stands = False
@@ -257,8 +260,8 @@ class Supervisor:
         done = self.machine.command(word, self._holds())
         self._clear_after(before)
         if not done and before is State.READY and not self.watched:
-            self._message.value = UNWATCHED
-        elif done and self._message.value == UNWATCHED:
+            self._message.value = f"{UNWATCHED}{self.advice()}"
+        elif done and self._message.value.startswith(UNWATCHED):
             self._message.value = ""
         return done
 

@@ -16,8 +16,5 @@ AUTO_ZERO: Final = tuple(
     f"AI auto-zero.AI auto-zero {channel}" for channel in ("force x", "force y", "normal force")
 )
 """Objects that take it, one for each channel that can be tared."""
-UNWATCHED: Final = (
-    "not armed: nobody is watched; enter your heartbeat in Consumer heartbeat time and send it, "
-    "or set Drive unwatched to 1"
-)
-"""Message of an arming that is refused for want of a watch."""
+UNWATCHED: Final = "not armed, as nobody would be missed: "
+"""How the Message begins of an arming that is refused for want of a watch; what to do follows."""

@@ -206,7 +206,9 @@ def test_names_that_do_not_exist() -> None:
             bench.get("Setpoint.Amp")
         with pytest.raises(BenchError, match=r"there is no object 'Nonsense'$"):
             bench.set("Nonsense", 1)
-        with pytest.raises(BenchError, match="Message is not a number"):
+        with pytest.raises(
+            BenchError, match=r"^Message is not a number: it is the text in \.message$"
+        ):
             bench.get("Message")
         with pytest.raises(ValueError, match="nan is not a finite number"):
             bench.voltage = float("nan")
@@ -242,6 +244,40 @@ def test_a_raw_value_is_refused_with_value_and_bounds_too(bench: Stimulator) -> 
     ):
         with pytest.raises(RefusedError, match=f"^cannot write {text}"):
             bench._link.write(name, raw)
+
+
+DISARM = r": it is armed or running, disarm\(\) first$"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("Limit.Voltage", "100 V"),
+        ("Calibration.Fx from S1", 0.5),
+        ("Model.Tau", "2 ms"),
+        ("Gauge zero.Zero of S1", "1 N"),
+    ],
+)
+def test_what_is_refused_while_armed_says_what_to_do(
+    bench: Stimulator, name: str, value: float | str
+) -> None:
+    bench.set("Limit.Voltage", "80 V")
+    bench.arm()
+    with pytest.raises(RefusedError, match=rf"to {name}: abort 08000022: .*{DISARM}"):
+        bench.set(name, value)
+    with pytest.raises(RefusedError, match=f"abort 08000022: .*{DISARM}"):
+        bench.tare()
+    bench.disarm()
+    bench.set(name, value)
+    bench.tare()
+
+
+def test_what_is_refused_for_another_reason_asks_for_no_disarm(bench: Stimulator) -> None:
+    bench.arm()
+    with pytest.raises(RefusedError, match=r"0 to 200000 mV$"):
+        bench.set("Limit.Voltage", "300 V")
+    with pytest.raises(RefusedError, match=r"abort 08000022: .* present device state$"):
+        bench.finger.play_recording()
 
 
 @pytest.mark.parametrize("link", ["local", "bus"])

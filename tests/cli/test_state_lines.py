@@ -7,7 +7,6 @@ from smarttac_can.master import requests
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.vocabulary.objects import UNWATCHED
 from smarttac_can.vocabulary.states import State
 
 
@@ -35,7 +34,10 @@ def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
     said.clear()
     for word in (0, 1):
         node.receive(requests.download(0x20, controlword, word))
-    assert said == [f"stimulator 32 {UNWATCHED}"]
+    assert said == [
+        "stimulator 32 not armed, as nobody would be missed: enter your heartbeat in Consumer "
+        "heartbeat time and send it, or set Drive unwatched to 1"
+    ]
     stimulator.od["Drive unwatched"].value = 1
     for word in (0, 1):
         node.receive(requests.download(0x20, controlword, word))

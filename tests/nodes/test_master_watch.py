@@ -11,10 +11,10 @@ from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.master_watch import MasterWatch
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.objects import UNWATCHED
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
+REFUSED = "not armed, as nobody would be missed: "
 BOOT_UP, PREOP, STOPPED, OPERATIONAL = 0, 127, 4, 5
 SETPOINT = Frame(0x320, struct.pack("<HI", 2000, 4_339_000))
 
@@ -132,7 +132,7 @@ def test_nobody_arms_unwatched_in_real_time() -> None:
     line, node = ready()
     assert arm(line, node) == STATE
     assert node.block.state is State.READY
-    assert node.od["Message"].value == UNWATCHED
+    assert node.od["Message"].value.startswith(REFUSED)
     line.send(Frame(0x220, bytes(3)), Frame(0x220, bytes((1, 0, 0))))
     assert node.block.state is State.READY
     assert line.read(node, "Cycle.Ignored controlwords") == 1
@@ -210,3 +210,60 @@ def test_a_master_that_guards_counts() -> None:
 def test_drive_unwatched_is_not_raised_under_a_drive() -> None:
     rig = driven()
     assert write(rig, "Drive unwatched", 1) == STATE
+
+
+SEND = "send the heartbeat of node"
+ENTERED = "entered in Consumer heartbeat time but not heard yet"
+GUARD = "guard this node: its life time is set, but no remote frame has come yet"
+
+
+@pytest.mark.parametrize(
+    ("written", "advice"),
+    [
+        (
+            {},
+            "enter your heartbeat in Consumer heartbeat time and send it, or set Drive unwatched "
+            "to 1",
+        ),
+        ({(0x1016, 2): 9 << 16 | 30}, f"{SEND} 9, {ENTERED}"),
+        (
+            {(0x1016, entry): entry + 8 << 16 | 30 for entry in (1, 2, 3, 4)},
+            f"{SEND} 9 or 10 or 11 or 12, {ENTERED}; its entries are all taken: write 0 to one "
+            "for another",
+        ),
+        ({(0x1401, 5): 10}, "send RPDO 2, which has a deadline but has not come yet"),
+        ({(0x1017, 0): 0, (0x100C, 0): 100, (0x100D, 0): 2}, GUARD),
+        (
+            {(0x100C, 0): 100, (0x100D, 0): 2},
+            "set Producer heartbeat time to 0: life guarding rests beside a heartbeat",
+        ),
+        (
+            {(0x1016, 1): 9 << 16 | 30, (0x1400, 5): 10},
+            f"{SEND} 9, {ENTERED}, or send RPDO 1, which has a deadline but has not come yet",
+        ),
+    ],
+)
+def test_a_refused_arming_says_which_watch_is_missing(
+    written: dict[tuple[int, int], int], advice: str
+) -> None:
+    line, node = ready()
+    for (index, subindex), raw in written.items():
+        assert line.write_entry(node, node.od.entry(index, subindex), raw) == 0
+    assert arm(line, node) == STATE
+    assert node.od["Message"].value == REFUSED + advice
+
+
+def test_the_plate_is_not_named_as_a_master_that_is_silent() -> None:
+    rig = driven()
+    assert write(rig, "Controlword", 0) == 0
+    for index, subindex in ((0x1016, 1), (0x1401, 5)):
+        assert write_entry(rig, rig.od.entry(index, subindex), 0) == 0
+    assert write(rig, "Controlword", 1) == STATE
+    assert rig.od["Message"].value.startswith(f"{REFUSED}enter your heartbeat")
+    for subindex in (1, 2, 3):
+        assert write_entry(rig, rig.od.entry(0x1016, subindex), subindex << 16 | 30) == 0
+    assert write(rig, "Controlword", 1) == STATE
+    assert rig.od["Message"].value == (
+        f"{REFUSED}{SEND} 1 or 2 or 3, {ENTERED}; its entries are all taken: write 0 to one for "
+        "another"
+    )
