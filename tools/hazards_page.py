@@ -1,29 +1,89 @@
-"""The page of hazards, from tools/hazards.toml."""
+"""The page of hazards, from tools/hazards.toml; what each reaches is computed from the code."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator
-from math import pi
+from math import exp, pi, sqrt
 from pathlib import Path
 from typing import Any
 
+from smarttac_can.host.eds_files import read_eds
+from smarttac_can.nodes import drive_sender
+from smarttac_can.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
+from smarttac_can.nodes.loop_period import deadlines
+from smarttac_can.nodes.master_watch import NOT_OPERATIONAL_US
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import table
-from smarttac_can.plant.parameters import ResonatorParameters
+from smarttac_can.plant.parameters import ResonatorParameters, SensorParameters
+from smarttac_can.trials.fault_cases import AT_ONCE, READ_BACK_BOUND
+from smarttac_can.vocabulary import watchdogs
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK_US
 
 HAZARDS = Path(__file__).resolve().parent / "hazards.toml"
+MATRIX = HAZARDS.parent.parent / "docs" / "reference" / "faults.md"
+_PLATE = ResonatorParameters()
+_TRIP = "Limit.Amplitude trip"
+_VOLTAGE = "Limit.Voltage"
+_REACHED = "Reached [um]"
+_JOULE_FROM_MJ = 100.0
 
 
 def hazards_page() -> str:
     """Return the page as Markdown."""
     source = tomllib.loads(HAZARDS.read_text(encoding="utf-8"))
-    lines = [source["head"]]
+    stimulator, plate = (load_eds(read_eds(f"{name}.eds"), 1) for name in ("stimulator", "plate"))
+    times = bounds(stimulator, plate)
+    lines = [source["head"].format_map(times)]
     for hazard in source["hazard"]:
-        lines += [f"## {hazard['name']}", "", hazard["what"], "", *_rows(hazard["cause"])]
+        rows = _rows(hazard["cause"], times, stimulator)
+        lines += [f"## {hazard['name']}", "", hazard["what"], "", *rows]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _rows(causes: list[dict[str, Any]]) -> Iterator[str]:
+def bounds(stimulator: ObjectDictionary, plate: ObjectDictionary) -> dict[str, float]:
+    """Return what head and rows may name: times in cycles or ms, which are the same, and others.
+
+    Watchdogs stand for their bound, constants of the code for themselves.
+    """
+    deadline, silence = (entry.default for entry in deadlines(plate, (DRIVE_RPDO, HARDWARE_RPDO)))
+    sensors = SensorParameters()
+    swing = 2 * pi * sensors.path_frequency * sqrt(1 - sensors.path_damping**2)
+    constants = {name: value for name, value in vars(watchdogs).items() if name.isupper()}
+    return {
+        **{name: value for name, value in constants.items() if isinstance(value, int)},
+        **{
+            watchdog.name: row.bound
+            for watchdog, row in watchdogs.WATCHDOGS.items()
+            if isinstance(row.bound, int)
+        },
+        "AT_ONCE": AT_ONCE,
+        "DEADLINE": deadline,
+        "SHORT_DEADLINE": SHORT_DEADLINE_MS,
+        "HARDWARE": silence,
+        "READ_BACK": READ_BACK_BOUND,
+        "LATE": deadline - SHORT_DEADLINE_MS,
+        "SURPLUS_WINDOW": watchdogs.sync_window(deadline),
+        "SYNC_DRIFT": watchdogs.sync_drift_tolerance(deadline),
+        "NOT_OPERATIONAL": NOT_OPERATIONAL_US // TICK_US,
+        "FORCE_PATH": round(1e3 * pi / swing),
+        "WRONG_MAX": drive_sender.WRONG_MAX,
+        "WRONG_CYCLES": drive_sender.WRONG_CYCLES,
+        "MISSED_PERCENT": stimulator["Limit.Missed ticks"].default,
+        "BY_DRIVE": round(1e6 * _default(stimulator, "Limit.Amplitude by drive")),
+        "A": round(1e6 * _default(stimulator, _TRIP), 2),
+        "V": round(_default(stimulator, _VOLTAGE)),
+        "K": round(1e9 * _PLATE.gain, 1),
+        "tau": round(1e3 * _PLATE.tau, 3),
+        "d": round(_PLATE.damping, 1),
+        "f0": round(_PLATE.f0),
+    }
+
+
+def _rows(
+    causes: list[dict[str, Any]], times: dict[str, float], od: ObjectDictionary
+) -> Iterator[str]:
     return table(
         (
             "Cause", "Common cause", "Safety function", "Watchdogs", "Bound", "Reached",
@@ -35,8 +95,8 @@ def _rows(causes: list[dict[str, Any]]) -> Iterator[str]:
                 cause.get("common", ""),
                 cause["function"],
                 ", ".join(cause["watchdogs"]),
-                cause["bound"],
-                _reached(*cause["reached"]),
+                cause["bound"].format_map(times),
+                "; ".join(_reached(cause, times, od)),
                 cause["residual"],
                 ", ".join(f"`{test.partition('::')[2]}`" for test in cause["tests"]),
             )
@@ -45,13 +105,77 @@ def _rows(causes: list[dict[str, Any]]) -> Iterator[str]:
     )  # fmt: skip
 
 
-def _reached(amplitude_um: float, milliseconds: float) -> str:
-    """Say a vibration, for how long, and the energy that the plate turns to heat by it."""
-    if not amplitude_um:
-        return "0 V"
-    mode = ResonatorParameters()
-    velocity = pi * mode.f0 * amplitude_um * 1e-6
-    energy = 0.5 * mode.damping * velocity * velocity * milliseconds
-    if not milliseconds:
-        return f"{amplitude_um:g} um"
-    return f"{amplitude_um:g} um for {milliseconds:g} ms, {energy:.2g} mJ"
+def _reached(cause: dict[str, Any], times: dict[str, float], od: ObjectDictionary) -> Iterator[str]:
+    """Say the largest vibration, for how long, and the energy that it loses in the plate."""
+    until = cause["until"]
+    if until == "no drive":
+        yield "0 V"
+        return
+    milliseconds = sum(times[name] for name in until) if isinstance(until, list) else 0.0
+    limited = cause.get("limited")
+    if limited:
+        amplitude = _default(od, limited)
+    else:
+        amplitude = grown(milliseconds * 1e-3, od) if milliseconds else settled(od)
+    power = loss(amplitude)
+    if until == "for ever":
+        yield f"{amplitude * 1e6:.1f} um for as long as it lasts, {power:.1f} W"
+    elif milliseconds:
+        yield f"{amplitude * 1e6:.1f} um for {milliseconds:g} ms, {_energy(power * milliseconds)}"
+    else:
+        yield f"{amplitude * 1e6:.1f} um"
+    if faults := cause.get("simulated"):
+        yield f"{simulated(faults):.2f} um in the matrix"
+
+
+def _energy(millijoules: float) -> str:
+    if millijoules < _JOULE_FROM_MJ:
+        return f"{millijoules:.2g} mJ"
+    return f"{millijoules * 1e-3:.2g} J"
+
+
+def settled(od: ObjectDictionary) -> float:
+    """Return the vibration in m of the bare plate at the default limit of the voltage."""
+    return _PLATE.gain * _default(od, _VOLTAGE)
+
+
+def grown(seconds: float, od: ObjectDictionary) -> float:
+    """Return the vibration in m that this voltage makes, in a time, of one at its limit."""
+    end, before = settled(od), _default(od, _TRIP)
+    return end - (end - before) * exp(-seconds / _PLATE.tau)
+
+
+def loss(amplitude: float) -> float:
+    """Return the power in W that the plate turns to heat by a vibration in m peak-to-peak."""
+    velocity = pi * _PLATE.f0 * amplitude
+    return 0.5 * _PLATE.damping * velocity * velocity
+
+
+def simulated(faults: list[str]) -> float:
+    """Return the largest vibration in um of the rows of the fault matrix that begin so.
+
+    Raises
+    ------
+    ValueError
+        If a fault has no row.
+    """
+    column = 0
+    found: dict[str, list[float]] = {fault: [] for fault in faults}
+    for line in MATRIX.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if not line.startswith("|"):
+            column = 0
+        elif _REACHED in cells:
+            column = cells.index(_REACHED)
+        elif column:
+            for fault in faults:
+                if cells[0].startswith(fault):
+                    found[fault].append(float(cells[column]))
+    if missing := [fault for fault, rows in found.items() if not rows]:
+        raise ValueError(f"{MATRIX.name} has no row {', '.join(missing)}")
+    return max(max(rows) for rows in found.values())
+
+
+def _default(od: ObjectDictionary, name: str) -> float:
+    entry = od[name]
+    return float(entry.default * entry.si)

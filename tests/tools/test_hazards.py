@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import ast
+import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.host.eds_files import read_eds
+from smarttac_can.od.eds import load_eds
+from smarttac_can.vocabulary import watchdogs
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 ROOT = Path(__file__).resolve().parents[2]
 CAUSES = [
@@ -30,3 +36,97 @@ def test_the_tests_of_a_cause_exist(cause: dict[str, list[str]]) -> None:
 def test_every_watchdog_stands_for_a_hazard() -> None:
     named = {name for cause in CAUSES for name in cause["watchdogs"]}
     assert named == {watchdog.name for watchdog in Watchdog}
+
+
+@pytest.fixture
+def tool(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import hazards_page  # noqa: PLC0415 - found only now
+
+    return hazards_page
+
+
+def row(page: str, what: str) -> str:
+    (line,) = [line for line in page.splitlines() if line.startswith(f"| {what}")]
+    return line
+
+
+def test_the_page_is_what_the_code_makes_of_it(tool: ModuleType) -> None:
+    page = (ROOT / "docs" / "explanation" / "hazards.md").read_text("utf-8")
+    assert page == tool.hazards_page()
+
+
+def test_no_time_and_no_vibration_is_typed_in() -> None:
+    for cause in CAUSES:
+        typed = re.findall(r"\b\d+(?:\.\d+)? (?:cycles?|ms|um|s|%)(?!\w)", cause["bound"])
+        assert not typed, cause["what"]
+        until = cause["until"]
+        assert isinstance(until, list) or until in ("at once", "for ever", "no drive")
+        assert "reached" not in cause
+
+
+def amplitude_cycles(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(watchdogs, "AMPLITUDE_CYCLES", 50)
+
+
+def missed_time(patch: pytest.MonkeyPatch) -> None:
+    patch.setitem(
+        WATCHDOGS, Watchdog.MISSED_TIME, WATCHDOGS[Watchdog.MISSED_TIME]._replace(bound=9000)
+    )
+
+
+def lax_deadline(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr("hazards_page.NOT_OPERATIONAL_US", 5_000_000)
+
+
+@pytest.mark.parametrize(
+    ("change", "what", "bound", "reached"),
+    [
+        (amplitude_cycles, "the loop overshoots", "50 cycles", "7.5 um for 50 ms, 0.28 J;"),
+        (missed_time, "the loop misses", "9000 ms: 20 %", "3.2 um for 9000 ms, 9.1 J |"),
+        (lax_deadline, "the master dies", "5000 ms when", "3.2 um for 5000 ms, 5 J;"),
+    ],
+)
+def test_another_bound_in_the_code_is_another_row(
+    tool: ModuleType,
+    monkeypatch: pytest.MonkeyPatch,
+    change: Callable[[pytest.MonkeyPatch], None],
+    what: str,
+    bound: str,
+    reached: str,
+) -> None:
+    before = row(tool.hazards_page(), what)
+    assert bound not in before
+    change(monkeypatch)
+    after = row(tool.hazards_page(), what)
+    assert bound in after
+    assert reached in after
+
+
+@pytest.mark.parametrize(
+    ("what", "reached"),
+    [
+        # K V = 7.5 um, tau = 0.944 ms, from 3.2 um: 7.5 - 4.3 exp(-5/0.944) = 7.48.
+        ("the stage does not obey", "| 7.5 um for 5 ms, 28 mJ; 4.81 um in the matrix |"),
+        ("the stimulator dies", "| 7.5 um for 20 ms, 0.11 J; 1.43 um in the matrix |"),
+        ("open loop, without", "| 3.0 um |"),
+        ("the plate process stops", "| 7.5 um for as long as it lasts, 5.5 W |"),
+        ("an EDS with other limits", "| 0 V |"),
+        ("the pick-up loses gain", "| 7.5 um for 37 ms, 0.2 J; 4.27 um in the matrix |"),
+    ],
+)
+def test_what_is_reached_by_hand(tool: ModuleType, what: str, reached: str) -> None:
+    assert reached in row(tool.hazards_page(), what)
+
+
+def test_the_vibration_grows_with_the_time_constant(tool: ModuleType) -> None:
+    od = load_eds(read_eds("stimulator.eds"), 1)
+    # 7.5 - 4.3 exp(-1/0.944) = 6.01, 7.5 - 4.3 exp(-3/0.944) = 7.32.
+    assert tool.grown(1e-3, od) == pytest.approx(6.01e-6, abs=5e-9)
+    assert tool.grown(3e-3, od) == pytest.approx(7.32e-6, abs=5e-9)
+
+
+def test_a_fault_that_is_not_in_the_matrix_is_named(tool: ModuleType) -> None:
+    assert tool.simulated(["power stage stuck"]) == 4.81
+    with pytest.raises(ValueError, match=r"^faults\.md has no row power stage melts$"):
+        tool.simulated(["power stage stuck", "power stage melts"])
