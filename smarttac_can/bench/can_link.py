@@ -16,6 +16,7 @@ from smarttac_can.bench.bench_heartbeat import BenchHeartbeat, bench_id
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.link import RECORDED, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.node_time import wrong_time
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.device.nmt import NMTState
@@ -161,9 +162,14 @@ class CanLink:
         if not rows and cycles:
             self._check()
             raise NotRunningError(
-                "the loop gives no cycles: are all nodes operational, and does one produce SYNC?"
+                self.wrong_time()
+                or "the loop gives no cycles: are all nodes operational, and does one produce SYNC?"
             )
         return rows
+
+    def wrong_time(self) -> str:
+        """Say that the stimulator keeps another time than the link believes; empty if not."""
+        return wrong_time(self._stimulator, self._pdos, self._lockstep) if self._threaded else ""
 
     @property
     def only_read(self) -> bool:

@@ -92,6 +92,10 @@ class Link(Protocol):
         """Let the loop run and record it, a row a cycle; rows of lost cycles are missing."""
         ...
 
+    def wrong_time(self) -> str:
+        """Say that the stimulator keeps another time than the link believes; empty if not."""
+        ...
+
     def close(self) -> None:
         """Leave the bus; may be called twice."""
         ...

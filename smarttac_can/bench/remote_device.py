@@ -54,6 +54,15 @@ class RemoteDevice:
     timeout
         Longest wait for an SDO answer in s.
 
+    Attributes
+    ----------
+    heartbeat_at
+        When its heartbeat came last, of `time.monotonic`; None before.
+    heartbeat_s
+        Time in s between two of them; 0 for none.
+    state
+        NMT state that it showed last.
+
     Raises
     ------
     NodeNotFoundError
@@ -85,7 +94,7 @@ class RemoteDevice:
                 f"a {self._name} has {expected.default:08X}: give the node-ID of the right one"
             )
         period = od.entry(HEARTBEAT_PRODUCER)
-        self._heartbeat_s = self.read(period) * period.si
+        self.heartbeat_s = self.read(period) * period.si
 
     def read(self, entry: Entry) -> Any:
         """Read an entry over SDO."""
@@ -126,10 +135,10 @@ class RemoteDevice:
 
     def check_heartbeat(self) -> None:
         """Raise HeartbeatLostError if heartbeats have come and then stayed away."""
-        if self.heartbeat_at is None or not self._heartbeat_s:
+        if self.heartbeat_at is None or not self.heartbeat_s:
             return
         silence = monotonic() - self.heartbeat_at
-        if silence > _HEARTBEATS_MISSED * self._heartbeat_s:
+        if silence > _HEARTBEATS_MISSED * self.heartbeat_s:
             raise HeartbeatLostError(
                 f"node {self.od.node_id} has sent no heartbeat for {silence:.1f} s: "
                 "it has stopped or left the bus; connect again when it is back"

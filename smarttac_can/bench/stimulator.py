@@ -273,6 +273,9 @@ class Stimulator(SetPoints):
         return NotReadyError(f"the stimulator is not ready: {self._lack()}")
 
     def _lack(self) -> str:
+        wrong_time = self._link.wrong_time()
+        if wrong_time:
+            return wrong_time
         present = watchdogs_in(self._link.read("Diagnosis.Present"))
         if present:
             return ", ".join(WATCHDOGS[watchdog].text for watchdog in present)

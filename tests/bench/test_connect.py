@@ -15,6 +15,7 @@ from smarttac_can.bench import (
     HeartbeatLostError,
     Mode,
     NodeNotFoundError,
+    NotReadyError,
     NotRunningError,
     RefusedError,
     Stimulator,
@@ -95,6 +96,55 @@ def test_the_interface_from_the_configuration(
     monkeypatch.setitem(can.rc, "channel", virtual["channel"])
     with in_threads(virtual, stimulator_with_plate()), Stimulator.connect(lockstep=True) as bench:
         assert len(bench.run(0.01)) == 10
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_lockstep_with_a_node_in_real_time_is_named(virtual: dict[str, Any], inside: bool) -> None:
+    nodes: tuple[StimulatorNode | PlateNode, ...] = (stimulator_with_plate(lockstep=False),)
+    if not inside:
+        stimulator = StimulatorNode(stimulator_od(), plate_node_id=33, produce_sync=True)
+        nodes = (PlateNode(plate_od()), stimulator)
+    with (
+        in_threads(virtual, *nodes, lockstep=False),
+        Stimulator.connect(**virtual, plate_node_id=None if inside else 33, lockstep=True) as bench,
+        pytest.raises(
+            NotReadyError,
+            match=r": node 32 runs in real time: connect without lockstep=True, or start all nodes "
+            "with --lockstep$",
+        ),
+    ):
+        bench.mode = "amplitude"
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_real_time_with_nodes_in_lockstep_is_named(
+    virtual: dict[str, Any], inside: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.2)
+    nodes = (stimulator_with_plate(),) if inside else both()
+    stands = (
+        r"the time of node 32 stands still without SYNC: connect with lockstep=True, or start all "
+        "nodes without --lockstep$"
+    )
+    with (
+        in_threads(virtual, *nodes),
+        Stimulator.connect(**virtual, plate_node_id=None if inside else 33) as bench,
+    ):
+        with pytest.raises(NotRunningError, match=f"^{stands}"):
+            bench.run(0.01)
+        with pytest.raises(NotRunningError, match=f"^{stands}"):
+            bench.mode = "amplitude"
+
+
+def test_what_is_missing_in_lockstep_is_no_matter_of_time(virtual: dict[str, Any]) -> None:
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        Stimulator.connect(**virtual, lockstep=True) as bench,
+    ):
+        bench.set("Tare at power-on", 0)
+        bench.start_run()
+        with pytest.raises(NotReadyError, match="it has to be tared"):
+            bench.arm()
 
 
 def test_a_heartbeat_that_stays_away(
