@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
@@ -12,7 +13,11 @@ from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import UNCONFIGURED
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
+
+_DOUBLE: Final = 1 << Watchdog.DOUBLE
 
 
 class StateLines:
@@ -43,8 +48,7 @@ class StateLines:
         self._say = say
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
-        self._message = node.od["Message"] if isinstance(node, StimulatorNode) else None
-        self._code = node.od["Diagnosis.Code"] if isinstance(node, StimulatorNode) else None
+        self._diagnosis = _diagnosis(node.od) if isinstance(node, StimulatorNode) else None
         self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
@@ -120,10 +124,16 @@ class StateLines:
     @property
     def _reason(self) -> str:
         """Say why the stimulator does not drive; empty if there is nothing to say."""
-        if self._message is None or self._code is None or not self._message.value:
+        if self._diagnosis is None:
             return ""
-        fault = f"fault {self._code.value:04X}h: " if self._code.value else ""
-        return f"{fault}{self._message.value}"
+        message, first, latched = self._diagnosis
+        if not message.value:
+            return ""
+        code, text = first.value, message.value
+        if latched.value & _DOUBLE:
+            # It may be noticed after what it has led to, and explains that.
+            code, text = WATCHDOGS[Watchdog.DOUBLE].code, WATCHDOGS[Watchdog.DOUBLE].text
+        return f"fault {code:04X}h: {text}" if code else str(text)
 
     def _now(self) -> tuple[NMTState, int, str]:
         mode = self._mode.value if self._mode is not None else 0
@@ -148,3 +158,7 @@ class StateLines:
             self._say(f"{self._title} mode {Mode(mode).name.lower()}")
         if reason and reason != reason_before:
             self._say(f"{self._title} {reason}")
+
+
+def _diagnosis(od: ObjectDictionary) -> tuple[Entry, Entry, Entry]:
+    return od["Message"], od["Diagnosis.Code"], od["Diagnosis.Latched"]

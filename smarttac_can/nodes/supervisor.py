@@ -172,8 +172,11 @@ class Supervisor:
     def trip(self, watchdog: Watchdog) -> None:
         """Take note of a fault; it is latched if the device is armed, running or in FAULT."""
         bit = 1 << watchdog
-        if WATCHDOGS[watchdog].lasting:
+        row = WATCHDOGS[watchdog]
+        if row.lasting:
             self.present |= bit
+        if row.told and not self.latched:
+            self._message.value = row.text
         state = self.machine.state
         if state in _SHARP:
             self._fault(bit)
@@ -186,6 +189,8 @@ class Supervisor:
         if self.present & 1 << watchdog:
             self.present &= ~(1 << watchdog)
             self._present_entry.value = self.present
+            if not self.latched and self._message.value == WATCHDOGS[watchdog].text:
+                self._message.value = ""
 
     def handle(self, event: Event) -> None:
         """Make the transition for an event, if the table has one; leaving FAULT clears it."""

@@ -94,6 +94,8 @@ class WatchdogRow(NamedTuple):
     """Object that holds the limit."""
     lasting: bool = True
     """Whether the fault stays present until something better comes, and bars the reset."""
+    told: bool = False
+    """Whether the Message says so while nothing is latched, too: somebody has to mend it."""
 
 
 _COMMUNICATION: Final = ErrorRegister.COMMUNICATION
@@ -218,12 +220,14 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         lasting=False,
     ),
     Watchdog.DOUBLE: WatchdogRow(
-        "another node sends with an identifier of this one or of its plate",
+        "another node sends with an identifier of this one or of its plate: two have one node-ID, "
+        "give one of them another by LSS or --node-id; clear 3 s after the last such frame",
         FaultCode.DOUBLE, _COMMUNICATION, 1,
         "one frame is enough, and the plate tells of its own; without a plate that tells, as many "
         "measurements beyond one a SYNC as the deadline has ms, in twice as many SYNCs and 2: one "
         "less is what SYNCs that were not heard may leave. Present until 3 s without",
         _DEADLINE,
+        told=True,
     ),
     Watchdog.UNSEEN: WatchdogRow(
         "the drive may make more vibration than its limit, whatever the pick-up reads",

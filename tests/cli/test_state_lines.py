@@ -47,3 +47,26 @@ def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
     stimulator.block.supervisor.watchdogs.configure()
     node.advance(1000)
     assert said[1:] == ["stimulator 32 fault 4210h: the plate is too hot"]
+
+
+def test_a_double_that_is_noticed_after_what_it_has_led_to_is_named() -> None:
+    said: list[str] = []
+    stimulator = StimulatorNode(
+        stimulator_od(), plate_node_id=33, lockstep=True, presets={"Tare at power-on": 0}
+    )
+    node = StateLines("stimulator", "here", stimulator, said.append)
+    node.start()
+    node.receive(Frame(0, b"\1\0"))
+    supervisor = stimulator.block.supervisor
+    supervisor.machine.state = State.RUNNING
+    said.clear()
+    node.receive(Frame(0xA1, bytes((0x53, 0x82, 0x11, 0, 0, 0, 0, 0))))
+    assert said == [
+        "stimulator 32 fault 8253h: the plate went to 0 V by itself: its drives were late"
+    ]
+    node.receive(Frame(0xA1, bytes((0x50, 0x81, 0x11, 0, 0, 0, 0, 0))))
+    assert said[1:] == [
+        "stimulator 32 fault 8150h: another node sends with an identifier of this one or of its "
+        "plate: two have one node-ID, give one of them another by LSS or --node-id; clear 3 s "
+        "after the last such frame"
+    ]

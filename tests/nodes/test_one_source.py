@@ -64,6 +64,41 @@ def told(line: Line, can_id: int) -> list[bytes]:
     return [frame.data for frame in line.frames if frame.can_id == can_id]
 
 
+TWO = (
+    "another node sends with an identifier of this one or of its plate: two have one node-ID, give "
+    "one of them another by LSS or --node-id; clear 3 s after the last such frame"
+)
+
+
+def test_the_message_says_what_to_do_about_a_double_before_anything_is_armed() -> None:
+    line, node = plate_inside()
+    line.nmt(START)
+    line.advance(80)
+    assert node.od["Message"].value == ""
+    line.send(Frame(0x720, b"\5"))
+    assert node.block.state is State.NOT_READY
+    assert node.od["Message"].value == TWO
+    line.advance(2999)
+    assert node.od["Message"].value == TWO
+    line.advance(2)
+    assert node.block.state is State.READY
+    assert node.od["Message"].value == ""
+
+
+def test_the_message_of_the_first_fault_stays_whatever_a_double_does() -> None:
+    line, node = plate_inside()
+    line.nmt(START)
+    line.advance(80)
+    line.run(node, 1)
+    node.bus_off()
+    node.bus_recovered()
+    assert node.block.state is State.FAULT
+    line.send(Frame(0x720, b"\5"))
+    assert node.od["Message"].value == "the CAN controller is bus-off"
+    line.advance(3001)
+    assert node.od["Message"].value == "the CAN controller is bus-off"
+
+
 def test_two_plates_do_not_give_two_cycles_a_sync() -> None:
     first, second = (PlateNode(plate_od(), deadline_ms=3) for _ in range(2))
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
@@ -88,9 +123,7 @@ def test_a_second_plate_ends_a_run_at_once() -> None:
     assert plate.od["Stage.Voltage"].value == 0, "its boot-up message is enough"
     assert node.block.state is State.FAULT
     assert node.od["Diagnosis.Code"].value == 0x8150
-    assert node.od["Message"].value == (
-        "another node sends with an identifier of this one or of its plate"
-    )
+    assert node.od["Message"].value == TWO
     line.nmt(START)
     for _ in range(50):
         line.sync()
