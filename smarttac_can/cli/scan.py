@@ -43,7 +43,8 @@ _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "ED
 def scan(bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], as_json: bool) -> None:
     """List the devices on a bus with state, identity and the EDS that describes them.
 
-    Devices with a node-ID are found by SDO and heartbeat, those without one by LSS fastscan.
+    Devices with a node-ID are found by SDO and heartbeat, those without one by LSS fastscan. A
+    node-ID of two devices is an error, exit code 1, and named on stderr.
     """
     with plain_errors():
         texts = {name: read_eds(name) for name in PACKAGED}
@@ -55,15 +56,25 @@ def scan(bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], as_json: b
             raise NodeNotFoundError(f"no device answers on {bus.where}")
     if as_json:
         click.echo(json.dumps([_row(device) for device in found], indent=2))
-        return
+    else:
+        _show(found)
+    doubled = [device.node_id for device in found if device.doubled]
+    for node_id in doubled:
+        click.echo(
+            f"node {node_id}: more than one device has this node-ID, and the row is of either; "
+            "give one of them another by LSS or --node-id",
+            err=True,
+        )
+    if doubled:
+        raise SystemExit(1)
+
+
+def _show(found: list[FoundDevice]) -> None:
     lines = [_HEAD, *(_cells(device) for device in found)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
         padded = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
         click.echo("  ".join(padded).rstrip())
-    for device in found:
-        if device.doubled:
-            click.echo(f"node {device.node_id}: more than one device has this node-ID", err=True)
 
 
 def _load(name: str, text: str) -> ObjectDictionary:

@@ -14,6 +14,7 @@ from canopen.sdo.exceptions import SdoError
 from smarttac_can.commissioning.node_ids import Identity, unconfigured
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.master.errors import BenchError
+from smarttac_can.master.sdo_client import SharedSdoClient
 from smarttac_can.od.cia import (
     DEVICE_NAME,
     DEVICE_TYPE,
@@ -100,8 +101,11 @@ def scan(
     doubled = {node_id for node_id, number in answers.items() if number > 1}
     found = []
     for node_id in sorted({*network.scanner.nodes, *states}):
-        device = _ask(network, node_id, eds_files, timeout)
-        _wait_for_state(network, node_id, states, timeout)
+        # Where two devices answer, the second answer is none to the next question.
+        client = SharedSdoClient(network, node_id, timeout)
+        client.MAX_RETRIES = 1
+        device = _ask(client, node_id, eds_files)
+        _wait_for_state(network, client, node_id, states, timeout)
         state = states.get(node_id, UNKNOWN)
         found.append(device._replace(state=state, doubled=node_id in doubled))
     for identity in unconfigured(network):
@@ -127,14 +131,8 @@ def matching_eds(identity: Identity, eds_files: Iterable[tuple[str, ObjectDictio
 
 
 def _ask(
-    network: canopen.Network,
-    node_id: int,
-    eds_files: Mapping[str, ObjectDictionary],
-    timeout: float,
+    client: SharedSdoClient, node_id: int, eds_files: Mapping[str, ObjectDictionary]
 ) -> FoundDevice:
-    client = network.add_node(node_id, canopen.ObjectDictionary()).sdo
-    client.RESPONSE_TIMEOUT = timeout
-    client.MAX_RETRIES = 1
 
     def read(index: int, subindex: int = 0) -> bytes:
         try:
@@ -152,13 +150,17 @@ def _ask(
 
 
 def _wait_for_state(
-    network: canopen.Network, node_id: int, states: dict[int, str], timeout: float
+    network: canopen.Network,
+    client: SharedSdoClient,
+    node_id: int,
+    states: dict[int, str],
+    timeout: float,
 ) -> None:
     """Wait for the heartbeat, or ask by node guarding where there is none."""
     if node_id in states:
         return
     try:
-        period = int.from_bytes(network[node_id].sdo.upload(HEARTBEAT_PRODUCER, 0), "little")
+        period = int.from_bytes(client.upload(HEARTBEAT_PRODUCER, 0), "little")
     except SdoError:
         period = 0
     if not period:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING
 
 from smarttac_can._faces import lazily
@@ -19,3 +20,6 @@ __getattr__ = lazily(
         "SharedSdoClient": "sdo_client",
     },
 )
+
+# What python-canopen raises says what it logs; without a handler Python would print that, too.
+logging.getLogger("canopen").addHandler(logging.NullHandler())

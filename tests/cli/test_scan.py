@@ -1,13 +1,17 @@
 """``smarttac scan``, ``smarttac lss`` and ``eds check --device`` against devices in threads."""
 
 import json
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from nodes_on_a_bus import multicast_options, processes
 
 from smarttac_can.cli import main
 from smarttac_can.commissioning.node_ids import Identity
@@ -21,6 +25,10 @@ from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.od.eds import load_eds
 
 RICH = Path(__file__).parent.parent / "eds" / "rich.eds"
+DOUBLED = (
+    "node 9: more than one device has this node-ID, and the row is of either; give one of them "
+    "another by LSS or --node-id\n"
+)
 RICH_IDENTITY = "00000123:00000007:00010000:0000002A"
 
 
@@ -86,9 +94,36 @@ def test_two_devices_with_one_node_id_are_named() -> None:
     with running("double", rich(5), rich(9), rich(9)) as bus:
         bare = run("scan", *bus)
         result = run("scan", *bus, "--json")
-    assert bare.exit_code == result.exit_code == 0, (bare.output, result.output)
-    assert bare.stderr == "node 9: more than one device has this node-ID\n"
+    assert bare.exit_code == result.exit_code == 1, (bare.output, result.output)
+    assert bare.stderr == result.stderr == DOUBLED
+    assert bare.stdout.splitlines()[2].endswith("00000123  00000007  00010000  0000002A  -")
     assert [device["doubled"] for device in json.loads(result.stdout)] == [False, True]
+
+
+def test_nothing_but_its_own_lines_reaches_the_terminal(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "plate", "plate", "node"):
+        result = subprocess.run(
+            [sys.executable, "-m", "smarttac_can", "scan", *multicast_options(multicast)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert result.returncode == 1
+    assert result.stderr == DOUBLED.replace("9", "33")
+    assert [line.split()[0] for line in result.stdout.splitlines()] == ["node", "32", "33"]
+    assert result.stdout.splitlines()[2].endswith("534D5402  00010000  00000001  plate.eds")
+
+
+def test_a_device_that_is_silent_is_named_once(multicast: dict[str, Any]) -> None:
+    check = ["eds", "check", str(RICH), "--device", "--node-id", "6", "--timeout", "0.05"]
+    result = subprocess.run(
+        [sys.executable, "-m", "smarttac_can", *check, *multicast_options(multicast)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (result.returncode, result.stderr) == (1, "")
+    assert result.stdout == f"{RICH}: [1000] node 6 does not answer\n"
 
 
 def test_nobody_there() -> None:
