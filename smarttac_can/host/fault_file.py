@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
+from smarttac_can.host.background import Background
 from smarttac_can.host.storage_file import StorageFile
 
 _LONGEST: Final = 500
@@ -16,7 +16,7 @@ PERIOD_S: Final = 1.0
 """The file is written at most that often."""
 
 
-class FaultFile:
+class FaultFile(Background):
     """Keeps lines in a file, in a thread of its own; a context manager that ends with a last look.
 
     Parameters
@@ -44,20 +44,7 @@ class FaultFile:
         self._period = period
         self._kept = lines()
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._keep, name="fault file", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._over.set()
-        self._thread.join()
+        super().__init__("fault file", self._keep, self._over.set)
 
     def _keep(self) -> None:
         while not self._over.wait(self._period):

@@ -6,14 +6,15 @@ import os
 import threading
 from collections import deque
 from select import select
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
+
+from smarttac_can.host.background import Background
 
 _MOST_LINES: Final = 1000
 _PARTING_S: Final = 0.1
 
 
-class LineWriter:
+class LineWriter(Background):
     """Writes lines in a thread of its own; a context manager that leaves within 0.1 s.
 
     Lines that nobody takes are dropped, the newest first, and counted: the next line that is
@@ -37,21 +38,7 @@ class LineWriter:
         self._more = threading.Semaphore(0)
         self._told = 0
         self.dropped = 0
-        self._thread = threading.Thread(target=self._write, name="line writer", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._lines.append("")
-        self._more.release()
-        self._thread.join(_PARTING_S)
+        super().__init__("line writer", self._write, self._part, _PARTING_S)
 
     def say(self, line: str) -> None:
         """Have a line written, which is not empty."""
@@ -59,6 +46,10 @@ class LineWriter:
             self.dropped += 1
             return
         self._lines.append(line)
+        self._more.release()
+
+    def _part(self) -> None:
+        self._lines.append("")
         self._more.release()
 
     def _write(self) -> None:

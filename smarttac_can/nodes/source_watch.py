@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from smarttac_can.device.collision import GONE_AFTER_US
-from smarttac_can.device.timer import Clock
-from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.nodes.watching import Watching
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.watchdogs import Watchdog, sync_tolerance, sync_window
 
@@ -20,14 +18,8 @@ class SourceWatch:
 
     Parameters
     ----------
-    od
-        Object dictionary of ``stimulator.eds``.
-    clock
-        Device time.
-    deadline_ms
-        How long the loop may be without a measurement: so many SYNCs may wait for theirs.
-    trip, settle
-        Called with `Watchdog.DOUBLE` when such a source is noticed, and when it is gone.
+    watching
+        The node; its deadline is also how many SYNCs may wait for their measurement.
 
     Notes
     -----
@@ -35,20 +27,10 @@ class SourceWatch:
     `SyncWatch` lets one less than the deadline pass in its window; so does this, in as many SYNCs.
     """
 
-    def __init__(
-        self,
-        od: ObjectDictionary,
-        clock: Clock,
-        deadline_ms: Callable[[], int],
-        trip: Callable[[Watchdog], None],
-        settle: Callable[[Watchdog], None],
-    ) -> None:
+    def __init__(self, watching: Watching) -> None:
+        od, self._clock, self._deadline_ms, self._trip, self._settle = watching
         self._surplus = od["Cycle.Surplus measurements"]
-        self._clock = clock
-        self._quiet = clock.timer(self._on_quiet)
-        self._deadline_ms = deadline_ms
-        self._trip = trip
-        self._settle = settle
+        self._quiet = self._clock.timer(self._on_quiet)
         self._collision = False
         self._owed = 0
         self.restart()

@@ -30,6 +30,7 @@ from smarttac_can.nodes.settings import mend_settings
 from smarttac_can.nodes.source_watch import SourceWatch
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.sync_watch import SyncWatch
+from smarttac_can.nodes.watching import Watching
 from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
     HEARTBEAT_CONSUMER,
@@ -120,9 +121,9 @@ class StimulatorNode(Application):
             serial.default = serial.value = plate_serial(serial, plate_node_id)
         self._deadlines = deadlines(od, MEASUREMENT_RPDOS)
         self.clock = clock = Clock()
-        watching = (od, clock, self._deadline_ms, self._trip, self.block.settle)
-        self._sync_watch = SyncWatch(*watching)
-        self._source = SourceWatch(*watching)
+        watching = Watching(od, clock, self._deadline_ms, self._trip, self.block.settle)
+        self._sync_watch = SyncWatch(watching)
+        self._source = SourceWatch(watching)
         self._masters = MasterWatch(clock, plate_node_id, self._trip, self.block.settle)
         self._missed_time = MissedTime(clock)
         self._unanswered = clock.timer(self._on_unanswered)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from smarttac_can.device.timer import Clock
+from smarttac_can.nodes.watching import Watching
 from smarttac_can.od.cia import SYNC_COUNTER
-from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.watchdogs import (
     SYNC_DRIFT_WINDOW,
@@ -68,31 +68,16 @@ class SyncWatch:
 
     Parameters
     ----------
-    od
-        Object dictionary of ``stimulator.eds``.
-    clock
-        Device time.
-    deadline_ms
-        How long the loop may be without a measurement, and so without SYNC.
-    trip, settle
-        Called with a watchdog whose fault comes or goes.
+    watching
+        The node.
     """
 
-    def __init__(
-        self,
-        od: ObjectDictionary,
-        clock: Clock,
-        deadline_ms: Callable[[], int],
-        trip: Callable[[Watchdog], None],
-        settle: Callable[[Watchdog], None],
-    ) -> None:
+    def __init__(self, watching: Watching) -> None:
+        od, clock, self._deadline_ms, self._trip, self._settle = watching
         self._overflow = od.entry(SYNC_COUNTER)
         self._silence = clock.timer(self._on_silence)
         self._window = _Window(clock, self._judge)
         self._long = _Window(clock, self._judge_drift)
-        self._deadline_ms = deadline_ms
-        self._trip = trip
-        self._settle = settle
         self.restart()
 
     def restart(self) -> None:
