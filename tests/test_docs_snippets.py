@@ -87,6 +87,20 @@ def test_page(
         assert printed.endswith(shown)
 
 
+def test_the_model_that_the_page_of_bench_scripts_shows_is_that_of_a_new_simulation() -> None:
+    page = (ROOT / "docs" / "how-to" / "bench-scripts.md").read_text("utf-8")
+    shown = re.search(r"^# (\d.*) nm/V, (\d.*) ms, (\d.*) Hz$", page, re.MULTILINE)
+    assert shown is not None
+    with Stimulator.simulate() as bench:
+        bench.tare()
+        model = bench.identify()
+    assert shown.groups() == (
+        f"{model.gain * 1e9:.2f}",
+        f"{model.tau * 1e3:.4f}",
+        f"{model.f0:.0f}",
+    )
+
+
 @pytest.fixture
 def master_page(
     virtual: dict[str, Any],

@@ -12,11 +12,10 @@ from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.vocabulary.objects import SIMULATION
-from smarttac_can.vocabulary.states import STATE_SHIFT, State
+from smarttac_can.vocabulary.states import State, state_in
 
 _HINTS: Final = 3
 _MESSAGE: Final = "Message"
-_STATE_MASK: Final = 0b111
 _SHARP: Final = (State.ARMED, State.RUNNING)
 
 
@@ -122,7 +121,7 @@ class NamedObjects:
             raise
 
     def _state(self) -> State:
-        return State(self._link.read("Statusword") >> STATE_SHIFT & _STATE_MASK)
+        return state_in(self._link.read("Statusword"))
 
     def _number(self, name: str) -> Entry:
         entry = find_object(self._od, name)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.link import PUBLISHED, Snapshot
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import Status
+from smarttac_can.vocabulary.states import State, Status, state_in
+
+_STATUS: Final = sum(Status)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +22,10 @@ class Reading:
     """Age in s of the oldest value in it."""
     mode: Mode
     """Mode in force."""
+    state: State
+    """State of the device."""
     status: Status
-    """Statusword."""
+    """Other bits of the statusword."""
     tangential_force: float
     """Tangential force in N."""
     normal_force: float
@@ -62,7 +66,8 @@ class Reading:
         return cls(
             age=age,
             mode=Mode(raw["Mode display"]),
-            status=Status(raw["Statusword"]),
+            state=state_in(raw["Statusword"]),
+            status=Status(raw["Statusword"] & _STATUS),
             tangential_force=value("Contact.Tangential force", "N"),
             normal_force=value("Contact.Normal force", "N"),
             cof=value("Contact.COF", "") or None,

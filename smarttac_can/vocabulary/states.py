@@ -64,3 +64,9 @@ class Status(IntFlag):
 
 STATE_SHIFT: Final = 8
 """Bits 8 to 10 of the statusword are the number of the state."""
+_STATE_BITS: Final = 0b111
+
+
+def state_in(statusword: int) -> State:
+    """Return the state that a statusword carries."""
+    return State(statusword >> STATE_SHIFT & _STATE_BITS)

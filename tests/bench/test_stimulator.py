@@ -353,7 +353,9 @@ def test_a_reading_has_all_in_its_unit(bench: Stimulator) -> None:
     trace = bench.run(0.5)
     reading = bench.read()
     assert reading.mode is Mode.AMPLITUDE_RESONANCE
-    assert reading.status & 0b111 == 0b111, "running, driving, touching"
+    assert str(reading.status) == "7"
+    assert repr(reading.status) == "<Status.LIVE|DRIVING|TOUCHING: 7>"
+    assert reading.state is State.RUNNING
     assert reading.amplitude == pytest.approx(0.8, abs=0.05)
     assert reading.normal_force == pytest.approx(0.8, abs=0.1)
     assert reading.temperature == pytest.approx(25.0, abs=0.3)
