@@ -14,6 +14,7 @@ from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.local_link import LocalLink
 from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -161,3 +162,29 @@ def test_a_master_of_python_canopen_resets_a_fault(
     assert capsys.readouterr().out == (
         "8131h: the heartbeat of a watched node is lost\npresent 0h, latched 2h\n"
     )
+
+
+def test_the_master_of_the_page_goes_on_where_it_was_killed(
+    master_page: tuple[StimulatorNode, dict[str, Any]],
+    request: pytest.FixtureRequest,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    node, names = master_page
+    network = canopen.Network()
+    network.connect()
+    try:
+        master = network.add_node(32, "eds/stimulator.eds")
+        master.sdo["Consumer heartbeat time"][1].raw = names["MASTER"] << 16 | 500
+        network.send_message(0x700 + names["MASTER"], [5])
+        for controlword in (0, 1, 3):
+            master.sdo["Controlword"].raw = controlword
+        until(lambda: node.block.supervisor.state is State.FAULT)
+        until(lambda: node.device.nmt_state is NMTState.PRE_OPERATIONAL)
+    finally:
+        network.disconnect()
+    capsys.readouterr()
+    run(MASTER, {}, request)
+    assert "8131h: the heartbeat of a watched node is lost\npresent 0h, latched 2h\n" in (
+        capsys.readouterr().out
+    )
+    assert node.block.supervisor.state is State.READY
