@@ -73,3 +73,12 @@ def test_what_a_frozen_stage_does() -> None:
             round(stage["dose_ratio"], 1),
             round(stage["dose_ratio_from_rest"], 1),
         ]
+
+
+def test_micro_has_one_spelling_in_texts() -> None:
+    root = GUIDES.parents[1]
+    pages = [root / "README.md", *(root / "docs").rglob("*.md"), *(root / "eds").glob("*.eds")]
+    assert len(pages) > 30
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert not re.search("[\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}][mNsV]", text), page
