@@ -204,3 +204,24 @@ def test_occlusion_raises_friction_over_seconds():
     for _ in range(500):
         plate.step(OFF, OFF)
     assert plate.occlusion == pytest.approx(-math.expm1(-0.5 / 20.0), rel=1e-6)
+
+
+def test_the_load_grows_as_a_hertz_contact_with_the_force():
+    amplitudes = []
+    for Fn in (0.25, 2.0):
+        plate = make(Trajectory([(0.0, 0.0, Fn), (100.0, 0.0, Fn)]))
+        # At its resonance the load damps and detunes: 1/A - 1/A_bare is a complex load.
+        run(plate, [ON] * 40)
+        amplitudes.append(1 / plate.W)
+    bare = make()
+    run(bare, [ON] * 40)
+    light, heavy = (abs(amplitude - 1 / bare.W) for amplitude in amplitudes)
+    assert heavy / light == pytest.approx(4.0, rel=0.02), "8 times the force, to the power of 2/3"
+
+
+def test_the_moment_is_that_of_the_whole_tick_as_the_normal_force_is():
+    plate = make(Trajectory([(0.0, 0.012, 0.0), (0.1, 0.012, 1.0), (1.0, 0.012, 1.0)]))
+    for _ in range(150):
+        plate.step(OFF, OFF)
+        assert plate._moment.y == pytest.approx(0.012 * plate._normal.y, abs=1e-12)
+    assert plate._normal.y == pytest.approx(1.0, rel=0.01)

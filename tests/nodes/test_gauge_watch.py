@@ -1,0 +1,109 @@
+"""Gauges that contradict each other: each bound from both sides, without a plate."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.nodes.cycle_input import Measured
+from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
+from smarttac_can.vocabulary.signals import Contact, Measurement
+
+NORMAL, LATERAL, GAUGES = 1 << 12, 1 << 13, 1 << 16
+HALF = 0.028
+"""Where the gauges are along x in m; those of one side are S3 and S5."""
+ZERO = (0.1, -0.2, 0.3, -0.1, 0.05, 0.0)
+
+
+def faults_after(cycles: int, **finger: float) -> int:
+    """What the last of some cycles shows of gauges that tell of one finger."""
+    watchdogs = LoopWatchdogs(stimulator_od())
+    return [look(watchdogs, at, **finger) for at in range(cycles)][-1] & (NORMAL | LATERAL | GAUGES)
+
+
+def look(
+    watchdogs: LoopWatchdogs,
+    at: int,
+    *,
+    Fn: float = 1.0,
+    Fx: float = 0.0,
+    Fy: float = 0.0,
+    x: float = 0.0,
+    twist: float = 0.0,
+) -> int:
+    lean = x / HALF
+    left, right = 0.25 * Fn * (1 - lean), 0.25 * Fn * (1 + lean)
+    loads = (0.0, 0.0, left + twist / 4, right - twist / 4, left - twist / 4, right + twist / 4)
+    gauges = tuple(load + zero for load, zero in zip(loads, ZERO, strict=True))
+    cascade: Any = SimpleNamespace(
+        contact=Contact(Fx, Fy, Fn, 0.0, 0.0, x, 0.0, touching=False),
+        tribometer=SimpleNamespace(tared=True, offsets=ZERO),
+        parameters=SimpleNamespace(gauge_positions=(-HALF, HALF, -HALF, HALF)),
+    )
+    measurement = Measurement(0j, gauges, 20.0, 0)  # type: ignore[arg-type]
+    # Counts that differ from cycle to cycle: no sensor is stuck.
+    return watchdogs.look(Measured(measurement, (at,) * 9, 0, 1), 0, cascade)
+
+
+def test_four_cycles_are_none_and_five_are_a_fault() -> None:
+    assert faults_after(4, twist=0.3) == 0
+    assert faults_after(5, twist=0.3) == GAUGES
+
+
+def test_a_sound_cycle_begins_the_count_anew() -> None:
+    watchdogs = LoopWatchdogs(stimulator_od())
+    for at in range(20):
+        assert not look(watchdogs, at, twist=0.0 if at % 5 == 4 else 0.3)
+
+
+@pytest.mark.parametrize(
+    ("finger", "fault"),
+    [
+        ({"twist": 0.198}, 0),
+        ({"twist": 0.202}, GAUGES),
+        ({"twist": -0.202}, GAUGES),
+        # 38 mm are the end of the plate: 1 N, and 0.2 N of mismatch, there make 45.6 N mm.
+        ({"x": 0.0454}, 0),
+        ({"x": 0.0458}, GAUGES),
+        ({"x": -0.0458}, GAUGES),
+        ({"Fn": -0.198}, 0),
+        ({"Fn": -0.202}, GAUGES),
+        # Twice the normal force, and the mismatch.
+        ({"Fx": 2.198}, 0),
+        ({"Fx": 2.202}, GAUGES),
+        ({"Fy": -2.202}, GAUGES),
+        ({"Fn": 0.1, "Fx": 0.398}, 0),
+        ({"Fn": 0.1, "Fx": 0.402}, GAUGES),
+        # Pulled, it has no friction: the mismatch alone is left.
+        ({"Fn": -0.1, "Fx": 0.198}, 0),
+        ({"Fn": -0.1, "Fx": 0.202}, GAUGES),
+        ({"Fn": 4.0}, 0),
+        ({"Fn": 4.001}, NORMAL),
+        ({"Fn": 2.0, "Fx": 1.8, "Fy": 2.4 - 1e-9}, 0),
+        ({"Fn": 2.0, "Fx": 1.8, "Fy": 2.401}, LATERAL),
+    ],
+)
+def test_each_bound_from_both_sides(finger: dict[str, float], fault: int) -> None:
+    assert faults_after(5, **finger) == fault
+
+
+def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
+    watchdogs = LoopWatchdogs(stimulator_od())
+    cascade: Any = SimpleNamespace(
+        contact=Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False),
+        tribometer=SimpleNamespace(tared=False),
+    )
+    measurement = Measurement(0j, (0.0,) * 6, 20.0, 0)
+
+    def stuck(sensor: int) -> int:
+        """Cycles until a sensor whose count stays is stuck."""
+        watchdogs.reset()
+        for cycles in range(1, 200):
+            counts = [cycles] * 9
+            counts[sensor] = 7
+            if watchdogs.look(Measured(measurement, tuple(counts), 0, 1), 0, cascade) & 1 << 15:
+                return cycles
+        return 0
+
+    assert [stuck(sensor) for sensor in range(9)] == [12] * 8 + [100]

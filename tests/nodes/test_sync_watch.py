@@ -1,0 +1,79 @@
+"""How many SYNCs in a window are right, counted by the clock."""
+
+import pytest
+
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.device.timer import Clock
+from smarttac_can.nodes.sync_watch import SyncWatch
+from smarttac_can.vocabulary.watchdogs import Watchdog
+
+
+class Watch:
+    """A watch with a deadline of 3 ms, and what it has tripped."""
+
+    def __init__(self, deadline_ms: int = 3) -> None:
+        self.clock = Clock()
+        self.tripped: set[Watchdog] = set()
+        self.sync = SyncWatch(
+            stimulator_od(), self.clock, lambda: deadline_ms,
+            self.tripped.add, self.tripped.discard,
+        )  # fmt: skip
+
+    def hear(self, milliseconds: int, syncs: list[int]) -> None:
+        """Let time pass, with so many SYNCs at the end of each millisecond."""
+        for at in range(milliseconds):
+            for _ in range(syncs[at % len(syncs)]):
+                self.sync.heard(0)
+            self.clock.advance(1000)
+
+
+@pytest.mark.parametrize(
+    ("syncs", "irregular"),
+    [
+        # Windows of 8 ms, with 6 to 10 SYNCs.
+        ([1], False),
+        ([1, 1, 1, 2, 1, 1, 2, 1], False),
+        ([1, 1, 1, 2, 1, 2, 2, 1], True),
+        ([1, 1, 0, 1, 1, 0, 1, 1], False),
+        ([1, 1, 0, 1, 0, 1, 0, 1], True),
+    ],
+)
+def test_two_too_many_or_too_few_in_8_ms_pass_and_three_do_not(
+    syncs: list[int], irregular: bool
+) -> None:
+    watch = Watch()
+    watch.hear(32, syncs)
+    assert (Watchdog.SYNC_IRREGULAR in watch.tripped) == irregular
+    assert Watchdog.SYNC_LOST not in watch.tripped
+
+
+def test_the_eleventh_at_once_is_irregular_though_no_time_passes() -> None:
+    watch = Watch()
+    watch.hear(1, [10])
+    assert not watch.tripped
+    watch.sync.heard(0)
+    assert watch.tripped == {Watchdog.SYNC_IRREGULAR}
+
+
+def test_no_sync_for_the_deadline_is_lost() -> None:
+    watch = Watch()
+    watch.sync.heard(0)
+    watch.clock.advance(2999)
+    assert not watch.tripped
+    watch.clock.advance(1)
+    assert watch.tripped == {Watchdog.SYNC_LOST}
+    watch.sync.heard(0)
+    assert not watch.tripped
+
+
+@pytest.mark.parametrize(
+    ("period_us", "drifts"), [(1010, False), (1012, False), (1016, True), (985, True), (990, False)]
+)
+def test_13_of_1000_too_many_or_too_few_are_no_drift(period_us: int, drifts: bool) -> None:
+    watch = Watch()
+    now = 0
+    while now < 2_500_000:
+        now += period_us
+        watch.clock.advance(period_us)
+        watch.sync.heard(0)
+    assert (Watchdog.SYNC_IRREGULAR in watch.tripped) == drifts

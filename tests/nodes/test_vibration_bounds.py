@@ -1,0 +1,213 @@
+"""The two bounds of the vibration in numbers, of a plate with 50 nm/V: 5 um at 100 V."""
+
+import cmath
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.nodes.vibration_watch import VibrationWatch
+from smarttac_can.vocabulary.signals import Contact
+
+AMPLITUDE_MODE, TRACKED, IDENTIFY = 2, 3, 5
+AMPLITUDE, PICKUP, RESONANCE, UNSEEN = 1 << 10, 1 << 17, 1 << 18, 1 << 23
+
+
+def pressing(Fn: float) -> Contact:
+    return Contact(0.0, 0.0, Fn, 0.0, 0.0, 0.0, 0.0, touching=Fn > 0.0)
+
+
+def watch_of(deadlines: tuple[int, ...] = (), limit: int = 10_000, **model: int) -> VibrationWatch:
+    od = stimulator_od()
+    for name, raw in model.items():
+        od[f"Model.{name.replace('_', ' ')}"].value = raw
+    od["Limit.Amplitude by drive"].value = limit
+    entries: list[Any] = [SimpleNamespace(value=value) for value in deadlines]
+    return VibrationWatch(od, entries)
+
+
+def settled(
+    watch: VibrationWatch, um: complex, Fn: float = 0.0, *, volts: float = 100.0
+) -> VibrationWatch:
+    """A watch after 40 cycles under a voltage, with a reading that follows from it."""
+    for _ in range(40):
+        watch.note_voltage(volts)
+        watch.look(um * 1e-6, pressing(Fn), AMPLITUDE_MODE)
+    return watch
+
+
+def cycles_to(
+    fault: int, watch: VibrationWatch, um: complex, Fn: float = 0.0, mode: int = 2
+) -> int:
+    """How many cycles of a reading make a fault; 0 if 200 do not."""
+    for cycles in range(1, 201):
+        watch.note_voltage(100.0)
+        if watch.look(um * 1e-6, pressing(Fn), mode) & fault:
+            return cycles
+    return 0
+
+
+def turned(um: float, degrees: float) -> complex:
+    return cmath.rect(um, math.radians(degrees))
+
+
+@pytest.mark.parametrize(
+    ("um", "Fn", "bound"),
+    [
+        (5.0, 0.0, 5.0),
+        # A Hertz contact under 0.9 x 1 N - 0.05 N: 1 + 0.4 (0.85/0.5)^(2/3) = 1.5697.
+        (3.0, 1.0, 3.1853),
+        # ... and under 0.9 x 0.5 N - 0.05 N: 1 + 0.4 (0.4/0.5)^(2/3) = 1.3447.
+        (3.0, 0.5, 3.7183),
+        (3.0, -1.0, 5.0),
+        # Sixty degrees off the resonance half of it is left, whatever the finger does.
+        (turned(2.5, 60), 0.0, 2.5),
+        (turned(1.5, -60), 1.0, 1.5927),
+        # Beyond 87.1 degrees, and below 20 nm, a phase tells nothing.
+        (turned(0.3, 87.0), 0.0, 0.2617),
+        (turned(0.3, 87.3), 0.0, 5.0),
+        (turned(0.0201, 60), 0.0, 2.5),
+        (turned(0.0199, 60), 0.0, 5.0),
+    ],
+)
+def test_bound_from_above(um: complex, Fn: float, bound: float) -> None:
+    assert settled(watch_of(), um, Fn).bound * 1e6 == pytest.approx(bound, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("gain", "bound"), [(60_000, 6.0), (50_000, 5.0), (41_000, 4.1), (39_000, 4.0), (5_000, 4.0)]
+)
+def test_a_low_gain_is_not_believed(gain: int, bound: float) -> None:
+    watch = watch_of(Gain_per_volt=gain)
+    assert settled(watch, gain * 1e-4).bound * 1e6 == pytest.approx(bound, abs=1e-4)
+
+
+def test_bound_from_above_rises_with_the_time_constant() -> None:
+    watch = watch_of()
+    watch.note_voltage(100.0)
+    watch.look(0j, pressing(0.0), AMPLITUDE_MODE)
+    assert watch.bound * 1e6 == pytest.approx(5.0 * (1 - math.exp(-1 / 0.944)), abs=1e-4)
+    # Under a finger faster: its damping is the plate's as well.
+    watch = watch_of()
+    watch.note_voltage(100.0)
+    watch.look(0j, pressing(1.0), AMPLITUDE_MODE)
+    assert watch.bound * 1e6 == pytest.approx(3.1853 * (1 - math.exp(-1.5697 / 0.944)), abs=2e-4)
+
+
+@pytest.mark.parametrize(("limit", "cycles"), [(5010, 0), (4990, 5)])
+def test_a_bound_above_its_limit_for_5_cycles_is_a_fault(limit: int, cycles: int) -> None:
+    watch = settled(watch_of(), 5.0)
+    watch._bound_trip = limit * 1e-9
+    assert cycles_to(UNSEEN, watch, 5.0) == cycles
+
+
+@pytest.mark.parametrize(
+    ("um", "Fn", "cycles"),
+    [
+        # 0.8 of what is left under 1.1 x 1 N + 0.05 N: 1 + 1.6 (1.15/0.5)^(2/3) = 3.7878.
+        (1.058, 1.0, 0),
+        (1.054, 1.0, 20),
+        # In the air 0.05 N may press: 1 + 1.6 (0.05/0.5)^(2/3) = 1.3447.
+        (2.98, 0.0, 0),
+        (2.97, 0.0, 20),
+        (2.98, -1.0, 0),
+        (2.97, -1.0, 20),
+        (turned(1.49, 60), 0.0, 0),
+        (turned(1.484, 60), 0.0, 20),
+    ],
+)
+def test_bound_from_below(um: complex, Fn: float, cycles: int) -> None:
+    watch = settled(watch_of(), turned(3.5, math.degrees(cmath.phase(um))), Fn)
+    assert cycles_to(PICKUP, watch, um, Fn) == cycles
+
+
+def test_nothing_is_missed_below_200_nm_or_while_identifying() -> None:
+    # 5 V make 250 nm, of which at least 186 nm are left; 6 V make 300 nm and 223 nm.
+    for volts, cycles in ((5.0, 0), (6.0, 20)):
+        watch = settled(watch_of(), volts * 0.05, volts=volts)
+        found = 0
+        for at in range(1, 101):
+            watch.note_voltage(volts)
+            if watch.look(0.1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP:
+                found = at
+                break
+        assert found == cycles
+    assert cycles_to(PICKUP, settled(watch_of(), 5.0), 1.0, mode=IDENTIFY) == 0
+    assert cycles_to(PICKUP, settled(watch_of(), 5.0), 1.0) == 20
+
+
+def test_the_least_voltage_of_5_cycles_counts_from_below() -> None:
+    watch = settled(watch_of(), 3.0)
+    # One pause in five cycles: there need be no vibration, as far as the bound can tell.
+    for at in range(200):
+        watch.note_voltage(0.0 if at % 5 == 0 else 100.0)
+        assert not watch.look(1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP
+    for at in range(200):
+        watch.note_voltage(0.0 if at % 26 == 0 else 100.0)
+        if watch.look(1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP:
+            break
+    assert at == 24, "20 cycles after 5 with a voltage"
+
+
+@pytest.mark.parametrize(("um", "cycles"), [(0.251, 20), (0.249, 10)])
+def test_silence_is_a_twentieth_of_the_model(um: float, cycles: int) -> None:
+    assert cycles_to(PICKUP, settled(watch_of(), 5.0), um) == cycles
+
+
+@pytest.mark.parametrize(
+    ("um", "mode", "cycles"),
+    [
+        (7.59, AMPLITUDE_MODE, 0),
+        (7.61, AMPLITUDE_MODE, 3),
+        (25.0, IDENTIFY, 0),
+        (25.2, IDENTIFY, 3),
+    ],
+)
+def test_too_much_is_half_more_than_the_model_and_100_nm(um: float, mode: int, cycles: int) -> None:
+    assert cycles_to(PICKUP, settled(watch_of(), 5.0), um, mode=mode) == cycles
+
+
+@pytest.mark.parametrize(("um", "cycles"), [(3.199, 0), (3.201, 5)])
+def test_an_amplitude_above_the_trip_for_5_cycles_is_a_fault(um: float, cycles: int) -> None:
+    assert cycles_to(AMPLITUDE, settled(watch_of(), 3.0), um) == cycles
+
+
+@pytest.mark.parametrize(
+    ("deadlines", "late"), [((3, 3, 3), 0), ((20, 20, 20), 17), ((20, 4, 20), 1), ((2, 3, 3), 0)]
+)
+def test_late_drives_make_every_comparison_wait(deadlines: tuple[int, ...], late: int) -> None:
+    def settled_watch() -> VibrationWatch:
+        return settled(watch_of(deadlines), 5.0)
+
+    assert cycles_to(PICKUP, settled_watch(), 1.0) == 20 + late
+    assert cycles_to(PICKUP, settled_watch(), 0.1) == 10 + late
+    assert cycles_to(PICKUP, settled_watch(), 7.7) == 3 + late
+    watch = settled_watch()
+    watch._bound_trip = 4.99e-6
+    assert cycles_to(UNSEEN, watch, 5.0) == 5 + late
+
+
+@pytest.mark.parametrize(
+    ("um", "mode", "cycles"),
+    [
+        (turned(2.0, 44), TRACKED, 0),
+        (turned(2.0, 46), TRACKED, 100),
+        (turned(2.0, -46), TRACKED, 100),
+        (turned(2.0, 46), AMPLITUDE_MODE, 0),
+    ],
+)
+def test_a_phase_beyond_45_degrees_for_100_cycles_is_a_lost_resonance(
+    um: complex, mode: int, cycles: int
+) -> None:
+    assert cycles_to(RESONANCE, settled(watch_of(), um), um, mode=mode) == cycles
+
+
+def test_cycles_without_a_vibration_do_not_count_for_the_resonance() -> None:
+    watch = watch_of()
+    tripped = []
+    for at in range(200):
+        um = turned(2.0, 60) if at % 2 else 0j
+        tripped.append(watch.look(um * 1e-6, pressing(0.0), TRACKED) & RESONANCE)
+    assert tripped.index(RESONANCE) == 199
