@@ -10,6 +10,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stricter import Stricter
 from smarttac_can.od.cia import Abort
+from smarttac_can.od.dictionary import Entry
 from smarttac_can.trials.fault_acts import disturb
 from smarttac_can.vocabulary.states import State
 
@@ -119,6 +120,68 @@ def test_all_limits_have_a_rule() -> None:
     limits = {entry for entry in od if entry.name.startswith("Limit.") and entry.writable}
     assert len(limits) >= 9
     assert limits <= set(Stricter(od).rules)
+
+
+def test_what_is_protected_and_how() -> None:
+    """By index: what is laxer than a value and what is not, whatever else would refuse it."""
+    od = stimulator_od()
+    stricter = Stricter(od)
+    other = {
+        *(0x1005, 0x1006, 0x1014, 0x1017),
+        *range(0x1600, 0x1607),
+        *(0x1804, 0x1A04),
+        *(0x2042, 0x2043, 0x2044),
+    }
+    higher = {0x2041, 0x2046}
+    lower = {(0x2041, 3)}
+    longer = {(0x100C, 0), (0x100D, 0), *((index, 5) for index in range(0x1400, 0x1407))}
+    same = {(index, sub) for index in range(0x1400, 0x1407) for sub in (1, 2)}
+
+    def refused(entry: Entry, present: int, value: int) -> bool:
+        entry.value = present
+        try:
+            stricter.require(entry, value)
+        except Abort as abort:
+            assert abort.code == STATE
+            return True
+        return False
+
+    protected = set()
+    for entry in od:
+        # A present value of 5: one less, the same, one more, none; and 1 where there is none.
+        laxer = [refused(entry, *pair) for pair in ((5, 4), (5, 5), (5, 6), (5, 0), (0, 1))]
+        place = entry.index, entry.subindex
+        if not entry.writable or entry.index == 0x1016:
+            continue
+        if place in lower:
+            expected = [True, False, False, True, False]
+        elif place in longer:
+            expected = [False, False, True, True, False]
+        elif entry.index in higher:
+            expected = [False, False, True, False, True]
+        elif entry.index in other or place in same:
+            expected = [True, False, True, True, True]
+        else:
+            expected = [False] * 5
+        assert laxer == expected, entry.name
+        if any(laxer):
+            protected.add(entry.index)
+    assert protected == other | higher | {0x100C, 0x100D, *range(0x1400, 0x1407)}
+
+
+@pytest.mark.parametrize("watch", range(1, 5))
+def test_every_watch_over_a_heartbeat_is_kept(watch: int) -> None:
+    od = stimulator_od()
+    stricter, entry = Stricter(od), od.entry(0x1016, watch)
+    entry.value = 0x7F_0032
+    for value in (0x7F_0033, 0x7F_0000, 0x7E_0032, 0x80_0032, 0):
+        with pytest.raises(Abort):
+            stricter.require(entry, value)
+    for value in (0x7F_0032, 0x7F_0031):
+        stricter.require(entry, value)
+    # 128 is no node, and 0 ms no watch: nothing is lost.
+    for entry.value in (0x80_0032, 0x7F_0000):
+        stricter.require(entry, 0)
 
 
 def test_it_holds_without_a_bus_as_well() -> None:

@@ -99,6 +99,24 @@ class TestStep:
         trough = step(lambda t: 0.3 if t <= 0 else 0.2 - 0.04 * (t == 5), before=0.3, after=0.2)
         assert metrics.overshoot_percent(trough) == pytest.approx(40.0)
 
+    @pytest.mark.parametrize("at", [1, 2, 3, 79, 80])
+    def test_overshoot_is_seen_from_the_first_millisecond_to_the_last(self, at):
+        peak = step(lambda t: 0.2 if t <= 0 else 0.3 + 0.03 * (t == at))
+        # One sample of the 41 from 40 ms on lifts the level by a fraction of itself.
+        level = 0.03 / 41 * (at >= 40)
+        expected = 100 * (0.03 - level) / (0.1 + level)
+        assert metrics.overshoot_percent(peak) == pytest.approx(expected, rel=1e-9)
+
+    def test_the_level_after_the_switch_is_that_from_40_ms_on(self):
+        before = step(lambda t: 0.2 if t <= 0 else 0.5 if t < 40 else 0.3)
+        assert before.levels() == pytest.approx((0.2, 0.3))
+        first = step(lambda t: 0.2 if t <= 0 else 0.341 if t == 40 else 0.3)
+        assert first.levels() == pytest.approx((0.2, 0.301))
+
+    def test_the_level_before_the_switch_is_that_up_to_its_tick(self):
+        last = step(lambda t: 0.221 if t == 0 else 0.2 if t < 0 else 0.3)
+        assert last.levels() == pytest.approx((0.201, 0.3))
+
     def test_what_happens_before_the_switch_is_no_overshoot_and_no_rise(self):
         early = step(lambda t: 0.35 if t == -10 else ramp(1.0, 5.0)(t))
         assert metrics.overshoot_percent(early) == pytest.approx(0, abs=1e-9)
