@@ -198,6 +198,19 @@ def test_open_loop_is_the_setpoint_within_limits():
     assert cascade.limited == Limit.VOLTAGE | Limit.FREQUENCY
 
 
+def test_open_loop_is_cut_to_what_the_bare_plate_may_reach():
+    cascade, plate = Cascade(LIMITS, PlateModel(gain=80e-9)), FirstOrderPlate()
+    cascade.set_mode(Mode.OPEN_LOOP)
+    assert cascade.update(plate.measure(), setpoint(25.0)).voltage == 25.0, "80 nm/V: 2 um"
+    assert cascade.limited == 0
+    drive = cascade.update(plate.measure(), setpoint(25.1))
+    assert drive.voltage == pytest.approx(25.0, rel=1e-12)
+    assert cascade.limited == Limit.AMPLITUDE
+    drive = cascade.update(plate.measure(), setpoint(150.0))
+    assert drive.voltage == pytest.approx(25.0, rel=1e-12)
+    assert cascade.limited == Limit.AMPLITUDE | Limit.VOLTAGE
+
+
 def test_limits_of_the_amplitude_loop_are_told():
     cascade, plate = Cascade(LIMITS), FirstOrderPlate()
     cascade.set_mode(Mode.AMPLITUDE)

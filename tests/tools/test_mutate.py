@@ -1,0 +1,166 @@
+"""``tools/mutate`` tries the changes of a tiny package, of which its test notices some."""
+
+import importlib.util
+import subprocess
+import sys
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+TOOL = Path(__file__).parents[2] / "tools" / "mutate"
+SOURCE = '''\
+"""A module with a limit and two clauses."""
+
+from typing import Final
+
+LIMIT: Final = 5
+
+
+def over(value: int, armed: bool) -> bool:
+    """Return whether there is a fault."""
+    return armed and value > LIMIT
+
+
+def unused() -> float:
+    """Return what no test asks for."""
+    return 1.5
+'''
+TEST = """\
+import pytest
+
+from made_up.small.limits import over
+
+@pytest.mark.parametrize(("value", "fault"), [(7, True), (5, False)])
+def test_over(value, fault):
+    assert over(value, True) == fault
+"""
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """Return a tree with a package, and its test in the mirror directory."""
+    for name, text in (
+        ("made_up/small/limits.py", SOURCE),
+        ("tests/small/test_limits.py", TEST),
+    ):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True)
+        path.write_text(text)
+    (tmp_path / "docs" / "reference").mkdir(parents=True)
+    return tmp_path
+
+
+def mutate(tree: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run the tool in a tree."""
+    return subprocess.run(
+        [sys.executable, TOOL, "--package", "made_up/small", "--jobs", "1", *options],
+        cwd=tree, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def rows(run: subprocess.CompletedProcess[str]) -> list[str]:
+    """Sort the survivors that were printed, without their module."""
+    printed = [line.split(" | ", 1)[1] for line in run.stdout.splitlines() if " | " in line]
+    return sorted(line.strip().removesuffix(" |") for line in printed)
+
+
+SURVIVORS = [
+    "LIMIT: Final = 5 | 5 -> 6",
+    "return 1.5 | 1.5 -> 0.75",
+    "return 1.5 | 1.5 -> 3.0",
+    "return armed and value > LIMIT | armed and value > LIMIT -> value > LIMIT",
+]
+
+
+def test_it_lists_what_no_test_notices(tree: Path) -> None:
+    run = mutate(tree)
+    assert rows(run) == SURVIVORS
+    assert "made_up/small: 7 of 7 changes tried, 4 survive, 4 unexplained" in run.stdout
+    assert run.returncode == 1
+    assert (tree / "made_up/small/limits.py").read_text() == SOURCE
+
+
+def test_it_writes_survivors_with_their_reasons(tree: Path) -> None:
+    page = tree / "docs/reference/mutants.md"
+    page.write_text("# Old\n\n## other/package\n\nStays.\n")
+    reason = 'module = "made_up/small/limits.py"\nline = "return 1.5"\nwhy = "nobody asks"\n'
+    (tree / "tools").mkdir()
+    (tree / "tools/mutants.toml").write_text(
+        "".join(f'[[equivalent]]\n{reason}change = "1.5 -> {to}"\n' for to in ("0.75", "3.0"))
+    )
+    run = mutate(tree, "--write")
+    assert "4 survive, 2 unexplained" in run.stdout
+    text = page.read_text()
+    assert "| limits.py | `return 1.5` | `1.5 -> 3.0` | nobody asks |" in text
+    assert "| limits.py | `LIMIT: Final = 5` | `5 -> 6` |  |" in text
+    assert "## other/package\n\nStays.\n" in text
+
+
+def test_it_ends_with_the_minutes_and_says_of_how_many(tree: Path) -> None:
+    run = mutate(tree, "--minutes", "0")
+    assert "0 of 7 changes tried, 0 survive, 0 unexplained" in run.stdout
+    assert run.returncode == 0
+
+
+def test_tests_that_fail_as_they_are_say_nothing(tree: Path) -> None:
+    (tree / "tests/small/test_limits.py").write_text(TEST.replace("(5, False)", "(6, False)"))
+    run = mutate(tree)
+    assert run.returncode == 1
+    assert "tests/small: the tests do not pass as they are" in run.stderr
+
+
+def test_a_change_that_hangs_is_noticed(tree: Path) -> None:
+    (tree / "made_up/small/limits.py").write_text(
+        "def over(value, armed):\n    while not armed:\n        pass\n    return value > LAST\n\n\n"
+        "LAST = len('seven')\n"
+    )
+    tool = tree / "mutate.py"
+    text = TOOL.read_text()
+    assert "STARTING_S: Final = 30.0" in text
+    tool.write_text(text.replace("STARTING_S: Final = 30.0", "STARTING_S: Final = 10.0"))
+    run = subprocess.run(
+        [sys.executable, tool, "--package", "made_up/small"],
+        cwd=tree, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "2 of 2 changes tried, 0 survive" in run.stdout
+
+
+@pytest.fixture
+def tool() -> ModuleType:
+    """Import the tool, which has no suffix."""
+    loader = SourceFileLoader("mutate", str(TOOL))
+    spec = importlib.util.spec_from_loader("mutate", loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["mutate"] = module
+    loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("source", "changes"),
+    [
+        ("x = 5", ["5 -> 4", "5 -> 6"]),
+        ("x = 200", ["200 -> 100", "200 -> 400"]),
+        ("x = 0.8", ["0.8 -> 0.4", "0.8 -> 1.6"]),
+        ("x = 0.0", ["0.0 -> 1.0"]),
+        ("x = True", []),
+        ("x = 'text'", []),
+        ("x: Literal[3] = y", []),
+        ("x = not y", ["not y -> y"]),
+        ("x = a <= b", ["a <= b -> a < b"]),
+        ("x = a is b", ["a is b -> a is not b"]),
+        ("x = a < b == c", ["a < b == c -> a <= b == c", "a < b == c -> a < b != c"]),
+        ("x = a or b", ["a or b -> a", "a or b -> b"]),
+        (
+            "x = a and b and c",
+            ["a and b and c -> a and b", "a and b and c -> a and c", "a and b and c -> b and c"],
+        ),
+    ],
+)
+def test_changes(source: str, changes: list[str], tool: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text(source + "\n")
+    assert sorted(mutant.change for mutant in tool.mutants_of(path)) == changes
