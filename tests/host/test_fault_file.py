@@ -1,6 +1,8 @@
 """Lines that are kept in a file, by a thread, at most so often."""
 
+import threading
 import time
+from itertools import count
 from pathlib import Path
 
 from smarttac_can.host.fault_file import FaultFile, read_lines
@@ -38,14 +40,35 @@ def test_what_is_no_text_does_no_harm(tmp_path: Path) -> None:
 
 def test_they_are_written_while_it_lasts_and_not_more_often(tmp_path: Path) -> None:
     file = CountingFile(tmp_path / "kept")
-    count = 0
-    with FaultFile(file, lambda: (str(count),), never, 0.05):
+    number = 0
+    with FaultFile(file, lambda: (str(number),), never, 0.05):
         start = time.monotonic()
         while file.writes < 3:
-            count += 1
+            number += 1
             assert time.monotonic() < start + GUARD_S
         assert time.monotonic() >= start + 0.1
-    assert read_lines(file) == (str(count),)
+    assert read_lines(file) == (str(number),)
+
+
+def test_by_default_they_are_looked_at_once_a_second(tmp_path: Path) -> None:
+    waits: list[float] = []
+
+    class Second(threading.Event):
+        """Lets three seconds pass at once."""
+
+        def wait(self, timeout: float | None = None) -> bool:
+            assert timeout is not None
+            waits.append(timeout)
+            return len(waits) > 3
+
+    file = CountingFile(tmp_path / "kept")
+    numbers = count()
+    kept = FaultFile(file, lambda: (str(next(numbers)),), never)
+    kept._over = Second()
+    with kept:
+        pass
+    assert waits == [1.0] * 4
+    assert file.writes == 4, "after each second, and at the end"
 
 
 def test_what_has_not_changed_is_not_written(tmp_path: Path) -> None:
