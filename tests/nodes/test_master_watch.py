@@ -138,6 +138,40 @@ def test_nobody_arms_unwatched_in_real_time() -> None:
     assert line.read(node, "Cycle.Ignored controlwords") == 1
 
 
+def test_what_kept_it_from_arming_is_told_until_it_arms() -> None:
+    line, node = ready()
+    assert arm(line, node) == STATE
+    assert node.od["Message"].value == UNWATCHED
+    assert line.write(node, "Drive unwatched", 1) == 0
+    assert node.od["Message"].value == UNWATCHED
+    assert arm(line, node) == 0
+    assert node.od["Message"].value == ""
+
+
+def test_another_message_outlasts_arming() -> None:
+    line, node = ready(Drive_unwatched=1)
+    node.od["Message"].value = "identification: the plate is loaded with 0.51 N"
+    assert arm(line, node) == 0
+    assert node.od["Message"].value == "identification: the plate is loaded with 0.51 N"
+
+
+def test_a_new_run_begins_without_the_message_of_the_last_one() -> None:
+    line, node = ready()
+    assert arm(line, node) == STATE
+    assert line.write(node, "Simulation.Start run", 1) == 0
+    assert node.od["Message"].value == ""
+
+
+def test_a_new_run_keeps_what_is_latched_and_its_message() -> None:
+    line, node = ready(Drive_unwatched=1)
+    line.run(node, 1)
+    line.nmt(0x80)
+    assert node.block.state is State.FAULT
+    assert line.write(node, "Simulation.Start run", 1) == 0
+    assert node.block.state is State.FAULT
+    assert node.od["Message"].value == "NMT left OPERATIONAL while running"
+
+
 def test_who_wants_no_watch_says_so() -> None:
     line, node = ready(Drive_unwatched=1)
     assert arm(line, node) == 0

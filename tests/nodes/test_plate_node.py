@@ -325,7 +325,8 @@ def test_the_node_id_gives_the_cob_ids() -> None:
 @pytest.mark.parametrize(("name", "present"), [("Voltage", 15_000), ("Temperature", 7000)])
 def test_limits_are_not_raised_while_in_use(name: str, present: int) -> None:
     line, plate = ready_plate()
-    assert line.write(plate, f"Limit.{name}", present) == 0
+    for raw in (present + 1, present):
+        assert line.write(plate, f"Limit.{name}", raw) == 0, "not in use yet"
     line.send(drive(2000, 0))
     assert stage(plate) == 2000
     assert line.write(plate, f"Limit.{name}", present + 1) == STATE

@@ -204,6 +204,35 @@ def test_a_phase_beyond_45_degrees_for_100_cycles_is_a_lost_resonance(
     assert cycles_to(RESONANCE, settled(watch_of(), um), um, mode=mode) == cycles
 
 
+def test_45_degrees_are_tuned_and_a_tuned_cycle_begins_the_count_anew() -> None:
+    assert cycles_to(RESONANCE, settled(watch_of(), 2.0), 1.5 + 1.5j, mode=TRACKED) == 0
+    watch = watch_of()
+    for at in range(400):
+        um = 2.0 if at % 100 == 99 else turned(2.0, 60)
+        assert not watch.look(um * 1e-6, pressing(0.0), TRACKED) & RESONANCE
+
+
+def test_a_cycle_that_is_sound_begins_the_counts_of_too_little_anew() -> None:
+    for um, most in ((0.1, 10), (1.0, 20)):
+        watch = settled(watch_of(), 5.0)
+        for at in range(4 * most):
+            watch.note_voltage(100.0)
+            read = 5.0 if at % most == most - 1 else um
+            assert not watch.look(read * 1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP
+
+
+def test_a_watch_that_was_reset_has_seen_nothing() -> None:
+    watch = settled(watch_of(), turned(2.0, 60))
+    watch._bound_trip = 1e-6
+    for _ in range(4):
+        watch.note_voltage(100.0)
+        watch.look(turned(0.1e-6, 60), pressing(0.0), TRACKED)
+    watch.reset()
+    assert watch.bound == 0.0
+    for _ in range(3):
+        assert watch.look(0j, pressing(0.0), TRACKED) == 0
+
+
 def test_cycles_without_a_vibration_do_not_count_for_the_resonance() -> None:
     watch = watch_of()
     tripped = []
