@@ -19,6 +19,7 @@ from smarttac_can.trials.fault_matrix import (
 )
 from smarttac_can.trials.fault_row import FaultRow, matrix_table, rows_as_json
 from smarttac_can.trials.weak_pickup import NOT_SEEN
+from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State
 
@@ -158,6 +159,30 @@ def test_what_is_not_seen_goes_on_and_reaches_the_setpoint_over_the_gain(mode: M
         gain = 1.0 if "q" in case.name else float(case.name.rpartition(" ")[2])
         most = {Mode.OPEN_LOOP: 1.2, Mode.FRICTION: 3.0}.get(mode, 1.02 / gain)
         assert 0.9 < reached < most
+
+
+def test_the_gains_that_are_not_seen_are_these_and_each_is_in_every_mode() -> None:
+    both = [f"pick-up at {gain}" for gain in (0.5, 0.6, 0.7, 0.8, 0.9)]
+    along = [f"pick-up d at {gain}" for gain in (0.5, 0.6, 0.7, 0.8, 0.9)]
+    across = [f"pick-up q at {gain}" for gain in (0.05, 0.3, 0.6, 0.9)]
+    assert [case.name for case in NOT_SEEN] == both + along + across
+    assert all([int(mode) for mode in case.modes] == [1, 2, 3, 4] for case in NOT_SEEN)
+
+
+@pytest.mark.parametrize(
+    ("name", "sensor", "per_mille"),
+    [("pick-up", 10, 600), ("pick-up d", 7, 600), ("pick-up q", 8, 600)],
+)
+def test_a_gain_is_lost_by_what_its_name_says(name: str, sensor: int, per_mille: int) -> None:
+    (case,) = (case for case in NOT_SEEN if case.name == f"{name} at 0.6")
+    injected = []
+
+    class Rig:
+        def inject(self, *fault: int, **more: int) -> None:
+            injected.append((*fault, *more.values()))
+
+    case.inject(Rig())  # type: ignore[arg-type]
+    assert injected == [(FaultKind.GAIN, sensor, per_mille)]
 
 
 def test_rows_repeat() -> None:
