@@ -152,7 +152,7 @@ def tool() -> ModuleType:
         ("x = not y", ["not y -> y"]),
         ("x = a <= b", ["a <= b -> a < b"]),
         ("x = a is b", ["a is b -> a is not b"]),
-        ("x = a < b == c", ["a < b == c -> a <= b == c", "a < b == c -> a < b != c"]),
+        ("x = a < b == c", ["a < b == c -> a < b != c", "a < b == c -> a <= b == c"]),
         ("x = a or b", ["a or b -> a", "a or b -> b"]),
         (
             "x = a and b and c",

@@ -1,16 +1,20 @@
-"""Gauges that contradict each other: each bound from both sides, without a plate."""
+"""What is looked at in each cycle but the vibration: each bound from both sides."""
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.nodes.cycle_input import Measured
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
-from smarttac_can.vocabulary.signals import Contact, Measurement
+from smarttac_can.vocabulary.signals import Contact, Drive, Measurement
 
-NORMAL, LATERAL, GAUGES = 1 << 12, 1 << 13, 1 << 16
+VOLTAGE, TEMPERATURE, NORMAL, LATERAL = 1 << 9, 1 << 11, 1 << 12, 1 << 13
+SATURATED, GAUGES, CONTROLLER, CALIBRATION = 1 << 14, 1 << 16, 1 << 19, 1 << 20
+NOTHING = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
 HALF = 0.028
 """Where the gauges are along x in m; those of one side are S3 and S5."""
 ZERO = (0.1, -0.2, 0.3, -0.1, 0.05, 0.0)
@@ -88,12 +92,71 @@ def test_each_bound_from_both_sides(finger: dict[str, float], fault: int) -> Non
     assert faults_after(5, **finger) == fault
 
 
+@pytest.mark.parametrize(
+    ("voltage", "frequency", "fault"),
+    [
+        (150.0, 43_390.0, 0),
+        (150.01, 43_390.0, VOLTAGE),
+        (0.0, 42_700.0, 0),
+        (0.0, 44_000.0, 0),
+        (0.0, 42_699.99, CONTROLLER),
+        (0.0, 44_000.01, CONTROLLER),
+        (-0.01, 43_390.0, CONTROLLER),
+        (math.inf, 43_390.0, CONTROLLER),
+        (math.nan, 43_390.0, CONTROLLER),
+        (0.0, math.nan, CONTROLLER),
+    ],
+)
+def test_a_drive_before_it_goes_out(voltage: float, frequency: float, fault: int) -> None:
+    parameters = CascadeParameters(V_max=150.0, f_min=42_700.0, f_max=44_000.0)
+    watchdogs = LoopWatchdogs(stimulator_od())
+    assert watchdogs.judge(Drive(voltage, frequency), parameters) == fault
+
+
+def seen(
+    temperature: float = 20.0,
+    saturation: tuple[int, ...] = (0,),
+    serial: int = 1,
+    calibrated: int = 1,
+    **calibration: int,
+) -> int:
+    """What cycles without a zero of the gauges show."""
+    od = stimulator_od()
+    for name, raw in {"Plate serial number": calibrated, **calibration}.items():
+        od[f"Calibration.{name.replace('_', ' ')}"].value = raw
+    watchdogs = LoopWatchdogs(od)
+    cascade: Any = SimpleNamespace(contact=NOTHING, tribometer=SimpleNamespace(tared=False))
+    faults = 0
+    for at, saturated in enumerate(saturation):
+        measurement = Measurement(0j, (0.0,) * 6, temperature, saturated)
+        faults = watchdogs.look(Measured(measurement, (at,) * 9, 0, serial), 0, cascade)
+    return faults
+
+
+def test_a_plate_above_60_degrees_is_too_hot() -> None:
+    assert seen(60.0) == 0
+    assert seen(60.01) == TEMPERATURE
+
+
+def test_a_sensor_at_its_end_for_2_cycles_is_saturated() -> None:
+    assert seen(saturation=(64,)) == 0
+    assert seen(saturation=(64, 1)) == SATURATED
+    assert seen(saturation=(64, *[0] * 20, 64)) == 0
+    assert seen(saturation=(64, *[0] * 19, 64)) == 0
+    assert seen(saturation=(64, *[0] * 19, 64, 64)) == SATURATED
+
+
+def test_only_the_plate_of_the_calibration_will_do() -> None:
+    assert seen(serial=1, calibrated=1) == 0
+    assert seen(serial=2, calibrated=1) == CALIBRATION
+    assert seen(serial=0, calibrated=0) == CALIBRATION
+    singular = {f"{axis} from {sensor}": 5000 for axis in ("Fx", "Fy") for sensor in ("S1", "S2")}
+    assert seen(**singular) == CALIBRATION, "it cannot tell the axes apart"
+
+
 def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
     watchdogs = LoopWatchdogs(stimulator_od())
-    cascade: Any = SimpleNamespace(
-        contact=Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False),
-        tribometer=SimpleNamespace(tared=False),
-    )
+    cascade: Any = SimpleNamespace(contact=NOTHING, tribometer=SimpleNamespace(tared=False))
     measurement = Measurement(0j, (0.0,) * 6, 20.0, 0)
 
     def stuck(sensor: int) -> int:
