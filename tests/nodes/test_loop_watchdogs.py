@@ -59,6 +59,7 @@ def test_a_sound_cycle_begins_the_count_anew() -> None:
     watchdogs = LoopWatchdogs(stimulator_od())
     for at in range(20):
         assert not look(watchdogs, at, twist=0.0 if at % 5 == 4 else 0.3)
+    assert [look(watchdogs, at, twist=0.3) for at in range(20, 25)] == [0, 0, 0, 0, GAUGES]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +85,7 @@ def test_a_sound_cycle_begins_the_count_anew() -> None:
         ({"Fn": -0.1, "Fx": 0.202}, GAUGES),
         ({"Fn": 4.0}, 0),
         ({"Fn": 4.001}, NORMAL),
-        ({"Fn": 2.0, "Fx": 1.8, "Fy": 2.4 - 1e-9}, 0),
+        ({"Fn": 2.0, "Fx": 3.0}, 0),
         ({"Fn": 2.0, "Fx": 1.8, "Fy": 2.401}, LATERAL),
     ],
 )

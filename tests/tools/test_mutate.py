@@ -1,9 +1,9 @@
 """``tools/mutate`` tries the changes of a tiny package, of which its test notices some."""
 
 import importlib.util
+import shutil
 import subprocess
 import sys
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 
@@ -120,6 +120,7 @@ def test_a_change_that_hangs_is_noticed(tree: Path) -> None:
     text = TOOL.read_text()
     assert "STARTING_S: Final = 30.0" in text
     tool.write_text(text.replace("STARTING_S: Final = 30.0", "STARTING_S: Final = 10.0"))
+    shutil.copy(TOOL.parent / "mutants.py", tree)
     run = subprocess.run(
         [sys.executable, tool, "--package", "made_up/small"],
         cwd=tree, capture_output=True, text=True, check=False,
@@ -128,14 +129,13 @@ def test_a_change_that_hangs_is_noticed(tree: Path) -> None:
 
 
 @pytest.fixture
-def tool() -> ModuleType:
-    """Import the tool, which has no suffix."""
-    loader = SourceFileLoader("mutate", str(TOOL))
-    spec = importlib.util.spec_from_loader("mutate", loader)
+def mutants() -> ModuleType:
+    """Import the module beside the tool."""
+    spec = importlib.util.spec_from_file_location("mutants", TOOL.parent / "mutants.py")
     assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["mutate"] = module
-    loader.exec_module(module)
+    spec.loader.exec_module(module)
     return module
 
 
@@ -160,7 +160,7 @@ def tool() -> ModuleType:
         ),
     ],
 )
-def test_changes(source: str, changes: list[str], tool: ModuleType, tmp_path: Path) -> None:
+def test_changes(source: str, changes: list[str], mutants: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "module.py"
     path.write_text(source + "\n")
-    assert sorted(mutant.change for mutant in tool.mutants_of(path)) == changes
+    assert sorted(mutant.change for mutant in mutants.mutants_of(path)) == changes

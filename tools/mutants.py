@@ -1,0 +1,106 @@
+"""The changes of a module that tools/mutate tries: one number, comparison or clause at a time."""
+
+from __future__ import annotations
+
+import ast
+import copy
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import CodeType
+from typing import Any, Final, NamedTuple
+
+SMALL: Final = 100
+"""Whole numbers below it become one more and one less."""
+SWAPS: Final[dict[type[ast.cmpop], type[ast.cmpop]]] = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
+    ast.In: ast.NotIn, ast.NotIn: ast.In,
+}  # fmt: skip
+
+
+class Mutant(NamedTuple):
+    """One change of a module."""
+
+    path: str
+    line: str
+    """The line of the source that it begins in."""
+    change: str
+    code: CodeType
+    lines: range
+    """Lines of the statement; empty if it runs when the module is imported."""
+
+    @property
+    def row(self) -> tuple[str, str, str]:
+        """What tells it from others, whatever line it is in."""
+        return self.path, self.line, self.change
+
+
+def numbers(value: float) -> Sequence[float]:
+    """Return what a number becomes."""
+    if isinstance(value, int) and value < SMALL:
+        return value + 1, value - 1
+    twice, half = 2 * value, value // 2 if isinstance(value, int) else value / 2
+    return (twice, half) if value else (1.0,)
+
+
+def variants(node: ast.AST) -> Iterator[ast.expr]:
+    """Yield what an expression becomes."""
+    match node:
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+            yield from map(ast.Constant, numbers(value))
+        case ast.Compare():
+            for at, operator in enumerate(node.ops):
+                ops = [*node.ops[:at], SWAPS[type(operator)](), *node.ops[at + 1 :]]
+                yield ast.Compare(node.left, ops, node.comparators)
+        case ast.BoolOp(op, clauses):
+            for at in range(len(clauses)):
+                rest = [*clauses[:at], *clauses[at + 1 :]]
+                yield rest[0] if len(rest) == 1 else ast.BoolOp(op, rest)
+        case ast.UnaryOp(ast.Not(), operand):
+            yield operand
+
+
+class _Replaced(ast.NodeTransformer):
+    """Puts one expression in the place of another."""
+
+    def __init__(self, old: ast.AST, new: ast.expr) -> None:
+        self._old, self._new = old, new
+
+    def visit(self, node: ast.AST) -> Any:
+        return self._new if node is self._old else self.generic_visit(node)
+
+
+def expressions(
+    node: ast.AST, lines: range, inside: bool = False
+) -> Iterator[tuple[ast.expr, range]]:
+    """Yield every expression but annotations, with the lines that its statement is told by."""
+    if isinstance(node, ast.stmt):
+        body: list[ast.stmt] = getattr(node, "body", [])
+        end = body[0].lineno if body else (node.end_lineno or node.lineno) + 1
+        lines = range(node.lineno, max(end, node.lineno + 1)) if inside else range(0)
+    if isinstance(node, ast.expr):
+        yield node, lines
+    inner = inside or isinstance(node, ast.FunctionDef)
+    for name, field in ast.iter_fields(node):
+        if name in ("annotation", "returns"):
+            continue
+        for child in field if isinstance(field, list) else [field]:
+            if isinstance(child, ast.AST):
+                yield from expressions(child, lines, inner)
+
+
+def mutants_of(path: Path) -> list[Mutant]:
+    """List the changes of a module."""
+    source = path.read_text(encoding="utf-8")
+    tree, rows = ast.parse(source, str(path)), source.splitlines()
+    mutants = []
+    for old, lines in expressions(tree, range(0)):
+        for new in variants(old):
+            ast.copy_location(new, old)
+            # A deep copy in which both stand: the tree itself is for the next.
+            copied = copy.deepcopy((tree, old, ast.fix_missing_locations(new)))
+            code = compile(_Replaced(copied[1], copied[2]).visit(copied[0]), str(path), "exec")
+            change = f"{ast.unparse(old)} -> {ast.unparse(new)}"
+            line = rows[old.lineno - 1].strip()
+            mutants.append(Mutant(path.as_posix(), line, change, code, lines))
+    return mutants
