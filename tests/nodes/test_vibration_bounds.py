@@ -210,6 +210,7 @@ def test_45_degrees_are_tuned_and_a_tuned_cycle_begins_the_count_anew() -> None:
     for at in range(400):
         um = 2.0 if at % 100 == 99 else turned(2.0, 60)
         assert not watch.look(um * 1e-6, pressing(0.0), TRACKED) & RESONANCE
+    assert cycles_to(RESONANCE, watch, turned(2.0, 60), mode=TRACKED) == 100
 
 
 def test_a_cycle_that_is_sound_begins_the_counts_of_too_little_anew() -> None:
@@ -219,6 +220,7 @@ def test_a_cycle_that_is_sound_begins_the_counts_of_too_little_anew() -> None:
             watch.note_voltage(100.0)
             read = 5.0 if at % most == most - 1 else um
             assert not watch.look(read * 1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP
+        assert cycles_to(PICKUP, watch, um) == most
 
 
 def test_a_watch_that_was_reset_has_seen_nothing() -> None:
@@ -229,6 +231,7 @@ def test_a_watch_that_was_reset_has_seen_nothing() -> None:
         watch.look(turned(0.1e-6, 60), pressing(0.0), TRACKED)
     watch.reset()
     assert watch.bound == 0.0
+    assert watch._E == 0.0
     for _ in range(3):
         assert watch.look(0j, pressing(0.0), TRACKED) == 0
 
