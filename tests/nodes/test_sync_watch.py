@@ -5,6 +5,7 @@ import pytest
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.sync_watch import SyncWatch
+from smarttac_can.nodes.watching import Watching
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 
@@ -15,9 +16,14 @@ class Watch:
         self.clock = Clock()
         self.tripped: set[Watchdog] = set()
         self.sync = SyncWatch(
-            stimulator_od(), self.clock, lambda: deadline_ms,
-            self.tripped.add, self.tripped.discard,
-        )  # fmt: skip
+            Watching(
+                stimulator_od(),
+                self.clock,
+                lambda: deadline_ms,
+                self.tripped.add,
+                self.tripped.discard,
+            )
+        )
 
     def hear(self, milliseconds: int, syncs: list[int]) -> None:
         """Let time pass, with so many SYNCs at the end of each millisecond."""
