@@ -265,6 +265,20 @@ class Device:
         """Whether an RPDO, from 1, has a deadline, and has come within it."""
         return self._rpdos[rpdo].in_time
 
+    def silence(self, ahead: int) -> float:
+        """Largest share of its time that a watched node, or a master that guards, is silent.
+
+        Parameters
+        ----------
+        ahead
+            Time in us from now at which that is.
+        """
+        return max(self._watches.share(ahead), self._guarding.share(ahead))
+
+    def lateness(self, rpdo: int, ahead: int) -> float:
+        """How much of the deadline of an RPDO, from 1, will have passed ``ahead`` us from now."""
+        return self._rpdos[rpdo].share(ahead)
+
     def trigger(self, tpdo: int) -> None:
         """Tell a TPDO, from 1, of an event: see `TPDO` for what each type makes of it."""
         self._tpdos[tpdo].trigger()

@@ -57,6 +57,10 @@ class Guarding(Service):
         """Whether the master's remote frames come, and are missed if they do not."""
         return self._timer.running
 
+    def share(self, ahead: int) -> float:
+        """How much of the life time the master will have been silent, as `Timer.share`."""
+        return self._timer.share(ahead)
+
     def configure(self) -> None:
         """Read the parameters; the guard time is in ms."""
         number = self.od.number

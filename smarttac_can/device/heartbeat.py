@@ -95,6 +95,10 @@ class Monitor:
         """Whether the node was heard, and not longer ago than it may be."""
         return self._timer.running
 
+    def share(self, ahead: int) -> float:
+        """How much of the consumer time the node will have been silent, as `Timer.share`."""
+        return self._timer.share(ahead)
+
     def stop(self) -> None:
         """Stop the watch; it begins again with the next heartbeat of the node."""
         self._timer.stop()
@@ -141,6 +145,10 @@ class HeartbeatConsumer(Service):
     def in_time(self) -> frozenset[int]:
         """Watched nodes that were heard, and not longer ago than they may be."""
         return frozenset(m.node_id for m in self._monitors.values() if m.in_time)
+
+    def share(self, ahead: int) -> float:
+        """Largest share of a consumer time that a watched node will have been silent."""
+        return max([monitor.share(ahead) for monitor in self._monitors.values()], default=0.0)
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse reserved bits, and a second watch of the same node.

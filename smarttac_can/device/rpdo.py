@@ -65,6 +65,10 @@ class RPDO(PDO):
         """Whether it has a deadline, and is within it."""
         return self._deadline.running
 
+    def share(self, ahead: int) -> float:
+        """How much of the deadline will have passed, as `Timer.share`."""
+        return self._deadline.share(ahead)
+
     def apply(self, entry: Entry) -> None:
         """Take the new parameters; a deadline runs anew, and one that was missed stays missed."""
         watched = self._deadline.running

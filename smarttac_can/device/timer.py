@@ -67,6 +67,12 @@ class Timer:
         """Whether the timer will expire."""
         return self.due != NEVER
 
+    def share(self, ahead: int) -> float:
+        """How much of the delay will have passed ``ahead`` us from now; 0.0 while stopped."""
+        if self.due == NEVER:
+            return 0.0
+        return 1.0 - (self.due - self._clock.now - ahead) / self.delay
+
     def fire(self) -> None:
         """Set the next expiry, then act: what it does may start or stop it again."""
         period = self._period

@@ -50,6 +50,11 @@ class DriveSender:
         """Whether too many drives had a wrong check."""
         return self._wrong >= WRONG_MAX
 
+    @property
+    def level(self) -> float:
+        """How near wrong checks are to a bar, of 1.0."""
+        return self._wrong / WRONG_MAX
+
     def sound(self, session: int) -> bool:
         """Whether the drive in the object dictionary is this sender's; a wrong one is counted."""
         off = self._voltage.value == 0

@@ -23,6 +23,7 @@ from smarttac_can.vocabulary.watchdogs import (
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
     Watchdog,
+    level,
 )
 
 _PLATE_END: Final = 0.038
@@ -72,12 +73,14 @@ class LoopWatchdogs:
         "_repeats",
         "_saturated",
         "_serial",
+        "_temperature",
         "_temperature_max",
         "vibration",
     )
 
     def __init__(self, od: ObjectDictionary, deadlines: Sequence[Entry] = ()) -> None:
         self._od = od
+        self._temperature = od["Plate input.Temperature"]
         self.vibration = VibrationWatch(od, deadlines)
         self.configure()
         self.reset()
@@ -142,6 +145,35 @@ class LoopWatchdogs:
         if cascade.tribometer.tared:
             faults |= self._forces(gauges, cascade)
         return faults | self.vibration.look(W, cascade.contact, mode)
+
+    def levels(self, cascade: Cascade) -> tuple[float, float, float, float, float, float, float]:
+        """How near to a fault the loop is after a cycle, of 1.0.
+
+        Parameters
+        ----------
+        cascade
+            The controllers after the cycle.
+
+        Returns
+        -------
+        tuple
+            Voltage, temperature (in degC), normal force, lateral force, saturated sensors, a stuck
+            one, and gauges that contradict each other.
+        """
+        contact = cascade.contact
+        stuck = 0.0
+        for at, count in self._repeats.items():
+            most = STUCK_THERMOMETER_CYCLES if at == _THERMOMETER else STUCK_GAUGE_CYCLES
+            stuck = max(stuck, (count + 1) / most)
+        return (
+            level(self.vibration.voltage, cascade.parameters.V_max),
+            level(self._temperature.si_value, self._temperature_max),
+            contact.Fn / self._Fn_max,
+            hypot(contact.Fx, contact.Fy) / self._Ft_max,
+            self._saturated.share(SATURATED_CYCLES),
+            stuck,
+            self._odd / GAUGE_CYCLES,
+        )
 
     def _stuck(self, sensors: tuple[int, ...]) -> bool:
         """Count samples that are the same as before, although noise makes them differ."""

@@ -100,6 +100,12 @@ class MasterWatch:
             return
         self._back(node_id)
 
+    def rest(self) -> float:
+        """Largest share of its time that a node which was OPERATIONAL is so no more."""
+        now = self._clock.now
+        since = [at for at in self._resting.values() if at != _UP]
+        return (now - min(since)) / NOT_OPERATIONAL_US if since else 0.0
+
     def late(self, rpdo: int, late: bool) -> None:
         """Take note that set-points are late, or late no more."""
         if late:

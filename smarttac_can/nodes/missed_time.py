@@ -32,6 +32,13 @@ class MissedTime:
         self._begun = _IDLE
         self._cycles = 0
 
+    @property
+    def missed(self) -> int:
+        """Ticks of this second that were missed so far."""
+        if self._begun == _IDLE:
+            return 0
+        return max(0, (self._clock.now - self._begun) // TICK_US - self._cycles)
+
     def cycle(self) -> int:
         """Take a cycle; return how many ticks were missed if a second ends with it, else 0."""
         now = self._clock.now

@@ -95,6 +95,11 @@ class Pairing:
         """
         return max(0, self._session)
 
+    @property
+    def level(self) -> float:
+        """How near measurements that cannot be used are to a fault, of 1.0."""
+        return self._begun / UNUSABLE_MAX
+
     def answered(self) -> None:
         """Note that the measurement got its drive."""
         self._answered = self._tick.value

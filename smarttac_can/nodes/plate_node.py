@@ -35,6 +35,7 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.watchdogs import level
 
 _REGISTERS: Final = {
     FaultCode.VOLTAGE: ErrorRegister.VOLTAGE,
@@ -124,6 +125,15 @@ class PlateNode(Application):
         if self.block.state is StageState.TRIPPED:
             self._protect(FaultCode.DRIVE_LOST)
         return self.device.take()
+
+    def levels(self) -> tuple[float, ...]:
+        """How near each watch of `PLATE_COUNTED` is to 0 V, 1.0, at the end of this tick."""
+        return (
+            self._unanswered.share(TICK_US),
+            self._sender.level,
+            level(self._temperature.value, self._temperature_max.value),
+            level(self._voltage.value, self._voltage_max.value),
+        )
 
     def shutdown(self) -> list[Frame]:
         """Put the power stage at 0 V."""

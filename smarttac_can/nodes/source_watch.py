@@ -87,6 +87,11 @@ class SourceWatch:
         """Take note of a measurement that is not that of a SYNC, or of no one tick."""
         self._strange += 1
 
+    @property
+    def level(self) -> float:
+        """How near measurements that are not those of a SYNC are to a fault, of 1.0."""
+        return self._strange / (sync_tolerance(self._deadline_ms()) + 1)
+
     def told(self) -> None:
         """Take note that the plate has noticed another source of its frames."""
         self._quiet.start(GONE_AFTER_US)

@@ -177,6 +177,31 @@ class StimulatorNode(Application):
         self._trip(Watchdog.TRANSMIT_QUEUE)
         return self.device.take()
 
+    def levels(self) -> tuple[float, ...]:
+        """How near each watchdog of `COUNTED` is to a fault, 1.0, at the end of this tick.
+
+        It costs nothing unless asked, after a cycle: no cycle works for it.
+        """
+        loop = self.block.supervisor.watchdogs
+        voltage, temperature, *forces_and_sensors = loop.levels(self.block.cascade)
+        amplitude, pickup, resonance, unseen = loop.vibration.levels()
+        missed = self._missed_time.missed * _PERCENT / (self._missed_max.value * TICKS)
+        return (
+            max(self.device.silence(TICK_US), self._masters.rest()),
+            max(self._unanswered.share(TICK_US), self._pairing.level),
+            max([self.device.lateness(number, TICK_US) for number in _SETPOINT_RPDOS]),
+            *self._sync_watch.levels(TICK_US),
+            voltage,
+            amplitude,
+            temperature,
+            *forces_and_sensors,
+            pickup,
+            resonance,
+            self._source.level,
+            unseen,
+            missed,
+        )
+
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V, and tell the bus."""
         self.block.disarm()

@@ -54,6 +54,12 @@ class _Window:
         self._begun = self._clock.now
         self._timer.start(periods * TICK_US)
 
+    def off(self, ahead: int) -> int:
+        """How many SYNCs are too many or too few if the window ends ``ahead`` us from now."""
+        if not self.open:
+            return 0
+        return abs(self.count - (self._clock.now + ahead - self._begun) // TICK_US)
+
     def stop(self) -> None:
         """Count no more."""
         self._timer.stop()
@@ -114,6 +120,14 @@ class SyncWatch:
         before, self._counter = self._counter, counter
         if before and counter and counter != before % self._overflow.value + 1:
             self._trip(Watchdog.SYNC_COUNTER)
+
+    def levels(self, ahead: int) -> tuple[float, float]:
+        """How near to a fault silence and irregularity of SYNC are ``ahead`` us from now, of 1.0."""
+        window, long = self._window, self._long
+        return self._silence.share(ahead), max(
+            window.off(ahead) / (sync_tolerance(window.deadline_ms) + 1),
+            long.off(ahead) / (sync_drift_tolerance(long.deadline_ms) + 1),
+        )
 
     def _on_silence(self) -> None:
         self._forget_drift()

@@ -171,6 +171,26 @@ class VibrationWatch:
             faults |= _RESONANCE
         return faults
 
+    def levels(self) -> tuple[float, float, float, float]:
+        """How near to a fault amplitude, pick-up, resonance and bound by the drive are, of 1.0."""
+        late = self._late_cycles()
+        pickup = max(
+            self._excess.share(EXCESS_CYCLES + late),
+            self._silent / (SILENT_CYCLES + late),
+            self._lack / (LACK_CYCLES + late),
+        )
+        return (
+            self._above.share(AMPLITUDE_CYCLES),
+            pickup,
+            self._detuned / RESONANCE_CYCLES,
+            self._unseen.share(UNSEEN_CYCLES + late),
+        )
+
+    @property
+    def voltage(self) -> float:
+        """Voltage in V that is in force until the next measurement."""
+        return self._V
+
     def _implausible(
         self, W: complex, amplitude: float, contact: Contact, mode: int, late: int
     ) -> bool:

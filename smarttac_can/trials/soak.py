@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 from time import perf_counter
 from typing import Final
 from zlib import crc32
@@ -15,24 +14,20 @@ from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.trials.fault_case import DRIVING, FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
 from smarttac_can.trials.invariants import Invariants
+from smarttac_can.trials.margins import Margins
 from smarttac_can.trials.master_traffic import MasterTraffic
+from smarttac_can.trials.process_size import SAMPLE_CYCLES, ProcessSize
 from smarttac_can.trials.rig import Rig
 from smarttac_can.trials.soak_report import SoakReport
+from smarttac_can.trials.trip_cause import TripCause
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import Watchdog
 
 CYCLES_PER_HOUR: Final = 3_600_000
-_RSS_CYCLES: Final = 60_000
-_WARM_UP_SAMPLES: Final = 2
-_PAGE: Final = 4096
-RSS_GROWTH_MIB: Final = 8.0
-"""How much the process may grow after its first two simulated minutes."""
 _READY_CYCLES: Final = 5
 _SHOWING_V: Final = 20.0
 """Voltage from which any plate vibrates enough to be judged."""
 _PATIENCE_CYCLES: Final = 2000
-_TOO_MUCH: Final = 1 << Watchdog.AMPLITUDE | 1 << Watchdog.SATURATED
 _USED: Final = tuple(
     case for case in CASES
     if not case.plate_inside and case.prepare is None and not case.breaks_controller
@@ -63,11 +58,17 @@ class Soak:
         self._rig = rig = Rig(seed=seed)
         self._traffic = MasterTraffic(rig, seed, commands=False)
         self._invariants = Invariants(rig)
+        self._margins = Margins(rig)
+        self._trip_cause = TripCause(rig)
+        self._size = ProcessSize()
         self._report = SoakReport(seed)
         self._mode = Mode.OPEN_LOOP
         self._driven = dict.fromkeys(DRIVING, 0)
         self._faults: Counter[str] = Counter()
         self._tolerated: Counter[str] = Counter()
+        self._tripped_by: Counter[str] = Counter()
+        self._sound = False
+        self._cause: str | None = None
         self._check_sum = 0
         rig.observe = self._observe
 
@@ -94,7 +95,11 @@ class Soak:
         }
         report.faults = dict(sorted(self._faults.items()))
         report.tolerated = dict(sorted(self._tolerated.items()))
-        self._check_memory()
+        report.tripped = dict(sorted(self._tripped_by.items()))
+        report.margins = self._margins.table()
+        report.rss_mib = self._size.mib
+        if (grown := self._size.complaint()) is not None:
+            self._invariants.violate(grown)
         report.violations = self._invariants.violations
         report.violated = self._invariants.violated
         report.fingerprint = f"{self._check_sum:08x}"
@@ -104,9 +109,11 @@ class Soak:
     def _run_scene(self, scene: Callable[[], None]) -> None:
         try:
             self._begin()
+            self._sound = True
             scene()
             self._invariants.check_history()
         except (Abort, HeartbeatLostError) as error:
+            self._sound = False
             present = self._rig.od["Diagnosis.Present"].value
             self._invariants.violate(
                 f"{scene.__name__.strip('_')} in mode {self._mode.name.lower()}, state "
@@ -128,12 +135,29 @@ class Soak:
     def _observe(self) -> None:
         """Check a cycle, wherever it came from."""
         self._invariants.check()
+        self._trip_cause.look()
+        if self._sound:
+            self._look_closer()
         voltage = self._rig.stage.value
         if voltage:
             self._driven[self._mode] += 1
         self._check_sum = crc32(voltage.to_bytes(4, "little"), self._check_sum)
-        if self._rig.cycles % _RSS_CYCLES == 0:
-            self._sample_memory()
+        if self._rig.cycles % SAMPLE_CYCLES == 0:
+            self._size.sample()
+
+    def _look_closer(self) -> None:
+        """See how near the watches are, or why one has tripped, while nothing is broken."""
+        state = self._rig.state
+        if state is State.RUNNING:
+            self._margins.look()
+        elif state is State.FAULT:
+            self._sound = False
+            self._cause = self._trip_cause.of(self._rig.od["Diagnosis.Latched"].value)
+
+    def _end_sound(self) -> None:
+        """Keep how near the watches were: from now on something is broken, or about to be."""
+        self._sound = False
+        self._margins.keep()
 
     def _begin(self) -> None:
         """Start a run with another finger, and drive in a random mode."""
@@ -167,16 +191,20 @@ class Soak:
             if self._tripped():
                 return
             self._draw_setpoints()
+        self._end_sound()
 
     def _tripped(self) -> bool:
-        """Tell whether set-points at random ended the run; only too much vibration may do that."""
-        rig = self._rig
-        if rig.state is not State.FAULT:
+        """Tell whether set-points at random ended the run.
+
+        Only too much vibration may do that, and it has to be that of the plate.
+        """
+        if self._rig.state is not State.FAULT:
             return False
-        if rig.od["Diagnosis.Latched"].value & ~_TOO_MUCH:
+        self._margins.drop()
+        if self._cause is None:
             self._expect_no_fault("set-points")
         else:
-            self._report.tripped += 1
+            self._tripped_by[self._cause] += 1
             self._recover()
         return True
 
@@ -192,6 +220,7 @@ class Soak:
         case = self._random.choice([case for case in _USED if self._mode in case.modes])
         self._cycle(450 if self._mode is Mode.IDENTIFY else self._random.randint(300, 700))
         self._expect_no_fault("a stroke")
+        self._end_sound()
         if not self._rig.stage.value:
             return
         invariants = self._invariants
@@ -234,6 +263,7 @@ class Soak:
         case = self._random.choice(TOLERATED)
         self._tolerated[case.name] += 1
         self._cycle(300)
+        self._end_sound()
         case.inject(self._rig)
         self._cycle(self._random.randint(100, 1000))
         case.remove(self._rig)
@@ -244,6 +274,7 @@ class Soak:
         rig = self._rig
         self._cycle(self._random.randint(100, 600))
         self._expect_no_fault("a stroke")
+        self._end_sound()
         rig.heartbeat, rig.syncs = False, 0
         self._cycle(self._random.randint(100, 2000))
         if rig.stage.value:
@@ -275,15 +306,3 @@ class Soak:
     def _lift(self) -> None:
         """Lift the finger and tare: zeros taken under a finger would bar the reset."""
         self._rig.start_run(touch=False)
-
-    def _sample_memory(self) -> None:
-        try:
-            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-        except OSError:
-            return
-        self._report.rss_mib.append(round(pages * _PAGE / 2**20, 1))
-
-    def _check_memory(self) -> None:
-        sizes = self._report.rss_mib[_WARM_UP_SAMPLES:]
-        if sizes and max(sizes) - sizes[0] > RSS_GROWTH_MIB:
-            self._invariants.violate(f"the process grew from {sizes[0]} to {max(sizes)} MiB")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from smarttac_can.trials.margins import Table
+
 
 @dataclass
 class SoakReport:
@@ -20,8 +22,10 @@ class SoakReport:
     """How often each fault was injected, all while driving."""
     latched: int = 0
     """How many of them ended in FAULT, the others in a restart."""
-    tripped: int = 0
-    """How often set-points at random made the plate vibrate above its limit."""
+    tripped: dict[str, int] = field(default_factory=dict)
+    """How often set-points at random ended a run, by what was seen at the plate to be the cause."""
+    margins: Table = field(default_factory=dict)
+    """How near each watch came to a fault, 1.0, while nothing was broken, mode by mode."""
     tolerated: dict[str, int] = field(default_factory=dict)
     emergencies: int = 0
     master_restarts: int = 0
