@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from difflib import get_close_matches
 from pathlib import Path
@@ -25,7 +25,9 @@ from smarttac_can.trials.fault_case import DRIVING
 from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_matrix import HOLD_CYCLES, cases, fault_matrix
 from smarttac_can.trials.fault_row import FaultRow, rows_as_json
-from smarttac_can.trials.soak import CYCLES_PER_HOUR, Soak
+from smarttac_can.trials.margins import Table, margin_rows
+from smarttac_can.trials.soak import CYCLES_PER_HOUR
+from smarttac_can.trials.soak_parts import parts, soak_in_parts
 from smarttac_can.trials.soak_report import SoakReport
 from smarttac_can.vocabulary.modes import Mode
 
@@ -51,6 +53,13 @@ def _log_file(_ctx: click.Context, _param: click.Parameter, path: Path | None) -
     if path == Path("-"):
         raise click.BadParameter("'-' is no file: stdout is for the rows")
     return path
+
+
+_jobs_option = click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Processes that share the work.  [default: one for each processor]",
+)
 
 
 @click.command(
@@ -87,11 +96,7 @@ def _log_file(_ctx: click.Context, _param: click.Parameter, path: Path | None) -
     show_default=True,
     help="Cycles to stay at 0 V while the master sends at random.",
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    help="Processes that share the work.  [default: one for each processor]",
-)
+@_jobs_option
 @click.option(
     "--channel",
     help="SocketCAN interface that carries the frames, such as vcan0; then there is one process.",
@@ -155,22 +160,23 @@ def faults(
     show_default=True,
     help="Seed of all that happens.",
 )
+@_jobs_option
 @json_file_option
-def soak(hours: float, seed: int, json_file: Path | None) -> None:
+def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> None:
     """Let everything happen for hours of simulated time, and check every cycle.
 
-    Modes, set-points, fingers, SDO traffic, faults and restarts come at random. The same seed and
-    time give the same run.
+    Modes, set-points, fingers, SDO traffic, faults and restarts come at random, in parts of an hour
+    at most. The same seed and time give the same run, whatever the number of processes.
     """
     steps = 1000
     with plain_errors(), ExitStack() as stack:
         results = opened_results(stack, json_file)
         with click.progressbar(range(steps), label="soaking", file=sys.stderr) as bar:
-            report = Soak(
-                max(1, round(hours * CYCLES_PER_HOUR)),
-                seed,
-                lambda share: bar.update(round(share * steps) - bar.pos),
-            ).run()
+            report = soak_in_parts(
+                parts(max(1, round(hours * CYCLES_PER_HOUR)), seed),
+                jobs=jobs or os.cpu_count() or 1,
+                progress=lambda share: bar.update(round(share * steps) - bar.pos),
+            )
         report_results(report.as_json(), [_summary(report)], results)
     if not report.passed:
         raise click.ClickException(f"{report.violated} violated invariants")
@@ -189,14 +195,28 @@ def _line(row: FaultRow) -> str:
 
 def _summary(report: SoakReport) -> str:
     lines = [
-        f"seed {report.seed}: {report.simulated_s:.0f} s simulated in {report.wall_s:.0f} s, "
-        f"{report.speed:.1f} times real time",
+        f"seed {report.seed}: {report.simulated_s:.0f} s simulated in {report.wall_s:.0f} s of a "
+        f"process, {report.speed:.1f} times real time",
         f"{report.runs} runs, {sum(report.driving_s.values()):.0f} s of them with a voltage",
         f"{sum(report.faults.values())} faults, {report.latched} of them latched; "
         f"{sum(report.tolerated.values())} tolerated ones",
         f"{report.emergencies} emergency messages, {report.master_restarts} restarts of the "
         f"master, {report.transfers} of its transfers at random",
+        "runs ended by set-points at random: "
+        + (", ".join(f"{n} by {cause}" for cause, n in report.tripped.items()) or "none"),
+        "how near each watch came to a fault, 1.0, while nothing was broken:",
+        *_margins(report.margins),
         f"fingerprint {report.fingerprint}, {report.violated} violated invariants",
         *report.violations,
     ]
     return "\n".join(lines)
+
+
+def _margins(margins: Table) -> Iterator[str]:
+    """Show levels by mode, one watch a line; events have none."""
+    head, *rows = margin_rows(margins)
+    yield "".join(
+        [f"{'':<20}", *(f"{mode.replace(' resonance', ' res.'):>16}" for mode in head[2:])]
+    )
+    for name, _, *levels in rows:
+        yield "".join([f"{name:<20}", *(f"{level:>16}" for level in levels)])

@@ -122,7 +122,7 @@ class SyncWatch:
             self._trip(Watchdog.SYNC_COUNTER)
 
     def levels(self, ahead: int) -> tuple[float, float]:
-        """How near to a fault silence and irregularity of SYNC are ``ahead`` us from now, of 1.0."""
+        """How near to a fault, 1.0, silence and irregularity of SYNC are ``ahead`` us from now."""
         window, long = self._window, self._long
         return self._silence.share(ahead), max(
             window.off(ahead) / (sync_tolerance(window.deadline_ms) + 1),

@@ -18,7 +18,8 @@ AFTERGLOW_CYCLES: Final = 5
 UNDRIVEN_CYCLES: Final = 5
 """Cycles outside of RUNNING after which the power stage is at 0 V over the bus, too."""
 _ENTRIES_PER_CYCLE: Final = 4
-_MOST_VIOLATIONS: Final = 20
+MOST_VIOLATIONS: Final = 20
+"""How many of them are kept."""
 
 
 class Invariants:
@@ -112,7 +113,7 @@ class Invariants:
     def violate(self, what: str) -> None:
         """Note something that does not hold."""
         self.violated += 1
-        if len(self.violations) < _MOST_VIOLATIONS:
+        if len(self.violations) < MOST_VIOLATIONS:
             self.violations.append(f"cycle {self._rig.cycles}: {what}")
 
 

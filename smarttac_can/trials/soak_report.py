@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
+from zlib import crc32
 
-from smarttac_can.trials.margins import Table
+from smarttac_can.trials.invariants import MOST_VIOLATIONS
+from smarttac_can.trials.margins import Table, largest
 
 
 @dataclass
@@ -50,3 +54,45 @@ class SoakReport:
     def as_json(self) -> dict[str, Any]:
         """Return the report as JSON has it."""
         return asdict(self) | {"passed": self.passed, "speed": round(self.speed, 1)}
+
+
+def merged(reports: Sequence[SoakReport]) -> SoakReport:
+    """Return the report of a soak from those of its parts, one or more, in their order.
+
+    That of one part is its own. The fingerprint of several is the check sum of theirs, and their
+    wall time is that of all processes together.
+    """
+    if len(reports) == 1:
+        return reports[0]
+    return SoakReport(
+        seed=reports[0].seed,
+        simulated_s=round(sum(r.simulated_s for r in reports), 3),
+        violated=sum(r.violated for r in reports),
+        violations=[
+            f"part {n} of seed {r.seed}, {line}"
+            for n, r in enumerate(reports, 1)
+            for line in r.violations
+        ][:MOST_VIOLATIONS],
+        runs=sum(r.runs for r in reports),
+        driving_s={
+            mode: round(sum(r.driving_s[mode] for r in reports), 3) for mode in reports[0].driving_s
+        },
+        faults=_sum([r.faults for r in reports]),
+        latched=sum(r.latched for r in reports),
+        tripped=_sum([r.tripped for r in reports]),
+        margins=largest([r.margins for r in reports]),
+        tolerated=_sum([r.tolerated for r in reports]),
+        emergencies=sum(r.emergencies for r in reports),
+        master_restarts=sum(r.master_restarts for r in reports),
+        transfers=sum(r.transfers for r in reports),
+        rss_mib=[mib for r in reports for mib in r.rss_mib],
+        fingerprint=f"{crc32(' '.join(r.fingerprint for r in reports).encode()):08x}",
+        wall_s=round(sum(r.wall_s for r in reports), 2),
+    )
+
+
+def _sum(counts: Sequence[dict[str, int]]) -> dict[str, int]:
+    total: Counter[str] = Counter()
+    for count in counts:
+        total.update(count)
+    return dict(sorted(total.items()))

@@ -296,8 +296,8 @@ COUNTED: Final = (
     Watchdog.UNSEEN,
     Watchdog.MISSED_TIME,
 )
-"""Those that measure or count, so that it can be told how near a fault is; the others are events."""
-PLATE_COUNTED: Final = ("drive late", "drives with a wrong check", "temperature", "voltage")
+"""Those that measure or count, so that it can be told how near a fault is; others are events."""
+PLATE_COUNTED: Final = ("deadline", "wrong checks", "temperature", "voltage")
 """What the plate watches itself, where the same holds."""
 
 

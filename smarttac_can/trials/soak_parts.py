@@ -1,0 +1,140 @@
+"""A long soak in independent parts, which may run side by side."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from ctypes import c_double
+from itertools import pairwise
+from multiprocessing import get_context, parent_process
+from threading import Thread
+from typing import Any, Final, NamedTuple
+
+from smarttac_can.trials.soak import CYCLES_PER_HOUR, Soak
+from smarttac_can.trials.soak_report import SoakReport, merged
+
+_GOLDEN: Final = 0x9E3779B9
+"""Step between the seeds of two parts: 2^32 over the golden ratio, so that none comes twice."""
+_SEEDS: Final = 1 << 32
+_POLL_S: Final = 0.2
+
+Progress = Callable[[float], None]
+
+
+class Part(NamedTuple):
+    """A part of a soak, a `Soak` of its own."""
+
+    cycles: int
+    seed: int
+
+
+def parts(cycles: int, seed: int) -> list[Part]:
+    """Divide a soak into equal parts of an hour at most; the first has the seed of the whole.
+
+    Parameters
+    ----------
+    cycles
+        How long it is, in cycles of 1 ms, 1 or more.
+    seed
+        Of everything, 0..2^32 - 1.
+    """
+    count = max(1, -(-cycles // CYCLES_PER_HOUR))
+    ends = [cycles * n // count for n in range(count + 1)]
+    return [
+        Part(end - begin, (seed + n * _GOLDEN) % _SEEDS)
+        for n, (begin, end) in enumerate(pairwise(ends))
+    ]
+
+
+def soak_in_parts(
+    chosen: Sequence[Part], *, jobs: int = 1, progress: Progress | None = None
+) -> SoakReport:
+    """Let every part happen; the report is the same whatever the number of processes.
+
+    Parameters
+    ----------
+    chosen
+        One or more.
+    jobs
+        Processes that share the parts; 1 keeps them in this one.
+    progress
+        Called with the share that is done, 0..1.
+
+    Raises
+    ------
+    ValueError
+        If a part is shorter than a cycle.
+    """
+    tell = progress or (lambda _share: None)
+    if jobs == 1 or len(chosen) == 1:
+        return merged(list(_one_by_one(chosen, tell)))
+    return merged(_side_by_side(chosen, jobs, tell))
+
+
+def _one_by_one(chosen: Sequence[Part], tell: Progress) -> Iterator[SoakReport]:
+    count = len(chosen)
+    for n, part in enumerate(chosen):
+        yield Soak(*part, lambda share, n=n: tell((n + share) / count)).run()  # type: ignore[misc]
+
+
+def _side_by_side(chosen: Sequence[Part], jobs: int, tell: Progress) -> list[SoakReport]:
+    # Spawned, not forked: a fork copies the threads of whoever asks in an unknown state.
+    context = get_context("spawn")
+    shares, stop = context.RawArray(c_double, len(chosen)), context.Event()
+    pool = ProcessPoolExecutor(min(jobs, len(chosen)), context, _share_in, (shares, stop))
+    try:
+        with _interrupts_held():
+            results = [pool.submit(_part, n, part) for n, part in enumerate(chosen)]
+        pending: set[Future[SoakReport]] = set(results)
+        while pending:
+            done, pending = wait(pending, _POLL_S)
+            for result in done:
+                result.result()
+            tell(sum(shares) / len(chosen))
+        return [result.result() for result in results]
+    finally:
+        stop.set()
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold SIGINT back, and have processes begun meanwhile never get it: they are told to stop."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_shares: Any
+_stop: Any
+
+
+def _share_in(shares: Any, stop: Any) -> None:
+    """Begin a process of the pool, which does not outlive the one that began it."""
+    global _shares, _stop
+    _shares, _stop = shares, stop
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _part(n: int, part: Part) -> SoakReport:
+    def tell(share: float) -> None:
+        if _stop.is_set():
+            raise InterruptedError("the soak was stopped")
+        _shares[n] = share
+
+    return Soak(*part, tell).run()
