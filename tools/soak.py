@@ -92,8 +92,9 @@ def page(report: dict[str, Any]) -> str:
         "## Faults",
         "",
         *table(("Fault", "Times"), *((name, str(n)) for name, n in report["faults"].items())),
+        *(f"- {line}" for line in report["violations"]),
     ]
-    return "\n".join([*lines, *report["violations"]]).rstrip() + "\n"
+    return "\n".join(lines).rstrip() + "\n"
 
 
 def main() -> int:

@@ -214,9 +214,7 @@ def _summary(report: SoakReport) -> str:
 
 def _margins(margins: Table) -> Iterator[str]:
     """Show levels by mode, one watch a line; events have none."""
-    head, *rows = margin_rows(margins)
-    yield "".join(
-        [f"{'':<20}", *(f"{mode.replace(' resonance', ' res.'):>16}" for mode in head[2:])]
-    )
-    for name, _, *levels in rows:
-        yield "".join([f"{name:<20}", *(f"{level:>16}" for level in levels)])
+    for at, (name, what, *levels) in enumerate(margin_rows(margins)):
+        cells = levels if what != "event" else ["event"]
+        first = name if at else ""
+        yield f"{first:<20}" + "".join(f"{cell:>21}" for cell in cells)

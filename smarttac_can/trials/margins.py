@@ -127,5 +127,5 @@ def margin_rows(table: Table) -> Iterator[tuple[str, ...]]:
     modes = list(table["voltage"])
     yield ("Watch", "Level", *(mode.replace("_", " ") for mode in modes))
     for name, what in WHAT.items():
-        levels = [f"{table[name][mode]:.2f}" for mode in modes] if name in table else []
-        yield (name.replace("_", " "), what, *(levels or ["event"] * len(modes)))
+        levels = [f"{table[name][mode]:.2f}" if name in table else "" for mode in modes]
+        yield (name.replace("_", " "), what, *levels)

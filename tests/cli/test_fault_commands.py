@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 from smarttac_can.cli import main
 from smarttac_can.host.candump import read_candump
 from smarttac_can.trials.fault_row import FaultRow
-from smarttac_can.trials.soak import Soak
+from smarttac_can.trials.process_size import ProcessSize
 
 ONE = ("faults", "--fault", "measurements lost", "--mode", "friction", "--hold", "20")
 
@@ -86,6 +86,7 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
             "--jobs 2: with --channel there is one process",
         ),
         (("soak",), "Missing option '--hours'"),
+        (("soak", "--hours", "1", "--jobs", "0"), "0 is not in the range"),
         (("soak", "--hours", "0"), "0.0 is not in the range"),
         (("soak", "--hours", "nan"), "nan is not a finite number"),
         (("soak", "--hours", "inf"), "inf is not a finite number"),
@@ -149,15 +150,15 @@ def test_soak_reports_and_repeats(tmp_path: Path) -> None:
     assert first["seed"] == 5 and first["passed"] is True
     assert first["simulated_s"] >= 3.6
     assert f"fingerprint {first['fingerprint']}, 0 violated" in result.stdout
+    assert first["margins"]["sync_lost"] == dict.fromkeys(first["margins"]["voltage"], 0.333)
+    (line,) = [line for line in result.stdout.splitlines() if line.startswith("sync lost ")]
+    assert set(line.split()) == {"sync", "lost", "0.33"}
     again = json.loads(run("soak", "--hours", "0.001", "--seed", "5", "--json", "-").stdout)
     assert again["fingerprint"] == first["fingerprint"]
 
 
 def test_soak_with_a_violation_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    def spoilt(soak: Soak) -> None:
-        soak._invariants.violate("something")
-
-    monkeypatch.setattr(Soak, "_check_memory", spoilt)
+    monkeypatch.setattr(ProcessSize, "complaint", lambda _: "something")
     result = run("soak", "--hours", "0.0001")
     assert result.exit_code == 1
     assert "something" in result.stdout

@@ -27,7 +27,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import COUNTED, Watchdog
 
 STATE = 0x08000022
 COLLISION = bytes.fromhex("50 81")
@@ -376,3 +376,14 @@ def test_both_nodes_hear_what_is_their_own() -> None:
     line.nmt(START)
     assert {EMCY_PLATE, *MEASUREMENT, 0x5A1, 0x721} <= plate.ids.heard
     assert {EMCY_STIMULATOR, DRIVE, 0x1A0, 0x2A0, 0x3A0, 0x4A0, 0x5A0, 0x720} <= node.ids.heard
+
+
+def test_level_of_doubles_rises_with_measurements_that_nobody_asked_for() -> None:
+    line, _, node = running()
+    while node.levels()[COUNTED.index(Watchdog.DOUBLE)]:
+        line.sync()
+    levels = []
+    for _ in range(3):
+        stranger(line, 100)
+        levels.append(node.levels()[COUNTED.index(Watchdog.DOUBLE)])
+    assert levels == pytest.approx([0.0, 1 / 3, 2 / 3]), "one answer may be ahead of its SYNC"
