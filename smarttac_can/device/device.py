@@ -144,6 +144,7 @@ class Device:
         self._guarding = Guarding(
             port, od, self._emergency, self._application, self._error_behaviour.react
         )
+        self._silences = (*self._watches.timers, self._guarding.timer)
         # Emergency comes first, so that what the others report on their way out is held there.
         self._services: tuple[Service, ...] = (
             self._emergency,
@@ -273,11 +274,11 @@ class Device:
         ahead
             Time in us from now at which that is.
         """
-        return max(self._watches.share(ahead), self._guarding.share(ahead))
+        return self.clock.share(self._silences, ahead)
 
-    def lateness(self, rpdo: int, ahead: int) -> float:
-        """How much of the deadline of an RPDO, from 1, will have passed ``ahead`` us from now."""
-        return self._rpdos[rpdo].share(ahead)
+    def lateness(self, rpdos: tuple[int, ...], ahead: int) -> float:
+        """Largest share of its deadline that passes for one of some RPDOs, as `silence`."""
+        return self.clock.share([self._rpdos[number].deadline for number in rpdos], ahead)
 
     def trigger(self, tpdo: int) -> None:
         """Tell a TPDO, from 1, of an event: see `TPDO` for what each type makes of it."""

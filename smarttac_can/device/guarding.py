@@ -29,6 +29,11 @@ class Guarding(Service):
 
     The first remote frame starts the life guarding. Once none came for the life time, EMCY 8130h
     goes out; the next remote frame takes it back.
+
+    Attributes
+    ----------
+    timer
+        Runs from one remote frame to the next.
     """
 
     states: ClassVar = ALL_STATES
@@ -46,7 +51,7 @@ class Guarding(Service):
         self._application = application
         self._lost = False
         self._on_loss = on_loss
-        self._timer = port.clock.timer(self._on_life_time)
+        self.timer = port.clock.timer(self._on_life_time)
         self._state = NMTState.INITIALISING
         self._toggle = 0
         self._active = False
@@ -55,11 +60,7 @@ class Guarding(Service):
     @property
     def in_time(self) -> bool:
         """Whether the master's remote frames come, and are missed if they do not."""
-        return self._timer.running
-
-    def share(self, ahead: int) -> float:
-        """How much of the life time the master will have been silent, as `Timer.share`."""
-        return self._timer.share(ahead)
+        return self.timer.running
 
     def configure(self) -> None:
         """Read the parameters; the guard time is in ms."""
@@ -77,14 +78,14 @@ class Guarding(Service):
 
     def apply(self, entry: Entry) -> None:
         """Take new parameters; a master whose remote frames came is waited for that long."""
-        watched = self._timer.running
+        watched = self.timer.running
         super().apply(entry)
         if watched and self._active and self._life_time:
-            self._timer.start(self._life_time)
+            self.timer.start(self._life_time)
 
     def cease(self) -> None:
         """Wait for a first remote frame again."""
-        self._timer.stop()
+        self.timer.stop()
         self._found()
 
     def listen(self) -> None:
@@ -99,7 +100,7 @@ class Guarding(Service):
         self.port.out.append(Frame(frame.can_id, bytes((self._toggle | self._state,))))
         self._toggle ^= _TOGGLE
         if self._life_time:
-            self._timer.start(self._life_time)
+            self.timer.start(self._life_time)
             self._found()
 
     def _found(self) -> None:

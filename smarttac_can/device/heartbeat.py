@@ -70,12 +70,18 @@ class HeartbeatProducer(Service):
 
 
 class Monitor:
-    """Watch over one other node, from its first heartbeat on."""
+    """Watch over one other node, from its first heartbeat on.
+
+    Attributes
+    ----------
+    timer
+        Runs from one heartbeat to the next.
+    """
 
     def __init__(
         self, port: Port, lost: Callable[[int], None], heard: Callable[[int, int], None]
     ) -> None:
-        self._timer = port.clock.timer(self._expire)
+        self.timer = port.clock.timer(self._expire)
         self._lost = lost
         self._heard = heard
         self.parameter = 0
@@ -93,26 +99,22 @@ class Monitor:
     @property
     def in_time(self) -> bool:
         """Whether the node was heard, and not longer ago than it may be."""
-        return self._timer.running
-
-    def share(self, ahead: int) -> float:
-        """How much of the consumer time the node will have been silent, as `Timer.share`."""
-        return self._timer.share(ahead)
+        return self.timer.running
 
     def stop(self) -> None:
         """Stop the watch; it begins again with the next heartbeat of the node."""
-        self._timer.stop()
+        self.timer.stop()
 
     def follow(self, parameter: int) -> None:
         """Watch the same node with another consumer time, from now on if it was heard already."""
         self.parameter = parameter
-        if self._timer.running:
-            self._timer.start(self.period)
+        if self.timer.running:
+            self.timer.start(self.period)
 
     def receive(self, frame: Frame) -> None:
         """Take a heartbeat or boot-up message of the node."""
         if len(frame.data) == 1 and not frame.rtr:
-            self._timer.start(self.period)
+            self.timer.start(self.period)
             self._heard(self.node_id, frame.data[0] & _STATE)
 
     def _expire(self) -> None:
@@ -120,7 +122,13 @@ class Monitor:
 
 
 class HeartbeatConsumer(Service):
-    """Reports EMCY 8130h when a watched node falls silent, and takes it back when it returns."""
+    """Reports EMCY 8130h when a watched node falls silent, and takes it back when it returns.
+
+    Attributes
+    ----------
+    timers
+        Those of the nodes that may be watched.
+    """
 
     states: ClassVar = ALL_STATES
 
@@ -140,15 +148,12 @@ class HeartbeatConsumer(Service):
         watched = od.objects.get(HEARTBEAT_CONSUMER)
         entries = [] if watched is None else [e for s, e in watched.entries.items() if s]
         self._monitors = {e.subindex: Monitor(port, self._lost, self._heard) for e in entries}
+        self.timers = [monitor.timer for monitor in self._monitors.values()]
 
     @property
     def in_time(self) -> frozenset[int]:
         """Watched nodes that were heard, and not longer ago than they may be."""
         return frozenset(m.node_id for m in self._monitors.values() if m.in_time)
-
-    def share(self, ahead: int) -> float:
-        """Largest share of a consumer time that a watched node will have been silent."""
-        return max([monitor.share(ahead) for monitor in self._monitors.values()], default=0.0)
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse reserved bits, and a second watch of the same node.

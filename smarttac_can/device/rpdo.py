@@ -29,6 +29,11 @@ class RPDO(PDO):
     Each error is taken back by the next PDO without it. A synchronous PDO that comes after the SYNC
     window has closed is dropped. A deadline is kept by values that are in force, not by frames:
     those of a synchronous PDO are at SYNC.
+
+    Attributes
+    ----------
+    deadline
+        Runs from one PDO to the next.
     """
 
     direction: ClassVar = Direction.RECEIVE
@@ -50,7 +55,7 @@ class RPDO(PDO):
         self._emergency = emergency
         self._sync = sync
         self._application = application
-        self._deadline = port.clock.timer(self._on_deadline)
+        self.deadline = port.clock.timer(self._on_deadline)
         self._late = False
         self._faults: set[EmergencyCode] = set()
         self._latch: tuple[Any, ...] | None = None
@@ -63,26 +68,22 @@ class RPDO(PDO):
     @property
     def in_time(self) -> bool:
         """Whether it has a deadline, and is within it."""
-        return self._deadline.running
-
-    def share(self, ahead: int) -> float:
-        """How much of the deadline will have passed, as `Timer.share`."""
-        return self._deadline.share(ahead)
+        return self.deadline.running
 
     def apply(self, entry: Entry) -> None:
         """Take the new parameters; a deadline runs anew, and one that was missed stays missed."""
-        watched = self._deadline.running
+        watched = self.deadline.running
         self._drop()
         self.configure()
         if not (self.alive and self.valid and self.event_time):
             self._in_time()
         elif watched:
-            self._deadline.restart()
+            self.deadline.restart()
 
     def configure(self) -> None:
         """Read both records; another deadline is for the next PDO."""
         super().configure()
-        self._deadline.delay = self.event_time
+        self.deadline.delay = self.event_time
 
     def cease(self) -> None:
         """Drop the values that wait for SYNC, and end the deadline; a missed one counts as over."""
@@ -91,7 +92,7 @@ class RPDO(PDO):
 
     def _drop(self) -> None:
         self._latch = None
-        self._deadline.stop()
+        self.deadline.stop()
         for code in sorted(self._faults):
             self._settle(code)
 
@@ -147,7 +148,7 @@ class RPDO(PDO):
         if self.mapping is None:
             return
         if self.event_time:
-            self._deadline.restart()
+            self.deadline.restart()
             if self._late:
                 self._in_time()
         self.mapping.write(values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 NEVER: Final = 1 << 62
@@ -67,12 +67,6 @@ class Timer:
         """Whether the timer will expire."""
         return self.due != NEVER
 
-    def share(self, ahead: int) -> float:
-        """How much of the delay will have passed ``ahead`` us from now; 0.0 while stopped."""
-        if self.due == NEVER:
-            return 0.0
-        return 1.0 - (self.due - self._clock.now - ahead) / self.delay
-
     def fire(self) -> None:
         """Set the next expiry, then act: what it does may start or stop it again."""
         period = self._period
@@ -115,6 +109,24 @@ class Clock:
         timer = Timer(self, expire)
         self._timers.append(timer)
         return timer
+
+    def share(self, timers: Sequence[Timer], ahead: int) -> float:
+        """Return the largest share of its delay that passes for one of some timers.
+
+        Parameters
+        ----------
+        timers
+            Those that are stopped count as 0.0.
+        ahead
+            Time in us from now at which that is.
+        """
+        then = self.now + ahead
+        largest = 0.0
+        for timer in timers:
+            if timer.due != NEVER:
+                share = 1.0 - (timer.due - then) / timer.delay
+                largest = share if share > largest else largest
+        return largest
 
     def advance(self, microseconds: int) -> None:
         """Let 0 or more us pass; every timer expires at most once, in order of expiry."""

@@ -161,13 +161,14 @@ class LoopWatchdogs:
             one, and gauges that contradict each other.
         """
         contact = cascade.contact
+        temperature = self._temperature
         stuck = 0.0
         for at, count in self._repeats.items():
             most = STUCK_THERMOMETER_CYCLES if at == _THERMOMETER else STUCK_GAUGE_CYCLES
             stuck = max(stuck, (count + 1) / most)
         return (
             level(self.vibration.voltage, cascade.parameters.V_max),
-            level(self._temperature.si_value, self._temperature_max),
+            level(temperature.value * temperature.si, self._temperature_max),
             contact.Fn / self._Fn_max,
             hypot(contact.Fx, contact.Fy) / self._Ft_max,
             self._saturated.share(SATURATED_CYCLES),

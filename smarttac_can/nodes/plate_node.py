@@ -129,7 +129,7 @@ class PlateNode(Application):
     def levels(self) -> tuple[float, ...]:
         """How near each watch of `PLATE_COUNTED` is to 0 V, 1.0, at the end of this tick."""
         return (
-            self._unanswered.share(TICK_US),
+            self.clock.share((self._unanswered,), TICK_US),
             self._sender.level,
             level(self._temperature.value, self._temperature_max.value),
             level(self._voltage.value, self._voltage_max.value),

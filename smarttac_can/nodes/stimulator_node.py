@@ -188,8 +188,8 @@ class StimulatorNode(Application):
         missed = self._missed_time.missed * _PERCENT / (self._missed_max.value * TICKS)
         return (
             max(self.device.silence(TICK_US), self._masters.rest()),
-            max(self._unanswered.share(TICK_US), self._pairing.level),
-            max([self.device.lateness(number, TICK_US) for number in _SETPOINT_RPDOS]),
+            max(self.clock.share((self._unanswered,), TICK_US), self._pairing.level),
+            self.device.lateness(_SETPOINT_RPDOS, TICK_US),
             *self._sync_watch.levels(TICK_US),
             voltage,
             amplitude,

@@ -26,6 +26,8 @@ class _Window:
         Device time.
     judge
         Called at its end with how many SYNCs came, and how many should have.
+    tolerance
+        Returns for a deadline how many too many or too few are no fault.
 
     Attributes
     ----------
@@ -35,8 +37,14 @@ class _Window:
         Deadline of the loop when it began: another one is for the next.
     """
 
-    def __init__(self, clock: Clock, judge: Callable[[int, int], None]) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        judge: Callable[[int, int], None],
+        tolerance: Callable[[int], int],
+    ) -> None:
         self._clock = clock
+        self._tolerance = tolerance
         self._judge = judge
         self._timer = clock.timer(self._end)
         self.count = self.deadline_ms = 0
@@ -54,11 +62,12 @@ class _Window:
         self._begun = self._clock.now
         self._timer.start(periods * TICK_US)
 
-    def off(self, ahead: int) -> int:
-        """How many SYNCs are too many or too few if the window ends ``ahead`` us from now."""
+    def level(self, ahead: int) -> float:
+        """How near to a fault, 1.0, too many or too few are if it ends ``ahead`` us from now."""
         if not self.open:
-            return 0
-        return abs(self.count - (self._clock.now + ahead - self._begun) // TICK_US)
+            return 0.0
+        off = self.count - (self._clock.now + ahead - self._begun) // TICK_US
+        return abs(off) / (self._tolerance(self.deadline_ms) + 1) if off else 0.0
 
     def stop(self) -> None:
         """Count no more."""
@@ -80,10 +89,11 @@ class SyncWatch:
 
     def __init__(self, watching: Watching) -> None:
         od, clock, self._deadline_ms, self._trip, self._settle = watching
+        self._clock = clock
         self._overflow = od.entry(SYNC_COUNTER)
         self._silence = clock.timer(self._on_silence)
-        self._window = _Window(clock, self._judge)
-        self._long = _Window(clock, self._judge_drift)
+        self._window = _Window(clock, self._judge, sync_tolerance)
+        self._long = _Window(clock, self._judge_drift, sync_drift_tolerance)
         self.restart()
 
     def restart(self) -> None:
@@ -123,11 +133,8 @@ class SyncWatch:
 
     def levels(self, ahead: int) -> tuple[float, float]:
         """How near to a fault, 1.0, silence and irregularity of SYNC are ``ahead`` us from now."""
-        window, long = self._window, self._long
-        return self._silence.share(ahead), max(
-            window.off(ahead) / (sync_tolerance(window.deadline_ms) + 1),
-            long.off(ahead) / (sync_drift_tolerance(long.deadline_ms) + 1),
-        )
+        silence = self._clock.share((self._silence,), ahead)
+        return silence, max(self._window.level(ahead), self._long.level(ahead))
 
     def _on_silence(self) -> None:
         self._forget_drift()

@@ -174,14 +174,12 @@ class VibrationWatch:
     def levels(self) -> tuple[float, float, float, float]:
         """How near to a fault amplitude, pick-up, resonance and bound by the drive are, of 1.0."""
         late = self._late_cycles()
-        pickup = max(
-            self._excess.share(EXCESS_CYCLES + late),
-            self._silent / (SILENT_CYCLES + late),
-            self._lack / (LACK_CYCLES + late),
-        )
+        excess = self._excess.share(EXCESS_CYCLES + late)
+        none = self._silent / (SILENT_CYCLES + late)
+        lack = self._lack / (LACK_CYCLES + late)
         return (
             self._above.share(AMPLITUDE_CYCLES),
-            pickup,
+            max(excess, none, lack),
             self._detuned / RESONANCE_CYCLES,
             self._unseen.share(UNSEEN_CYCLES + late),
         )

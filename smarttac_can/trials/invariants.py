@@ -18,6 +18,7 @@ AFTERGLOW_CYCLES: Final = 5
 UNDRIVEN_CYCLES: Final = 5
 """Cycles outside of RUNNING after which the power stage is at 0 V over the bus, too."""
 _ENTRIES_PER_CYCLE: Final = 4
+_RUNNING: Final = State.RUNNING
 MOST_VIOLATIONS: Final = 20
 """How many of them are kept."""
 
@@ -56,7 +57,7 @@ class Invariants:
             for entry in dictionary
             if isinstance(entry.default, int) and entry.low < entry.high
         ]
-        self._rolling = cycle(entries)
+        self._rolling = cycle([(entry.reader, entry) for entry in entries])
         self._high_for = 0
         self._undriven_for = 0
         self.violations: list[str] = []
@@ -81,15 +82,15 @@ class Invariants:
         self._high_for = self._high_for + 1 if self._trip.si_value < W else 0
         if self._high_for > AMPLITUDE_CYCLES + AFTERGLOW_CYCLES:
             self.violate(f"an amplitude of {W * 1e6:.2f} um for {self._high_for} cycles")
-        if self._machine.state is State.RUNNING or self.deaf or not rig.stage.value:
+        if self._machine.state is _RUNNING or self.deaf or not rig.stage.value:
             self._undriven_for = 0
         else:
             self._undriven_for += 1
             if self._undriven_for > UNDRIVEN_CYCLES:
                 self.violate(f"{volts:g} V in state {self._machine.state.name.lower()}")
         for _ in range(_ENTRIES_PER_CYCLE):
-            entry = next(self._rolling)
-            value = entry.read()
+            read, entry = next(self._rolling)
+            value = read()
             if not entry.low <= value <= entry.high:
                 self.violate(f"{entry.name} is {value}, outside {entry.low}..{entry.high}")
 

@@ -77,11 +77,12 @@ class Margins:
 
     def look(self) -> None:
         """Look at a cycle in which nothing is broken."""
+        trip, most = self._amplitude_trip, self._bound_trip
         levels = (
             *self._stimulator.levels(),
             *self._plate.levels(),
-            abs(self._plate.block.plate.W) / self._amplitude_trip.si_value,
-            self._vibration.bound / self._bound_trip.si_value,
+            abs(self._plate.block.plate.W) / (trip.value * trip.si),
+            self._vibration.bound / (most.value * most.si),
         )
         _raise(self._run, self._mode.value, levels)
 

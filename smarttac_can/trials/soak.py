@@ -25,6 +25,8 @@ from smarttac_can.vocabulary.states import State
 
 CYCLES_PER_HOUR: Final = 3_600_000
 _READY_CYCLES: Final = 5
+# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+_RUNNING: Final = State.RUNNING
 _SHOWING_V: Final = 20.0
 """Voltage from which any plate vibrates enough to be judged."""
 _PATIENCE_CYCLES: Final = 2000
@@ -67,6 +69,7 @@ class Soak:
         self._faults: Counter[str] = Counter()
         self._tolerated: Counter[str] = Counter()
         self._tripped_by: Counter[str] = Counter()
+        self._machine = rig.stimulator.block.supervisor.machine
         self._sound = False
         self._cause: str | None = None
         self._check_sum = 0
@@ -147,8 +150,8 @@ class Soak:
 
     def _look_closer(self) -> None:
         """See how near the watches are, or why one has tripped, while nothing is broken."""
-        state = self._rig.state
-        if state is State.RUNNING:
+        state = self._machine.state
+        if state is _RUNNING:
             self._margins.look()
         elif state is State.FAULT:
             self._sound = False

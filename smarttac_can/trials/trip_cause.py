@@ -39,7 +39,8 @@ class TripCause:
     def look(self) -> None:
         """Look at a cycle."""
         W = self._block.plate.W
-        if abs(W) > self._trip.si_value - _NOISE_M:
+        trip = self._trip
+        if abs(W) > trip.value * trip.si - _NOISE_M:
             self._above.append(self._rig.cycles)
             if max(abs(W.real), abs(W.imag)) > self._end:
                 self._beyond.append(self._rig.cycles)
