@@ -12,7 +12,7 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.arming_watch import ArmingWatch
+from smarttac_can.nodes.arming_watch import SETPOINT_RPDOS, ArmingWatch
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import (
     DRIVE_TPDO,
@@ -189,7 +189,7 @@ class StimulatorNode(Application):
         return (
             max(self.device.silence(TICK_US), self._masters.rest()),
             max(self.clock.share((self._unanswered,), TICK_US), self._pairing.level),
-            self.device.lateness(_SETPOINT_RPDOS, TICK_US),
+            self.device.lateness(SETPOINT_RPDOS, TICK_US),
             *self._sync_watch.levels(TICK_US),
             voltage,
             amplitude,

@@ -39,6 +39,8 @@ WHAT: Final = {
     "double": "measurements beyond one a SYNC, of what is a fault; identifiers are events",
     "unseen": "cycles above the limit, of what is a fault",
     "missed_time": "missed ticks of a second, of the limit",
+    "stage": "event",
+    "not_enabled": "event",
     "plate_deadline": "time without a drive, of the deadline",
     "plate_wrong_checks": "drives with a wrong check, of what bars",
     "plate_temperature": "degC, of the limit",

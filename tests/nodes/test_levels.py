@@ -34,7 +34,7 @@ def of_plate(rig: Rig, watch: str) -> float:
 def until_it_trips(rig: Rig, watchdog: Watchdog) -> list[float]:
     """Levels of the cycles until the watchdog has latched, without that cycle."""
     levels = []
-    for _ in range(300):
+    for _ in range(1100):
         rig.cycle()
         if rig.state is not State.RUNNING:
             assert rig.od["Diagnosis.Latched"].value >> watchdog & 1
@@ -44,7 +44,7 @@ def until_it_trips(rig: Rig, watchdog: Watchdog) -> list[float]:
 
 
 def no_heartbeat(rig: Rig) -> None:
-    while rig.cycles % 20:
+    while rig.cycles % 100:
         rig.cycle()
     rig.heartbeat = False
 
@@ -64,7 +64,7 @@ def broken(kind: FaultKind, sensor: int = 1, value: int = 0) -> Callable[[Rig], 
 @pytest.mark.parametrize(
     ("watchdog", "act", "first", "last"),
     [
-        (Watchdog.HEARTBEAT, no_heartbeat, 2 / 50, 1.0),
+        (Watchdog.HEARTBEAT, no_heartbeat, 2 / 1000, 1.0),
         (Watchdog.MEASUREMENT, LOSE_MEASUREMENTS, 2 / 3, 1.0),
         (Watchdog.SETPOINT, no_setpoints, 2 / 5, 1.0),
         (Watchdog.SYNC_LOST, no_sync, 2 / 3, 1.0),
