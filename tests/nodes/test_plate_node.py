@@ -19,7 +19,7 @@ from line import (
     ready_plate,
 )
 
-from smarttac_can.bench.simulation import plate_od
+from smarttac_can.bench.simulation import PLATE_ID, plate_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.plant.finger import Trajectory
@@ -39,6 +39,23 @@ def test_silent_outside_operational() -> None:
     line.nmt(PREOP)
     assert line.sync(5) == []
     assert plate.od["Cycle.Ticks"].value == 2
+
+
+def test_stage_is_told_with_each_sync_once_it_is_asked_for() -> None:
+    line, plate = ready_plate()
+    told = 0x480 + PLATE_ID
+    assert told not in ids(line.sync(3))
+    assert line.write_entry(plate, plate.od.entry(0x1803, 1), told) == 0
+    line.send(drive(2000, 3, 4_339_001))
+    assert ids(frames := line.sync(2)) == [*MEASUREMENT, told] * 2
+    assert frames[3] == Frame(told, struct.pack("<HI", 2000, 4_339_001))
+    assert line.write_entry(plate, plate.od.entry(0x1803, 1), told | 1 << 31) == 0
+    assert told not in ids(line.sync(2))
+
+
+def test_stage_that_is_not_asked_for_has_nothing_to_do_at_a_sync() -> None:
+    _, plate = ready_plate()
+    assert [tpdo.can_id for tpdo in plate.device._sampling] == [*MEASUREMENT]
 
 
 @pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
