@@ -16,12 +16,17 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import (
+    COB_INVALID,
     EMCY_ID,
+    EVENT_MANUFACTURER,
     FRAME_BYTES,
     HEARTBEAT_CONSUMER,
+    PDO_COB_ID,
+    PDO_TRANSMISSION,
     SYNC_COUNTER,
     SYNC_COUNTER_LAST,
     SYNC_PERIOD,
+    TPDO_COMMUNICATION,
     NMTCommand,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
@@ -39,6 +44,8 @@ MASTER_LOST_MS: Final = 1000
 """After how long without one the stimulator counts the master as lost, as the bench has it."""
 PLATE_LOST_MS: Final = 2000
 """The same of the plate, two of its heartbeats: as the stimulator does by default."""
+_STAGE: Final = TPDO_COMMUNICATION + 3
+"""TPDO 4: what the power stage does, be it of the plate node or of the plate inside."""
 TARE_CYCLES: Final = TARE_SAMPLES + 6
 """Cycles without a finger that are enough for the tare, even if some are lost."""
 _READY_CYCLES: Final = 5
@@ -68,7 +75,8 @@ class Rig:
     seed
         Of all that goes wrong at random.
     log
-        Called with the time stamp in us and the frame, for every frame on the bus.
+        Called with the time stamp in us and the frame, for every frame on the bus; with it TPDO 4
+        tells of the power stage in every cycle.
     wire
         Carries the frames; None keeps them in the process.
 
@@ -114,10 +122,12 @@ class Rig:
         self.master = LocalMaster(self.bus, self._hear)
         if plate_inside:
             self.plate_block = PlateBlock(plate_od())
-            self.stimulator = StimulatorNode(stimulator_od(), self.plate_block)
+            od = stimulator_od() if log is None else _telling_stimulator_od()
+            self.stimulator = StimulatorNode(od, self.plate_block)
             self.plate_port = None
         else:
-            plate = PlateNode(plate_od(), deadline_ms=SHORT_DEADLINE_MS)
+            od = plate_od() if log is None else _telling_plate_od()
+            plate = PlateNode(od, deadline_ms=SHORT_DEADLINE_MS)
             self.plate_block = plate.block
             self.stimulator = StimulatorNode(
                 stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=SHORT_DEADLINE_MS
@@ -232,3 +242,19 @@ class Rig:
         if can_id in self._emcy_ids and len(frame.data) == FRAME_BYTES:
             code = int.from_bytes(frame.data[:2], "little")
             self.emergencies.append(Emcy(self.cycles, can_id - EMCY_ID, code, frame.data[2]))
+
+
+def _telling_plate_od() -> ObjectDictionary:
+    """Load the EDS of the plate; after every reset it tells of its stage in every cycle."""
+    od = plate_od()
+    cob_id = od.entry(_STAGE, PDO_COB_ID)
+    cob_id.default = cob_id.value = cob_id.default & ~COB_INVALID
+    return od
+
+
+def _telling_stimulator_od() -> ObjectDictionary:
+    """Load the EDS of the stimulator; with the plate inside it tells of the stage."""
+    od = stimulator_od()
+    transmission = od.entry(_STAGE, PDO_TRANSMISSION)
+    transmission.default = transmission.value = EVENT_MANUFACTURER
+    return od

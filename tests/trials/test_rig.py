@@ -54,6 +54,28 @@ def test_refusals_and_silence_are_told(rig: Rig) -> None:
         rig.read("Mode")
 
 
+@pytest.mark.parametrize(("plate_inside", "can_id"), [(False, 0x4A1), (True, 0x4A0)])
+def test_stage_is_told_in_every_cycle_after_every_reset(plate_inside: bool, can_id: int) -> None:
+    told: list[bytes] = []
+
+    def note(_time: int, frame: Frame) -> None:
+        if frame.can_id == can_id:
+            told.append(frame.data[:2])
+
+    rig = Rig(plate_inside=plate_inside, log=note)
+    for command in (NMTCommand.START, NMTCommand.RESET_COMMUNICATION, NMTCommand.RESET_NODE):
+        rig.nmt(command)
+        rig.start()
+        told.clear()
+        rig.cycle(10)
+        assert told == [bytes(2)] * 10
+    rig.write("Setpoint.Voltage", 2000)
+    rig.start_run()
+    rig.drive(Mode.OPEN_LOOP)
+    rig.cycle(10)
+    assert told[-1] == b"\xd0\x07"
+
+
 def test_notes_emergencies_of_both_nodes(rig: Rig) -> None:
     for node_id in (PLATE_ID, STIMULATOR_ID):
         rig.bus.connect(lambda frame: None).send(
