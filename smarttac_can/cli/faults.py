@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Final
 
 import click
+from click.core import ParameterSource
 
+from smarttac_can.audit import verify_rows
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli.options import FiniteRange
-from smarttac_can.cli.plain_errors import plain_errors
+from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.result_file import (
     json_file_option,
     opened_results,
@@ -20,7 +25,8 @@ from smarttac_can.cli.result_file import (
     result_file,
     result_path,
 )
-from smarttac_can.host.candump import CandumpWriter
+from smarttac_can.host.bounded_file import read_bounded
+from smarttac_can.host.candump import CandumpWriter, read_candump
 from smarttac_can.trials.fault_case import DRIVING
 from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_matrix import HOLD_CYCLES, cases, fault_matrix
@@ -33,6 +39,7 @@ from smarttac_can.vocabulary.modes import Mode
 
 _NAMES = sorted({case.name for case in CASES})
 _MODES = [mode.name.lower() for mode in DRIVING]
+_ROWS_MAX_BYTES: Final = 4 << 20
 
 
 def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -64,7 +71,8 @@ _jobs_option = click.option(
 
 @click.command(
     epilog="\b\nExamples:\n  smarttac faults --json faults.json --log faults.log\n"
-    '  smarttac faults --fault "S3 stuck" --mode friction'
+    '  smarttac faults --fault "S3 stuck" --mode friction\n'
+    "  smarttac faults --verify faults.log faults.json"
 )
 @json_file_option
 @click.option(
@@ -101,7 +109,16 @@ _jobs_option = click.option(
     "--channel",
     help="SocketCAN interface that carries the frames, such as vcan0; then there is one process.",
 )
+@click.option(
+    "--verify",
+    nargs=2,
+    type=click.Path(path_type=Path),
+    metavar="LOG ROWS",
+    help="Inject nothing: recompute the rows of a --json file from its --log, and compare.",
+)
+@click.pass_context
 def faults(
+    context: click.Context,
     *,
     json_file: Path | None,
     log_file: Path | None,
@@ -110,12 +127,17 @@ def faults(
     hold: int,
     jobs: int | None,
     channel: str | None,
+    verify: tuple[Path, Path] | None,
 ) -> None:
     """Inject every fault in every mode that drives, and show how soon the plate is at 0 V.
 
     Everything is simulated: stimulator, plate and master, on a bus inside the process unless there
     is a --channel. Nothing else may send there. The rows are the same either way.
     """
+    if verify is not None:
+        _require_alone(context, "verify")
+        _verify(*verify)
+        return
     try:
         chosen = cases(faults_, [Mode[mode.upper()] for mode in modes])
     except ValueError as error:
@@ -144,6 +166,31 @@ def faults(
     failed = [row for row in rows if not row.passed]
     if failed:
         raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
+
+
+def _require_alone(context: click.Context, name: str) -> None:
+    """Refuse any other option beside one that leaves nothing for it to do."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(str(parameter.name))
+        if parameter.name != name and source is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{parameter.opts[0]} has no meaning with --{name}")
+
+
+def _verify(log: Path, rows: Path) -> None:
+    """Show how many fields of rows a log confirms; the first that it does not is an error."""
+    with plain_errors():
+        try:
+            said = json.loads(read_bounded(rows, _ROWS_MAX_BYTES))
+        except (ValueError, RecursionError) as error:
+            raise click.ClickException(one_line(f"{rows}: {error}")) from error
+        try:
+            found = verify_rows(read_candump(log), said, stimulator_od(), plate_od())
+        except (ValueError, RecursionError) as error:
+            raise click.ClickException(one_line(error)) from error
+    click.echo(
+        f"rows: {found.rows}, fields as the log shows them: {found.fields}, "
+        f"fields it does not show: {found.not_shown}"
+    )
 
 
 @click.command(epilog="Example: smarttac soak --hours 0.1 --seed 7 --json soak.json")

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TextIO
+from typing import Final, TextIO
 
 import can
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.host.python_can import to_frame
+
+_LONGEST_LINE: Final = 1000
 
 
 class CandumpWriter:
@@ -54,18 +58,33 @@ def read_candump(path: Path) -> Iterator[tuple[int, Frame]]:
 
     Raises
     ------
+    OSError
+        If it is no regular file, or cannot be read.
     ValueError
-        At a line that is no candump log.
+        At a line that is no candump log, or that is cut.
     """
-    with can.CanutilsLogReader(path) as log:
+    with _Lines(open_regular(path), encoding="ascii") as lines, can.CanutilsLogReader(lines) as log:
         messages = iter(log)
         while True:
             try:
                 message = next(messages, None)
-            except (ValueError, IndexError) as error:
+                time = 0 if message is None else round(message.timestamp * 1e6)
+            except (ValueError, IndexError, OverflowError) as error:
                 raise ValueError(f"{path} is no candump log: {error}") from error
             if message is None:
                 return
             frame = to_frame(message)
             if frame is not None:
-                yield round(message.timestamp * 1e6), frame
+                yield time, frame
+
+
+class _Lines(TextIOWrapper):
+    """The lines of a log, none of which is read further than a frame can go."""
+
+    def __next__(self) -> str:  # type: ignore[override] # typeshed has it that of bytes
+        line = self.readline(_LONGEST_LINE)
+        if not line:
+            raise StopIteration
+        if not line.endswith("\n"):
+            raise ValueError("a line is too long, or cut")
+        return line

@@ -1,8 +1,10 @@
 """The commands ``faults`` and ``soak``: results, files, and exit codes."""
 
 import json
+import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -56,6 +58,101 @@ def test_json_and_log_go_to_files(tmp_path: Path) -> None:
     assert times[0] < row["injected_at_s"] * 1e6 <= times[-1]
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Log and rows of one fault."""
+    folder = tmp_path_factory.mktemp("faults")
+    log, rows = folder / "faults.log", folder / "faults.json"
+    result = run(*ONE[:-1], "200", "--json", str(rows), "--log", str(log))
+    assert result.exit_code == 0, result.output
+    return log, rows
+
+
+def refusal(*arguments: str) -> str:
+    result = run("faults", "--verify", *arguments)
+    assert (result.exit_code, result.stdout) == (1, "")
+    (line,) = result.stderr.splitlines()
+    return line.removeprefix("Error: ")
+
+
+def test_log_confirms_its_rows(kept: tuple[Path, Path]) -> None:
+    result = run("faults", "--verify", *map(str, kept))
+    assert result.exit_code == 0, result.output
+    assert result.stdout == (
+        "rows: 1, fields as the log shows them: 7, fields it does not show: 0\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('"cycles_to_zero": 3', '"cycles_to_zero": 2', "cycles_to_zero is 2 in the row, 3 in the"),
+        ('"held": true', '"held": false', "held is false in the row, true in the log"),
+        ('"recovered": true', '"recovered": false', "recovered is false in the row, true in the"),
+        ('"8251h"', '"8252h"', 'emcy_codes is ["8250h", "8252h", "8253h"] in the row'),
+        ('"detection_bound_cycles": 3', '"detection_bound_cycles": 1', "in the log are 3"),
+    ],
+)
+def test_falsified_row_is_one_line(
+    old: str, new: str, complaint: str, kept: tuple[Path, Path], tmp_path: Path
+) -> None:
+    log, rows = kept
+    falsified = tmp_path / "rows"
+    text = rows.read_text()
+    assert old in text
+    falsified.write_text(text.replace(old, new))
+    line = refusal(str(log), str(falsified))
+    assert line.startswith("row 1 (measurements lost, friction): ")
+    assert complaint in line
+
+
+@pytest.mark.parametrize(
+    ("rows", "complaint"),
+    [
+        ("", "Expecting value"),
+        ("{}", "there is no list of rows"),
+        ("[" * 100_000, "recursion"),
+        ('[{"fault": "measurements lost"}]', "row 1: mode null is none of"),
+    ],
+)
+def test_rows_that_are_none_are_one_line(
+    rows: str, complaint: str, kept: tuple[Path, Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "rows"
+    path.write_text(rows)
+    assert complaint in refusal(str(kept[0]), str(path))
+
+
+@pytest.mark.parametrize(
+    ("falsify", "complaint"),
+    [
+        (lambda text: "", "the log ends before its recovery"),
+        (lambda text: text[: len(text) // 2], "is no candump log: a line is too long, or cut"),
+        (lambda text: f"hello\n{text}", "is no candump log"),
+        (lambda text: f"(nan) can0 080#\n{text}", "is no candump log"),
+        (lambda text: "0" * 100_000, "is no candump log: a line is too long, or cut"),
+        (lambda text: text.replace(" 4A1#", " 4A2#"), "the log does not show the stage"),
+        (lambda text: text.replace(" 080#", " 081#"), "the log has no SYNC before the fault"),
+    ],
+)
+def test_falsified_log_is_one_line(
+    falsify: Callable[[str], str], complaint: str, kept: tuple[Path, Path], tmp_path: Path
+) -> None:
+    log, rows = kept
+    path = tmp_path / "log"
+    path.write_text(falsify(log.read_text()))
+    assert complaint in refusal(str(path), str(rows))
+
+
+def test_only_files_are_verified(kept: tuple[Path, Path], tmp_path: Path) -> None:
+    log, rows = map(str, kept)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    assert refusal(str(pipe), rows) == f"{pipe}: is no regular file"
+    assert refusal(log, str(pipe)) == f"{pipe}: is no regular file"
+    assert refusal("nowhere", rows) == "nowhere: No such file or directory"
+
+
 def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> None:
     chosen = ("--fault", "measurements corrupt", "--fault", "NMT stop", "--hold", "20")
     for jobs in ("1", "2"):
@@ -85,6 +182,11 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
             ("faults", "--jobs", "2", "--channel", "vcan0"),
             "--jobs 2: with --channel there is one process",
         ),
+        (
+            ("faults", "--verify", "log", "rows", "--hold", "5"),
+            "--hold has no meaning with --verify",
+        ),
+        (("faults", "--verify", "log"), "Option '--verify' requires 2 arguments"),
         (("soak",), "Missing option '--hours'"),
         (("soak", "--hours", "1", "--jobs", "0"), "0 is not in the range"),
         (("soak", "--hours", "0"), "0.0 is not in the range"),

@@ -1,11 +1,13 @@
 """The fault matrix: a share of its rows, its log, and what a row that fails looks like."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from smarttac_can.bench.simulation import PLATE_ID
+from smarttac_can.audit import verify_rows
+from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import EMCY_ID, RPDO_IDS, SYNC_ID
 from smarttac_can.trials.fault_case import DRIVING, REGULATED, FaultCase
@@ -23,7 +25,7 @@ from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State
 
-HOLD = 50
+HOLD = 200
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 SAMPLE = [(case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES)]
 
@@ -35,13 +37,16 @@ def one(name: str, mode: Mode) -> FaultRow:
 
 @pytest.mark.parametrize(("case", "mode"), SAMPLE, ids=[case.name for case, _ in SAMPLE])
 def test_fault_ends_in_0_v_in_time_and_recovers(case: FaultCase, mode: Mode) -> None:
-    (row,) = fault_matrix([(case, mode)], hold=HOLD)
+    frames: list[tuple[int, Frame]] = []
+    (row,) = fault_matrix([(case, mode)], hold=HOLD, log=lambda *frame: frames.append(frame))
     assert row.voltage_before_v > 0.0
     assert row.cycles_to_zero is not None
     assert row.cycles_to_zero <= row.detection_bound_cycles + 1
     assert row.held
     assert row.recovered
     assert row.passed
+    rows = json.loads(json.dumps(rows_as_json([row])))
+    assert verify_rows(frames, rows, stimulator_od(), plate_od()).rows == 1
 
 
 @pytest.mark.parametrize("mode", DRIVING)
