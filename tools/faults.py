@@ -1,22 +1,26 @@
 """Write docs/reference/faults.md from the fault matrix; --check fails when a row is another one.
 
-    python tools/faults.py [--check] [--hold CYCLES]
+    python tools/faults.py [--check] [--hold CYCLES] [--log LOG --json ROWS]
 
 A check holds each fault for 1000 cycles unless told otherwise, a table is made with 10 000. Either
-also fails if a watchdog trips in no row of a mode.
+also fails if a watchdog trips in no row of a mode. LOG and ROWS are for `smarttac faults --verify`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from collections.abc import Iterable
+from contextlib import ExitStack
 from difflib import unified_diff
 from pathlib import Path
 
 import click
 
+from smarttac_can.host.bus import LogHook
+from smarttac_can.host.candump import CandumpWriter
 from smarttac_can.od.object_reference import table
 from smarttac_can.trials.fault_case import DRIVING, REGULATED, TRACKED, FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
@@ -29,7 +33,7 @@ from smarttac_can.trials.fault_matrix import (
     reached_unseen,
     tolerated,
 )
-from smarttac_can.trials.fault_row import FaultRow, matrix_table, mode_name
+from smarttac_can.trials.fault_row import FaultRow, matrix_table, mode_name, rows_as_json
 from smarttac_can.trials.weak_pickup import NOT_SEEN
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
@@ -39,7 +43,8 @@ CHECK_HOLD_CYCLES = 1000
 HEAD = f"""# Fault matrix
 
 Made by `tools/faults.py`; `smarttac faults` injects the same faults and shows the same rows, with
-`--json` for programs, `--log` for the frames and `--channel vcan0` for SocketCAN.
+`--json` for programs, `--log` for the frames and `--channel vcan0` for SocketCAN. The log
+[confirms the rows](../how-to/break-things.md#rows-checked-by-their-log).
 
 Each fault is injected in a run of its own, on two simulated nodes and a master on the in-process
 bus, or on the stimulator with the plate inside where the name says so. Cycles are those of the
@@ -142,19 +147,32 @@ def undetected(rows: list[FaultRow]) -> list[str]:
     ]
 
 
+def injected(hold: int, log_file: Path | None) -> list[FaultRow]:
+    """Inject all faults, with their frames in a file if there is one."""
+    chosen = cases()
+    with ExitStack() as stack:
+        log: LogHook | None = None
+        if log_file is not None:
+            log = CandumpWriter(stack.enter_context(log_file.open("w", encoding="ascii"))).write
+        matrix = fault_matrix(chosen, hold=hold, log=log, jobs=os.cpu_count() or 1)
+        bar = click.progressbar(matrix, length=len(chosen), label="faults", file=sys.stderr)
+        return list(stack.enter_context(bar))
+
+
 def main() -> int:
     """Write the page, or return 1 if it is stale or a fault does not end as it must."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="write nothing")
     parser.add_argument("--hold", type=int, help="cycles at 0 V under traffic")
+    parser.add_argument("--log", type=Path, help="file for the frames around each fault")
+    parser.add_argument("--json", type=Path, help="file for the rows")
     arguments = parser.parse_args()
     hold = arguments.hold
     if hold is None:
         hold = CHECK_HOLD_CYCLES if arguments.check else HOLD_CYCLES
-    chosen = cases()
-    matrix = fault_matrix(chosen, hold=hold, jobs=os.cpu_count() or 1)
-    with click.progressbar(matrix, length=len(chosen), label="faults", file=sys.stderr) as bar:
-        rows = list(bar)
+    rows = injected(hold, arguments.log)
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(rows_as_json(rows), indent=2), encoding="utf-8")
     bad = [f"{row.fault}, {row.mode}: does not end as it must" for row in rows if not row.passed]
     bad += undetected(rows)
     bad += [
