@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from enum import IntEnum
+from re import sub
 from typing import Final
 
 from smarttac_can.bench.named_objects import NamedObjects, finite
-from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 _SIDES: Final = 2
 
@@ -35,7 +37,7 @@ class InUnit:
 
 
 class SetPoints(NamedObjects):
-    """Friction law and set-points of a stimulator over a link."""
+    """Laws and set-points of a stimulator over a link."""
 
     __slots__ = ()
 
@@ -56,6 +58,15 @@ class SetPoints(NamedObjects):
         self._write("Friction law", by_name(Law, law))
 
     @property
+    def vibration_law(self) -> VibrationLaw:
+        """How amplitude and resonance are regulated; by member or name, also while running."""
+        return VibrationLaw(self._link.read("Controller.Vibration law"))
+
+    @vibration_law.setter
+    def vibration_law(self, law: VibrationLaw | str) -> None:
+        self._write("Controller.Vibration law", by_name(VibrationLaw, law))
+
+    @property
     def cof(self) -> tuple[float, float]:
         """Set-points of the COF left and right of the boundary; a number sets both."""
         return self.get("Setpoint.COF left"), self.get("Setpoint.COF right")
@@ -70,7 +81,7 @@ class SetPoints(NamedObjects):
         self.set("Setpoint.COF right", right)
 
 
-def by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:
+def by_name(choices: type[IntEnum], choice: int | str) -> int:
     """Return the number of a choice that a person may have given by its name.
 
     Raises
@@ -85,5 +96,5 @@ def by_name(choices: type[Mode] | type[Law], choice: int | str) -> int:
         return int(choices(choice))
     except (KeyError, ValueError):
         known = ", ".join(member.lower() for member in choices.__members__)
-        what = choices.__name__.lower()
+        what = sub(r"(?<=[a-z])(?=[A-Z])", " ", choices.__name__).lower()
         raise ValueError(f"{what} {choice!r} is none of {known}") from None

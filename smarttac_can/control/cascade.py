@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import IntFlag
 from math import isfinite, sqrt
 from typing import Final
@@ -10,10 +11,12 @@ from smarttac_can.control.design import amplitude_pi, resonance_pi
 from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
 from smarttac_can.control.identification import Identification
 from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.predictive import PredictiveLoop
+from smarttac_can.control.schedule import Schedule
 from smarttac_can.control.tribometer import Tribometer
 from smarttac_can.control.vibration import AmplitudeLoop, ResonanceLoop
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
 
 
@@ -44,7 +47,7 @@ class Cascade:
     and move them by their gain times their error. Two things are immediate by intent: OFF is 0 V at
     once, and what the set-point fixes (voltage and frequency in open loop, the frequency in mode
     AMPLITUDE) is put out as it stands. From OFF the resonance loop starts at the set-point's
-    frequency.
+    frequency; the law ``predictive`` starts where model and thermometer put the resonance.
 
     Out of contact the friction mode holds the amplitude at the set-point's nominal one. The COF is
     unknown then, and the last reference before lift-off was made of a COF whose uncertainty grows
@@ -91,7 +94,9 @@ class Cascade:
         "_law",
         "_model",
         "_parameters",
+        "_predictive",
         "_resonance_loop",
+        "_schedule",
         "amplitude",
         "contact",
         "drive",
@@ -189,7 +194,7 @@ class Cascade:
         :attr:`reason`. So does a COF reference of 0 or less in mode FRICTION. Set-points beyond a
         limit are cut to it.
         """
-        W, gauges, _, _ = measurement
+        W, gauges, temperature, _ = measurement
         s1, s2, s3, s4, s5, s6 = gauges
         square = W.real * W.real + W.imag * W.imag
         forces = s1 * s1 + s2 * s2 + s3 * s3 + s4 * s4 + s5 * s5 + s6 * s6
@@ -202,9 +207,13 @@ class Cascade:
         elif mode is _FRICTION and (setpoint.mu_left <= 0.0 or setpoint.mu_right <= 0.0):
             fault = "COF reference is not above 0"
         if fault:
+            if self._predictive is not None:
+                self._predictive.interrupt()
             return self._turn_off(fault)
         self.amplitude = sqrt(square)
         self.contact = self.tribometer.update(gauges)
+        if self._predictive is not None:
+            self._predictive.observe(W, self.drive, self.contact, temperature)
         if self._fresh:
             self._enter(setpoint)
         if mode is _FRICTION:
@@ -212,7 +221,7 @@ class Cascade:
         if mode is Mode.AMPLITUDE_RESONANCE or mode is Mode.AMPLITUDE:
             return self._closed_loop(W, setpoint.amplitude, setpoint)
         if mode is Mode.IDENTIFY:
-            return self._identify(W)
+            return self._identify(W, temperature)
         return self._open_loop(setpoint)
 
     def realised(self, drive: Drive) -> None:
@@ -227,7 +236,15 @@ class Cascade:
             W_ref = 0.0 if W_ref < 0.0 else p.W_max
             limited = _AMPLITUDE
         self.W_ref = W_ref
+        predictive = self._predictive
+        if predictive is not None:
+            return self._predicted(predictive, W_ref, setpoint, limited)
         amplitude_loop = self._amplitude_loop
+        schedule = self._schedule
+        if schedule is not None:
+            contact = self.contact
+            Fn = contact.Fn if contact.touching else 0.0
+            schedule.tune(Fn, amplitude_loop.pi, self._resonance_loop.pi)
         V = amplitude_loop.step(W_ref, self.amplitude)
         if amplitude_loop.limited:
             limited |= _VOLTAGE
@@ -240,7 +257,29 @@ class Cascade:
             f = resonance_loop.step(W, self.amplitude)
             if resonance_loop.limited:
                 limited |= _FREQUENCY
-        # Whatever went before: nothing but a voltage and a frequency within limits leaves here.
+        return self._put_out(V, f, limited)
+
+    def _predicted(
+        self, loop: PredictiveLoop, W_ref: float, setpoint: Setpoint, limited: int
+    ) -> Drive:
+        """Return the drive that the predictive law asks for, cut to the limits."""
+        asked = setpoint.frequency if self.mode is _FIXED else loop.resonance
+        f = self._within_limits(asked)
+        if f != asked:
+            limited |= _FREQUENCY
+        V = loop.voltage(W_ref, f)
+        V_max = self._parameters.V_max
+        if V <= 0.0:
+            limited |= _VOLTAGE if V < 0.0 else 0
+            V = 0.0
+        elif V_max < V:
+            limited |= _VOLTAGE
+            V = V_max
+        return self._put_out(V, f, limited)
+
+    def _put_out(self, V: float, f: float, limited: int) -> Drive:
+        """Return the drive; whatever went before, nothing but one within limits leaves here."""
+        p = self._parameters
         if not (0.0 <= V <= p.V_max and p.f_min <= f <= p.f_max):
             return self._turn_off("drive is not finite")
         self.limited = limited
@@ -280,7 +319,7 @@ class Cascade:
         self.E = E = relative_error(contact.mu, mu_ref)
         return self._law.reference(E, self.amplitude, self.W_ref, setpoint.amplitude)
 
-    def _identify(self, W: complex) -> Drive:
+    def _identify(self, W: complex, temperature: float) -> Drive:
         identification = self.identification
         assert identification is not None
         if self.contact.touching and self.tribometer.tared:
@@ -293,7 +332,8 @@ class Cascade:
         if identification.model is None:
             return self._turn_off(f"identification: {identification.failure}")
         self._turn_off("")
-        self.adopt(identification.model)
+        # A load is not identified, and where f0 stands follows the temperature.
+        self.adopt(replace(identification.model, load=self._model.load, temperature=temperature))
         return self.drive
 
     def _enter(self, setpoint: Setpoint) -> None:
@@ -325,6 +365,15 @@ class Cascade:
     def _design(self) -> None:
         """Build the loops from parameters and model, and start them from the drive in force."""
         p = self._parameters
+        law = p.vibration_law
+        self._schedule = (
+            Schedule(self._model, p.amplitude_pole, p.resonance_pole, p.dead_time)
+            if law is VibrationLaw.SCHEDULED
+            else None
+        )
+        self._predictive = (
+            PredictiveLoop(self._model, p.dead_time) if law is VibrationLaw.PREDICTIVE else None
+        )
         self._amplitude_loop = AmplitudeLoop(
             amplitude_pi(self._model, p.amplitude_pole, p.dead_time), p.V_max
         )
@@ -335,6 +384,7 @@ class Cascade:
         self._resonance_loop.preset(self.drive.frequency)
 
 
-def _designed_for(parameters: CascadeParameters) -> tuple[float, float, float]:
-    """Return what the design of the two loops follows from, apart from the model."""
-    return parameters.amplitude_pole, parameters.resonance_pole, parameters.dead_time
+def _designed_for(parameters: CascadeParameters) -> tuple[VibrationLaw, float, float, float]:
+    """Return what the design of the loops follows from, apart from the model."""
+    p = parameters
+    return p.vibration_law, p.amplitude_pole, p.resonance_pole, p.dead_time

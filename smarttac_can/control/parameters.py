@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from smarttac_can.control.design import POLE_MAX
 from smarttac_can.control.tribometer import Matrix
 from smarttac_can.vocabulary.model import require
-from smarttac_can.vocabulary.modes import Law
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +20,8 @@ class CascadeParameters:
         Names the first value that is out of its range, and the range.
     """
 
+    vibration_law: VibrationLaw = VibrationLaw.PI
+    """How amplitude and resonance are regulated."""
     amplitude_pole: float = 0.2
     """Closed-loop pole of the amplitude loop, 0..0.95; a design choice that gives Fig. 5."""
     resonance_pole: float = 0.3
@@ -52,6 +54,7 @@ class CascadeParameters:
     """Standard uncertainty of one gauge in N, 0..1: u(mu) is 0.011 at 0.5 N and mu 0.4."""
 
     def __post_init__(self) -> None:
+        VibrationLaw(self.vibration_law)
         require("amplitude_pole", self.amplitude_pole, 0.0, POLE_MAX)
         require("resonance_pole", self.resonance_pole, 0.0, POLE_MAX)
         Law(self.law)

@@ -6,10 +6,11 @@ from decimal import Decimal
 from math import inf
 from typing import Final, NamedTuple
 
+from smarttac_can.nodes.settings import LAWS
 from smarttac_can.od.data_types import SIGNED, UNSIGNED
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.units import Quantity
-from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.modes import Mode
 
 VOLTAGE_MAX: Final = 200.0
 """Of the power stage in V. An assumption, as the paper has no absolute voltage: the 150 V of the
@@ -92,8 +93,8 @@ def require_caps(od: ObjectDictionary, caps: tuple[Cap, ...]) -> None:
 
 
 def require_choices(od: ObjectDictionary) -> None:
-    """Raise ValueError if an object could choose a mode or a friction law that there is not."""
-    for name, choices in (("Mode", Mode), ("Friction law", Law)):
+    """Raise ValueError if an object could choose a mode or a law that there is not."""
+    for name, choices in (("Mode", Mode), *LAWS.items()):
         most = max(choices)
         if od[name].high > most:
             raise ValueError(f"{name} has the HighLimit {od[name].high}, above {most:d}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -11,7 +11,7 @@ from smarttac_can.control.tribometer import Matrix
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 CALIBRATION: Final = "Calibration"
 MODEL: Final = "Model"
@@ -22,6 +22,7 @@ DESIGN: Final = ("Friction law", "Controller", LIMIT, CALIBRATION)
 
 
 _FIELDS: Final = {
+    "Controller.Vibration law": "vibration_law",
     "Controller.Amplitude pole": "amplitude_pole",
     "Controller.Resonance pole": "resonance_pole",
     "Friction law": "law",
@@ -36,6 +37,11 @@ _FIELDS: Final = {
     "Limit.Highest frequency": "f_max",
 }
 """Objects that are a parameter each; those of the calibration make up two together."""
+LAWS: Final[Mapping[str, type[Law] | type[VibrationLaw]]] = {
+    "Friction law": Law,
+    "Controller.Vibration law": VibrationLaw,
+}
+"""Objects that choose a law, and what there is."""
 _Quantity = Callable[[str], float]
 """Value of an object in SI units by its name."""
 
@@ -115,7 +121,8 @@ def with_change(
 
 
 def _parameter(entry: Entry, raw: int) -> Any:
-    return Law(raw) if entry.name == "Friction law" else float(raw * entry.si)
+    law = LAWS.get(entry.name)
+    return float(raw * entry.si) if law is None else law(raw)
 
 
 def _calibration(si: _Quantity) -> dict[str, Any]:
@@ -141,12 +148,20 @@ def plate_model(od: ObjectDictionary) -> PlateModel:
         gain=od["Model.Gain per volt"].si_value,
         tau=od["Model.Tau"].si_value,
         f0=od["Model.Resonance"].si_value,
+        load=od["Model.Load"].si_value,
+        temperature=od["Model.Temperature"].si_value,
     )
 
 
 def keep_model(od: ObjectDictionary, model: PlateModel) -> PlateModel:
     """Write a model to the object dictionary, and return it rounded as it stands there."""
-    for name, value in (("Gain per volt", model.gain), ("Tau", model.tau), ("Resonance", model.f0)):
+    for name, value in (
+        ("Gain per volt", model.gain),
+        ("Tau", model.tau),
+        ("Resonance", model.f0),
+        ("Load", model.load),
+        ("Temperature", model.temperature),
+    ):
         entry = od[f"Model.{name}"]
         entry.value = entry.quantise(value)
     return plate_model(od)

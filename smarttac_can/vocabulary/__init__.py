@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from smarttac_can.vocabulary.fault_codes import FaultCode
     from smarttac_can.vocabulary.faults import FaultKind
     from smarttac_can.vocabulary.model import PlateModel
-    from smarttac_can.vocabulary.modes import Law, Mode
+    from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
     from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
     from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
     from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
@@ -30,6 +30,7 @@ __all__ = [
     "Setpoint",
     "State",
     "Status",
+    "VibrationLaw",
     "Watchdog",
 ]
 
@@ -41,6 +42,7 @@ __getattr__ = lazily(
         "PlateModel": "model",
         "Law": "modes",
         "Mode": "modes",
+        "VibrationLaw": "modes",
         "Contact": "signals",
         "Drive": "signals",
         "Measurement": "signals",

@@ -1,4 +1,4 @@
-"""The plate as the controllers know it: eq. (6) and (7) with three identified numbers."""
+"""The plate as the controllers know it: eq. (6) and (7), and what a finger and warmth change."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 
 _ROUNDING = 1e-15
+TAU_MIN = 1e-4
+"""Shortest time constant in s that is controlled: a tenth of a tick."""
 
 
 def require(name: str, value: float, low: float, high: float) -> None:
@@ -36,10 +38,18 @@ class PlateModel:
     f0: float = 43390.0
     """Resonance frequency in Hz, 1e3..1e6; 43390 Hz at 20 degC in the paper."""
 
+    load: float = 0.87
+    """Damping that a finger of 0.5 N adds, over that of the bare plate, 0..5; an assumption: the
+    mean of the simulated fingertips."""
+    temperature: float = 20.0
+    """Temperature in degC at which f0 was found, -40..125."""
+
     def __post_init__(self) -> None:
         require("gain", self.gain, 1e-9, 1e-6)
-        require("tau", self.tau, 1e-4, 1e-2)
+        require("tau", self.tau, TAU_MIN, 1e-2)
         require("f0", self.f0, 1e3, 1e6)
+        require("load", self.load, 0.0, 5.0)
+        require("temperature", self.temperature, -40.0, 125.0)
 
     @property
     def quality(self) -> float:

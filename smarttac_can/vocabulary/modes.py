@@ -1,4 +1,4 @@
-"""Modes and friction laws, by the numbers that the object dictionary gives them."""
+"""Modes and laws, by the numbers that the object dictionary gives them."""
 
 from __future__ import annotations
 
@@ -31,3 +31,14 @@ class Law(IntEnum):
     """``W_ref += dW``: integral action before the inner loop; less margin than the above."""
     NOMINAL = 2
     """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""
+
+
+class VibrationLaw(IntEnum):
+    """How amplitude and resonance are regulated."""
+
+    PI = 0
+    """Two PIs designed for the bare plate, as in the paper."""
+    SCHEDULED = 1
+    """The same two, designed for the plate under the finger that presses now."""
+    PREDICTIVE = 2
+    """One step of a plate that is learned from tick to tick, through its dead time."""

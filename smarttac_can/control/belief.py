@@ -1,0 +1,227 @@
+"""What two measurements tell of the plate: an iterated extended Kalman filter of three numbers.
+
+They are the logarithms of kappa and 1/tau and the angular resonance, each against the model's, so
+that neither can change sign. The functions are plain ones of floats and named tuples.
+"""
+
+from __future__ import annotations
+
+from cmath import exp as exp_j
+from math import exp, pi
+from typing import Final, NamedTuple
+
+from smarttac_can.vocabulary.signals import TICK
+
+TWO_PI: Final = 2.0 * pi
+KAPPA_SPREAD: Final = 0.12
+"""Standard uncertainty of the model's kappa, as a fraction: 20 % of gain at most, uniform."""
+RATE_SPREAD: Final = 0.10
+"""The same of 1/tau."""
+W0_SPREAD: Final = TWO_PI * 60.0
+"""Standard uncertainty of the model's resonance in rad/s; that it may be 200 Hz off is learned
+in a tick, because the phase of W tells it."""
+_KEEP_KAPPA: Final = 0.9999
+"""What is left after a tick of what was learned of kappa: 10 s. A finger does not change it."""
+_KEEP_RATE: Final = 0.999
+"""The same of 1/tau: 1 s."""
+_KEEP_W0: Final = 0.9999
+_SHIFT: Final = 200.0
+"""Uncertainty of the resonance in rad/s when 1/tau has changed e-fold: a finger is stiff, too."""
+_NOISE: Final = 1e-9
+"""Standard uncertainty in m of an axis of the pick-up."""
+_UNMODELLED: Final = 1e-3
+"""That of a prediction of W, as a fraction: what a finger does within a tick."""
+_JITTER: Final = 40e-6
+"""That of the instant in s at which a drive takes force. It keeps a dead time that was told wrongly
+from being taken for another plate."""
+_FARTHEST: Final = 1.0
+"""Bound of the two logarithms: a factor of 2.7."""
+_FARTHEST_W0: Final = TWO_PI * 2000.0
+_ABSURD: Final = 1e3
+"""Bound of the logarithms before they are cut to what a plate can be."""
+_PASSES: Final = 3
+_MOVED: Final = 0.02
+"""Change of the logarithms above which it is linearised anew."""
+_KAPPA_VARIANCE: Final = KAPPA_SPREAD * KAPPA_SPREAD
+_RATE_VARIANCE: Final = RATE_SPREAD * RATE_SPREAD
+_W0_VARIANCE: Final = W0_SPREAD * W0_SPREAD
+_KK: Final = _KEEP_KAPPA * _KEEP_KAPPA
+_RR: Final = _KEEP_RATE * _KEEP_RATE
+_WW: Final = _KEEP_W0 * _KEEP_W0
+
+
+class PlateNow(NamedTuple):
+    """The plate in one tick."""
+
+    kappa: float
+    """K/tau in m/(V s)."""
+    rate: float
+    """1/tau in 1/s."""
+    w0: float
+    """Angular resonance in rad/s."""
+
+
+class Belief(NamedTuple):
+    """How far the plate is from its model, and the covariance of that."""
+
+    kappa: float
+    """ln of kappa over the model's."""
+    rate: float
+    """ln of 1/tau over the model's."""
+    w0: float
+    """Angular resonance less the model's in rad/s."""
+    kk: float
+    kr: float
+    kw: float
+    rr: float
+    rw: float
+    ww: float
+
+
+class Span(NamedTuple):
+    """The drives between two measurements: the first until the dead time is over."""
+
+    V_before: float
+    w_before: float
+    V: float
+    w: float
+
+
+PRIOR: Final = Belief(0.0, 0.0, 0.0, _KAPPA_VARIANCE, 0.0, 0.0, _RATE_VARIANCE, 0.0, _W0_VARIANCE)
+"""The model, and nothing learned."""
+
+
+def believed(model: PlateNow, belief: Belief) -> PlateNow:
+    """Return the plate that is believed in."""
+    return PlateNow(
+        model.kappa * exp(belief.kappa), model.rate * exp(belief.rate), model.w0 + belief.w0
+    )
+
+
+def fade(belief: Belief, strain: float) -> Belief:
+    """Let a tick pass: what was learned grows old, and the covariance returns to the prior's.
+
+    Parameters
+    ----------
+    belief
+        After the last measurement.
+    strain
+        Change of ln 1/tau by the load of the finger, which is known that badly.
+    """
+    kappa, rate, w0, kk, kr, kw, rr, rw, ww = belief
+    shift = _SHIFT * strain
+    return Belief(
+        kappa,
+        rate,
+        w0,
+        _KK * kk + (1.0 - _KK) * _KAPPA_VARIANCE,
+        _KEEP_KAPPA * _KEEP_RATE * kr,
+        _KEEP_KAPPA * _KEEP_W0 * kw,
+        _RR * rr + (1.0 - _RR) * _RATE_VARIANCE + strain * strain,
+        _KEEP_RATE * _KEEP_W0 * rw,
+        _WW * ww + (1.0 - _WW) * _W0_VARIANCE + shift * shift,
+    )
+
+
+def learn(
+    belief: Belief, model: PlateNow, dead_time: float, W: complex, span: Span, W_next: complex
+) -> Belief:
+    """Return what is believed once W has become W_next in a tick.
+
+    The belief is the prior if what came out is no number, or is farther off than a plate can be.
+    """
+    learned = belief
+    at = belief
+    for _ in range(_PASSES):
+        predicted, by_kappa, by_rate, by_w0, r = _predict(at, model, dead_time, W, span)
+        miss = W_next - predicted
+        back = (belief.kappa - at.kappa, belief.rate - at.rate, belief.w0 - at.w0)
+        miss -= by_kappa * back[0] + by_rate * back[1] + by_w0 * back[2]
+        learned = _take(belief, by_kappa.real, by_rate.real, by_w0.real, miss.real, r)
+        # The second axis is left with what the first one has not explained.
+        left = (
+            miss.imag
+            - by_kappa.imag * (learned.kappa - belief.kappa)
+            - by_rate.imag * (learned.rate - belief.rate)
+            - by_w0.imag * (learned.w0 - belief.w0)
+        )
+        learned = _take(learned, by_kappa.imag, by_rate.imag, by_w0.imag, left, r)
+        if not _sound(learned):
+            return PRIOR
+        moved = abs(learned.kappa - at.kappa) + abs(learned.rate - at.rate)
+        at = _bounded(learned)
+        if moved < _MOVED:
+            break
+    return at
+
+
+def _predict(
+    at: Belief, model: PlateNow, d: float, W: complex, span: Span
+) -> tuple[complex, complex, complex, complex, float]:
+    """Return W after a tick, its three derivatives, and the variance of an axis."""
+    kappa, rate, w0 = believed(model, at)
+    V_before, w_before, V, w = span
+    h = TICK - d
+    turn = complex(-rate, w0 - w)
+    e = exp_j(turn * h)
+    phi = (e - 1.0) / turn
+    forced = kappa * phi * V
+    by_turn = kappa * V * (h * e - phi) / turn
+    if d > 0.0:
+        turn_before = complex(-rate, w0 - w_before)
+        e_before = exp_j(turn_before * d)
+        phi_before = (e_before - 1.0) / turn_before
+        forced_before = kappa * phi_before * V_before
+        by_before = d * e_before * W + kappa * V_before * (d * e_before - phi_before) / turn_before
+        W = e_before * W + forced_before
+        forced += e * forced_before
+        by_turn += e * by_before
+        predicted = e * W + kappa * phi * V
+    else:
+        predicted = e * W + forced
+    by_turn += h * e * W
+    square = predicted.real * predicted.real + predicted.imag * predicted.imag
+    shaken = _JITTER * kappa * (V - V_before)
+    # The noise of both measurements: the older one decays by the tick.
+    r = (
+        _NOISE * _NOISE * (1.0 + exp(-2.0 * rate * TICK))
+        + _UNMODELLED * _UNMODELLED * square
+        + shaken * shaken
+    )
+    return predicted, forced, -rate * by_turn, 1j * by_turn, r
+
+
+def _take(belief: Belief, k: float, r: float, w: float, miss: float, variance: float) -> Belief:
+    """Take one axis: the derivatives of its prediction, and by how much that missed."""
+    kappa, rate, w0, kk, kr, kw, rr, rw, ww = belief
+    to_kappa = kk * k + kr * r + kw * w
+    to_rate = kr * k + rr * r + rw * w
+    to_w0 = kw * k + rw * r + ww * w
+    share = 1.0 / (k * to_kappa + r * to_rate + w * to_w0 + variance)
+    miss *= share
+    return Belief(
+        kappa + to_kappa * miss,
+        rate + to_rate * miss,
+        w0 + to_w0 * miss,
+        kk - to_kappa * to_kappa * share,
+        kr - to_kappa * to_rate * share,
+        kw - to_kappa * to_w0 * share,
+        rr - to_rate * to_rate * share,
+        rw - to_rate * to_w0 * share,
+        ww - to_w0 * to_w0 * share,
+    )
+
+
+def _sound(belief: Belief) -> bool:
+    """Whether it is numbers, with variances above 0; NaN fails every comparison."""
+    kappa, rate, w0, kk, _, _, rr, _, ww = belief
+    told = abs(kappa) + abs(rate) < _ABSURD and abs(w0) < _FARTHEST_W0
+    return told and kk > 0.0 and rr > 0.0 and ww > 0.0
+
+
+def _bounded(belief: Belief) -> Belief:
+    if -_FARTHEST <= belief.kappa <= _FARTHEST and -_FARTHEST <= belief.rate <= _FARTHEST:
+        return belief
+    kappa = min(max(belief.kappa, -_FARTHEST), _FARTHEST)
+    rate = min(max(belief.rate, -_FARTHEST), _FARTHEST)
+    return belief._replace(kappa=kappa, rate=rate)
