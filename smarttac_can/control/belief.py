@@ -22,8 +22,8 @@ W0_SPREAD: Final = TWO_PI * 60.0
 in a tick, because the phase of W tells it."""
 _KEEP_KAPPA: Final = 0.9999
 """What is left after a tick of what was learned of kappa: 10 s. A finger does not change it."""
-_KEEP_RATE: Final = 0.999
-"""The same of 1/tau: 1 s."""
+_KEEP_RATE: Final = 0.95
+"""The same of 1/tau: 20 ms. A finger changes it as it presses and slides."""
 _KEEP_W0: Final = 0.9999
 _SHIFT: Final = 200.0
 """Uncertainty of the resonance in rad/s when 1/tau has changed e-fold: a finger is stiff, too."""

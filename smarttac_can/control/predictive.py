@@ -38,7 +38,7 @@ F0_SLOPE: Final = -14.0
 LEARN_MIN: Final = 20e-9
 """Vibration in m from which it learns: an offset of the pick-up, 5 nm, would be taken for a plate
 that does not die down."""
-_FORCE_SHARE: Final = 0.1
+_FORCE_SHARE: Final = 0.3
 """Share of a new normal force that is believed in a tick: its noise would be one of the voltage."""
 _TEMPERATURE_SHARE: Final = 0.01
 """The same of the thermometer: a plate needs seconds, so what jumps is a fault."""
