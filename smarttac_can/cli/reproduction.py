@@ -17,7 +17,7 @@ from smarttac_can.bench.traces import Trace, read_csv
 from smarttac_can.cli.plain_errors import need_matplotlib, one_line, plain_errors
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
-from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions
 from smarttac_can.paper.provenance import EMERGES, FITTED
 from smarttac_can.paper.report import table_text, write_report
 from smarttac_can.paper.reproduce import (
@@ -28,7 +28,8 @@ from smarttac_can.paper.reproduce import (
     friction_step,
 )
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
-from smarttac_can.vocabulary.modes import Law
+from smarttac_can.paper.vibration_table import vibration_table
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 _DEAD_TIME_MAX_US = 999.0
 BIT_RATE = 1_000_000
@@ -49,6 +50,13 @@ def _dead_time(_ctx: click.Context, _param: click.Parameter, value: str) -> floa
     if not 0.0 <= dead_time <= _DEAD_TIME_MAX_US:
         raise click.BadParameter(f"{value} us is outside 0..999")
     return dead_time
+
+
+def _load(_ctx: click.Context, _param: click.Parameter, load: float) -> float:
+    """Return a load in N, or 0 for none."""
+    if load != 0.0 and not LOAD_MIN <= load <= LOAD_MAX:
+        raise click.BadParameter(f"{load:g} N is neither 0 nor in {LOAD_MIN:g}..{LOAD_MAX:g}")
+    return load
 
 
 seed_option = click.option(
@@ -111,6 +119,22 @@ def demo(seed: int, output: Path | None) -> None:
     help="What the step of eq. (9) is added to.",
 )
 @click.option(
+    "--vibration-law",
+    type=click.Choice([law.name.lower() for law in VibrationLaw]),
+    default="pi",
+    show_default=True,
+    help="How amplitude and resonance are regulated; pi is the paper's.",
+)
+@click.option(
+    "--load",
+    type=float,
+    callback=_load,
+    metavar="N",
+    default=0.0,
+    show_default=True,
+    help=f"Finger on the plate in fig5 and fig6, {LOAD_MIN:g}..{LOAD_MAX:g} N; adds a 50 % step.",
+)
+@click.option(
     "--dead-time",
     callback=_dead_time,
     metavar="US|auto",
@@ -131,6 +155,8 @@ def reproduce(
     what: tuple[str, ...],
     link: LinkName,
     law: str,
+    vibration_law: str,
+    load: float,
     dead_time: float,
     seed: int,
     json_file: Path | None,
@@ -138,7 +164,15 @@ def reproduce(
 ) -> None:
     """Run the experiments of some figures, or all, and show the results beside the paper's."""
     wanted = frozenset(FIGURES if not what or "all" in what else what)
-    conditions = Conditions(seed=seed, law=Law[law.upper()], dead_time=dead_time)
+    if load and not wanted & _VIBRATION:
+        raise click.UsageError("--load is for fig5 and fig6: the others bring their own finger")
+    conditions = Conditions(
+        seed=seed,
+        law=Law[law.upper()],
+        dead_time=dead_time,
+        vibration_law=VibrationLaw[vibration_law.upper()],
+        load=load,
+    )
     with plain_errors():
         with _progress_bar() as progress:
             _, results = run_reproduction(
@@ -151,6 +185,8 @@ def reproduce(
         if json_file is not None:
             json_file.write_text(text + "\n", encoding="utf-8")
         click.echo(table_text(results))
+        if wanted & _VIBRATION:
+            click.echo(vibration_table(results))
 
 
 @click.command(epilog="Example: smarttac reproduce all --output run && smarttac report run")

@@ -10,7 +10,8 @@ import numpy as np
 
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
-from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.paper.references import STEP_UM
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
 
 WARM: Final = 30.0
@@ -29,10 +30,16 @@ COF_REFERENCES: Final = {1: (0.2, 0.3), 2: (0.3, 0.4), 3: (0.4, 0.5), 4: (0.5, 0
 PASSES: Final = 50
 """Passes of the finger a subject in Table I, every other one an up-step."""
 
+LOADING_SUBJECT: Final = 1
+"""Who presses on the plate in Fig. 5 under a load: the fingertip that damps most."""
+LOAD_MIN, LOAD_MAX = 0.05, 2.0
+"""Bounds of the load in N, those of a simulated finger."""
+
 _RESPONSE_S: Final = 0.06
 _TARE_S: Final = TARE_SAMPLES * TICK
 _FIG2_S: Final = 0.8
 _TOUCH_DOWN_S: Final = 0.3
+_RESTING_MM_S: Final = 5.0
 _TRAVEL_MM, _SPEED_MM_S = 16.0, 60.0
 _PASS_S: Final = 1.2 * _TRAVEL_MM / _SPEED_MM_S
 _IDENTIFY_S: Final = 0.6
@@ -48,6 +55,11 @@ class Conditions:
     """Friction law."""
     dead_time: float = 0.0
     """Time in us from the tick until the new drive is in force, 0..999."""
+    vibration_law: VibrationLaw = VibrationLaw.PI
+    """How amplitude and resonance are regulated."""
+    load: float = 0.0
+    """Normal force in N of a finger on the plate in Fig. 5 and 6, 0.05..2, or 0 for none. With one
+    a step by 50 % follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +96,7 @@ def experiments(wanted: frozenset[str], conditions: Conditions) -> list[Experime
 def _identify(bench: Stimulator, conditions: Conditions) -> list[Trace]:
     """Tune the controllers for the warm plate, as in the paper."""
     bench.law = conditions.law
+    bench.vibration_law = conditions.vibration_law
     bench.set("Controller.Dead time", conditions.dead_time)
     _begin(bench, conditions, WARM)
     bench.frequency = WARM_RESONANCE
@@ -92,20 +105,35 @@ def _identify(bench: Stimulator, conditions: Conditions) -> list[Trace]:
 
 
 def _vibration(conditions: Conditions) -> Iterator[Experiment]:
-    """Run Fig. 5 and 6: 1 um from rest on the cold plate, from the resonance of the warm one."""
+    """Run Fig. 5 and 6: 1 um from rest on the cold plate, from the resonance of the warm one.
+
+    Under a finger the amplitude then goes to 1.5 um.
+    """
+    load = conditions.load
+    seconds = _TARE_S + _RESPONSE_S + (_TOUCH_DOWN_S + _RESPONSE_S if load else 0.0)
     for label, mode in (
         ("fig5.amplitude_only", Mode.AMPLITUDE),
         ("fig5.amplitude_and_frequency", Mode.AMPLITUDE_RESONANCE),
     ):
 
         def run(bench: Stimulator, label: str = label, mode: Mode = mode) -> list[Trace]:
-            _begin(bench, conditions, COLD)
+            subject = 0
+            if load:
+                subject = LOADING_SUBJECT
+                bench.finger.stroke(subject, force=load, speed=_RESTING_MM_S)
+            _begin(bench, conditions, COLD, subject=subject)
             bench.frequency = WARM_RESONANCE
             bench.amplitude = 1.0
+            if load:
+                bench.run(_TOUCH_DOWN_S)
             bench.mode = mode
-            return [bench.run(_RESPONSE_S, label)]
+            traces = [bench.run(_RESPONSE_S, label, subject)]
+            if load:
+                bench.amplitude = STEP_UM
+                traces.append(bench.run(_RESPONSE_S, label.replace("fig5", "fig5.step"), subject))
+            return traces
 
-        yield Experiment(label, _TARE_S + _RESPONSE_S, run)
+        yield Experiment(label, seconds, run)
 
 
 def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:

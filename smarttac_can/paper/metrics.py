@@ -87,6 +87,20 @@ def response_time(W: Floats, reference: float, band: float = RESPONSE_BAND) -> f
     return entry
 
 
+def overshoot_above(W: Floats, reference: float, step: float) -> float:
+    """Return by how much W goes beyond its reference, in % of the step up to it; 0 if it does not.
+
+    Raises
+    ------
+    UndefinedError
+        If a sample is missing (NaN).
+    """
+    highest = float(np.max(W))
+    if np.isnan(highest):
+        raise UndefinedError("a sample is missing")
+    return max(0.0, 100.0 * (highest - reference) / step)
+
+
 def from_switch_on(trace: Trace, column: Floats) -> Floats:
     """Cut a column of the trace to begin at the switch-on, the first tick with a voltage.
 

@@ -32,6 +32,8 @@ class Published(NamedTuple):
 
 AMPLITUDE_UM = 1.0
 """Amplitude asked for in Fig. 5 and 6 in um peak-to-peak."""
+STEP_UM = 1.5
+"""Amplitude after the step by 50 % that follows Fig. 5 under a finger; ours, not the paper's."""
 RESPONSE_BAND = 0.05
 """The response time of Fig. 5 is the 5 % one."""
 FREQUENCY_30_DEGC = 43_250.0

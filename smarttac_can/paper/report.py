@@ -191,6 +191,8 @@ def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
         ("seed", str(summary["seed"])),
         ("law", summary["law"]),
+        ("vibration law", summary["vibration_law"]),
+        *([("load", f"{summary['load_n']:g} N")] if summary["load_n"] else []),
         ("link", summary["link"]),
         ("dead time", f"{summary['dead_time_us']:g} us"),
         ("version", summary["version"]),

@@ -78,6 +78,8 @@ def reproduce(
             law=conditions.law.name.lower(),
             link=link,
             dead_time=conditions.dead_time * 1e-6,
+            vibration_law=conditions.vibration_law.name.lower(),
+            load=conditions.load,
             version=__version__,
             trace_sha256=sha256(folder / TRACES),
         )

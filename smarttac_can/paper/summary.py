@@ -19,11 +19,12 @@ from smarttac_can.paper.metrics import (
     friction_amplitudes,
     friction_ratio_percent,
     from_switch_on,
+    overshoot_above,
     response_time,
     subjects_of,
     voltage_difference_percent,
 )
-from smarttac_can.paper.references import AMPLITUDE_UM
+from smarttac_can.paper.references import AMPLITUDE_UM, RESPONSE_BAND, STEP_UM
 
 
 class _Section(dict[str, Any]):
@@ -64,6 +65,8 @@ def summary(
     dead_time: float,
     version: str,
     trace_sha256: str,
+    vibration_law: str = "pi",
+    load: float = 0.0,
 ) -> dict[str, Any]:
     """Gather all results of the paper's experiments as plain data for JSON.
 
@@ -71,9 +74,12 @@ def summary(
     ----------
     traces
         The runs, labelled ``fig2.<amplitude>``, ``fig5.amplitude_only``,
-        ``fig5.amplitude_and_frequency`` and ``table1``. What was not run is None.
-    seed, law, link, version
+        ``fig5.amplitude_and_frequency``, ``fig5.step.<the same>`` and ``table1``. What was not run
+        is None.
+    seed, law, link, version, vibration_law
         The run's parameters, passed through.
+    load
+        Normal force of the finger in Fig. 5 in N.
     dead_time
         Dead time of the loop in s.
     trace_sha256
@@ -91,6 +97,7 @@ def summary(
     reasons: dict[str, str] = {}
     root = _Section("", reasons)
     root |= {"seed": seed, "law": law, "link": link, "dead_time_us": 1e6 * dead_time}
+    root |= {"vibration_law": vibration_law, "load_n": load}
     root |= {"version": version, "trace_sha256": trace_sha256}
     _enter_fig2(root.part("fig2"), traces)
     _enter_fig5_and_fig6(root.part("fig5"), root.part("fig6"), traces)
@@ -122,6 +129,19 @@ def _enter_fig5_and_fig6(fig5: _Section, fig6: _Section, traces: list[Trace]) ->
         trace = find(traces, run)
         return response_time(from_switch_on(trace, trace.amplitude_um), AMPLITUDE_UM)
 
+    def overshoot(run: str) -> float:
+        trace = find(traces, run)
+        W = from_switch_on(trace, trace.amplitude_um)
+        return overshoot_above(W, AMPLITUDE_UM, AMPLITUDE_UM)
+
+    def settling(run: str) -> float:
+        band = RESPONSE_BAND * (STEP_UM - AMPLITUDE_UM) / STEP_UM
+        return response_time(find(traces, run).amplitude_um, STEP_UM, band)
+
+    def step_overshoot(run: str) -> float:
+        W = find(traces, run).amplitude_um
+        return overshoot_above(W, STEP_UM, STEP_UM - AMPLITUDE_UM)
+
     def final(run: str, column: str) -> float:
         trace = find(traces, run)
         return final_mean(trace, getattr(trace, column))
@@ -132,8 +152,12 @@ def _enter_fig5_and_fig6(fig5: _Section, fig6: _Section, traces: list[Trace]) ->
     for loops in LOOPS:
         run, vibration = f"fig5.{loops}", fig5.part(loops)
         vibration.enter("response_time_ms", response, run)
+        vibration.enter("overshoot_percent", overshoot, run)
         vibration.enter("steady_amplitude_um", final, run, "amplitude_um")
         vibration.enter("final_frequency_hz", final, run, "frequency_hz")
+        step = vibration.part("step")
+        step.enter("settling_time_ms", settling, f"fig5.step.{loops}")
+        step.enter("overshoot_percent", step_overshoot, f"fig5.step.{loops}")
         fig6.part(loops).enter("voltage_v", final, run, "voltage_v")
     fig6.enter("voltage_difference_percent", difference)
 
