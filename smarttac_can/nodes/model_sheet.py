@@ -23,14 +23,15 @@ class ModelSheet:
         self._state = od["Model.State"]
         self._progress = od["Model.Progress"]
 
-    def follow(self, identification: Identification | None) -> PlateModel | None:
-        """Show how far it is; at its end write the model, and return it as it can be read."""
+    def follow(
+        self, identification: Identification | None, adopted: PlateModel
+    ) -> PlateModel | None:
+        """Show how far it is; at its end write the model adopted, and return it as it can be read."""
         if identification is None:
             return None
         self._progress.value = int(100.0 * identification.progress)
         self._state.value = int(identification.state)
-        model = identification.model
-        return None if model is None else keep_model(self._od, model)
+        return None if identification.model is None else keep_model(self._od, adopted)
 
     def show_quality(self, model: PlateModel) -> None:
         """Show how narrow the resonance of a model is."""

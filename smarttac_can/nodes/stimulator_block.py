@@ -214,7 +214,7 @@ class StimulatorBlock:
         """Keep the model of an identification, and show a mode that the cascade has left."""
         cascade = self.cascade
         if mode == _IDENTIFY:
-            model = self._model_sheet.follow(cascade.identification)
+            model = self._model_sheet.follow(cascade.identification, cascade.model)
             if model is not None:
                 # The model in force is the one that can be read, and stored.
                 cascade.adopt(model)
