@@ -1,4 +1,4 @@
-"""The gains of the two PIs over the normal force: designed once, looked up in the cycle."""
+"""The gains of the two PIs over the normal force: each designed once, then looked up."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Final
 from smarttac_can.control.design import amplitude_pi, resonance_pi
 from smarttac_can.control.load import contact_load, decay_rate
 from smarttac_can.control.pi import PI
-from smarttac_can.vocabulary.model import TAU_MIN, PlateModel
+from smarttac_can.vocabulary.model import GAIN_MIN, TAU_MIN, PlateModel
 
-STEP: Final = 0.02
-"""Step of the table in N: two standard deviations of the normal force."""
-_END: Final = 150
+STEP: Final = 0.05
+"""Step of the table in N: a time constant of 3 % at 0.5 N."""
+_END: Final = 60
 """Last row: 3 N, beyond which the load grows slowly and a finger soon is a fault."""
 
 
@@ -26,19 +26,14 @@ class Schedule:
         As for `smarttac_can.control.design.amplitude_pi`.
     """
 
-    __slots__ = ("_rows",)
+    __slots__ = ("_model", "_placed", "_rows")
 
     def __init__(
         self, model: PlateModel, amplitude_pole: float, resonance_pole: float, dead_time: float
     ) -> None:
-        rows = []
-        for row in range(_END + 1):
-            tau = max(1.0 / decay_rate(model, contact_load(STEP * row)), TAU_MIN)
-            loaded = PlateModel(max(model.gain * tau / model.tau, 1e-9), tau, model.f0)
-            amplitude = amplitude_pi(loaded, amplitude_pole, dead_time)
-            resonance = resonance_pi(loaded, resonance_pole, dead_time)
-            rows.append((amplitude.Kp, resonance.Kp, amplitude.a))
-        self._rows = tuple(rows)
+        self._model = model
+        self._placed = (amplitude_pole, resonance_pole, dead_time)
+        self._rows: list[tuple[float, float, float] | None] = [None] * (_END + 1)
 
     def tune(self, Fn: float, amplitude: PI, resonance: PI) -> None:
         """Give both PIs the gains for a normal force in N, 0 without a finger.
@@ -46,5 +41,18 @@ class Schedule:
         What they stand at does not change: only the error moves them, by another gain.
         """
         row = int(Fn / STEP + 0.5) if Fn > 0.0 else 0
-        amplitude.Kp, resonance.Kp, a = self._rows[row if row < _END else _END]
+        if row > _END:
+            row = _END
+        amplitude.Kp, resonance.Kp, a = self._rows[row] or self._design(row)
         amplitude.a = resonance.a = a
+
+    def _design(self, row: int) -> tuple[float, float, float]:
+        """Design both loops for a row when it is first asked for: all at once would be a cycle."""
+        model = self._model
+        amplitude_pole, resonance_pole, dead_time = self._placed
+        tau = max(1.0 / decay_rate(model, contact_load(STEP * row)), TAU_MIN)
+        loaded = PlateModel(max(model.gain * tau / model.tau, GAIN_MIN), tau, model.f0)
+        amplitude = amplitude_pi(loaded, amplitude_pole, dead_time)
+        resonance = resonance_pi(loaded, resonance_pole, dead_time)
+        self._rows[row] = gains = (amplitude.Kp, resonance.Kp, amplitude.a)
+        return gains

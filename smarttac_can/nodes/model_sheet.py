@@ -26,7 +26,7 @@ class ModelSheet:
     def follow(
         self, identification: Identification | None, adopted: PlateModel
     ) -> PlateModel | None:
-        """Show how far it is; at its end write the model adopted, and return it as it can be read."""
+        """Show how far it is; at its end write the model adopted, and return it as it stands."""
         if identification is None:
             return None
         self._progress.value = int(100.0 * identification.progress)

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 
 _ROUNDING = 1e-15
+GAIN_MIN = 1e-9
+"""Least gain in m peak-to-peak per V that is controlled."""
 TAU_MIN = 1e-4
 """Shortest time constant in s that is controlled: a tenth of a tick."""
 
@@ -45,7 +47,7 @@ class PlateModel:
     """Temperature in degC at which f0 was found, -40..125."""
 
     def __post_init__(self) -> None:
-        require("gain", self.gain, 1e-9, 1e-6)
+        require("gain", self.gain, GAIN_MIN, 1e-6)
         require("tau", self.tau, TAU_MIN, 1e-2)
         require("f0", self.f0, 1e3, 1e6)
         require("load", self.load, 0.0, 5.0)
