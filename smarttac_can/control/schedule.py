@@ -41,8 +41,7 @@ class Schedule:
         What they stand at does not change: only the error moves them, by another gain.
         """
         row = int(Fn / STEP + 0.5) if Fn > 0.0 else 0
-        if row > _END:
-            row = _END
+        row = min(row, _END)
         amplitude.Kp, resonance.Kp, a = self._rows[row] or self._design(row)
         amplitude.a = resonance.a = a
 
