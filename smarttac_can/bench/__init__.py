@@ -13,7 +13,7 @@ from smarttac_can.master.errors import (
     RefusedError,
     WrongDeviceError,
 )
-from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "State",
     "Stimulator",
     "Trace",
+    "VibrationLaw",
     "WrongDeviceError",
     "plate_od",
     "read_csv",

@@ -31,7 +31,7 @@ _NOISE: Final = 1e-9
 """Standard uncertainty in m of an axis of the pick-up."""
 _UNMODELLED: Final = 1e-3
 """That of a prediction of W, as a fraction: what a finger does within a tick."""
-_JITTER: Final = 40e-6
+_JITTER: Final = 60e-6
 """That of the instant in s at which a drive takes force. It keeps a dead time that was told wrongly
 from being taken for another plate."""
 _FARTHEST: Final = 1.0
@@ -133,11 +133,23 @@ def learn(
     learned = belief
     at = belief
     for _ in range(_PASSES):
-        predicted, by_kappa, by_rate, by_w0, r = _predict(at, model, dead_time, W, span)
-        miss = W_next - predicted
+        predicted, late, by_kappa, by_rate, by_w0, variance = _predict(
+            at, model, dead_time, W, span
+        )
+        # Seen along the axis on which an instant is told wrongly, and across, where phase is.
+        size = abs(late)
+        if size > 0.0:
+            along = late.conjugate() / size
+            by_kappa *= along
+            by_rate *= along
+            by_w0 *= along
+            miss = (W_next - predicted) * along
+        else:
+            miss = W_next - predicted
         back = (belief.kappa - at.kappa, belief.rate - at.rate, belief.w0 - at.w0)
         miss -= by_kappa * back[0] + by_rate * back[1] + by_w0 * back[2]
-        learned = _take(belief, by_kappa.real, by_rate.real, by_w0.real, miss.real, r)
+        shaken = variance + size * size
+        learned = _take(belief, by_kappa.real, by_rate.real, by_w0.real, miss.real, shaken)
         # The second axis is left with what the first one has not explained.
         left = (
             miss.imag
@@ -145,7 +157,7 @@ def learn(
             - by_rate.imag * (learned.rate - belief.rate)
             - by_w0.imag * (learned.w0 - belief.w0)
         )
-        learned = _take(learned, by_kappa.imag, by_rate.imag, by_w0.imag, left, r)
+        learned = _take(learned, by_kappa.imag, by_rate.imag, by_w0.imag, left, variance)
         if not _sound(learned):
             return PRIOR
         moved = abs(learned.kappa - at.kappa) + abs(learned.rate - at.rate)
@@ -157,8 +169,8 @@ def learn(
 
 def _predict(
     at: Belief, model: PlateNow, d: float, W: complex, span: Span
-) -> tuple[complex, complex, complex, complex, float]:
-    """Return W after a tick, its three derivatives, and the variance of an axis."""
+) -> tuple[complex, complex, complex, complex, complex, float]:
+    """Return W after a tick, by what the jitter shifts it, its derivatives, and the variance."""
     kappa, rate, w0 = believed(model, at)
     V_before, w_before, V, w = span
     h = TICK - d
@@ -181,14 +193,17 @@ def _predict(
         predicted = e * W + forced
     by_turn += h * e * W
     square = predicted.real * predicted.real + predicted.imag * predicted.imag
-    shaken = _JITTER * kappa * (V - V_before)
-    # The noise of both measurements: the older one decays by the tick.
-    r = (
+    jump = kappa * (V - V_before)
+    late = _JITTER * jump * e
+    # The noise of both measurements, of which the older one decays by the tick; and the other of
+    # the two oscillations of eq. (1), at -w0 - w, which a jump of the voltage starts, unmodelled.
+    other = 0.5 * jump / w0
+    variance = (
         _NOISE * _NOISE * (1.0 + exp(-2.0 * rate * TICK))
         + _UNMODELLED * _UNMODELLED * square
-        + shaken * shaken
+        + other * other
     )
-    return predicted, forced, -rate * by_turn, 1j * by_turn, r
+    return predicted, late, forced, -rate * by_turn, 1j * by_turn, variance
 
 
 def _take(belief: Belief, k: float, r: float, w: float, miss: float, variance: float) -> Belief:

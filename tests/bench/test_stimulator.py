@@ -15,6 +15,7 @@ from smarttac_can.bench import (
     NotRunningError,
     RefusedError,
     Stimulator,
+    VibrationLaw,
 )
 from smarttac_can.bench.link import Row, Snapshot
 from smarttac_can.bench.open_link import LinkName
@@ -45,6 +46,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Stimulator]:
         ("boundary", -3.21, ("Setpoint.Boundary", -3210)),
         ("mode", Mode.AMPLITUDE, ("Mode", 2)),
         ("law", Law.NOMINAL, ("Friction law", Law.NOMINAL)),
+        ("vibration_law", VibrationLaw.SCHEDULED, ("Controller.Vibration law", 1)),
     ],
 )
 def test_set_points(bench: Stimulator, name: str, value: float, raw: tuple[str, float]) -> None:

@@ -195,6 +195,38 @@ def test_both_links_and_another_seed(link: str, tmp_path: Path) -> None:
     assert digest("--link", link, "--seed", "2") != reference
 
 
+def test_reproduce_with_a_law_and_a_load() -> None:
+    arguments = ("--vibration-law", "predictive", "--load", "0.5", "--dead-time", "540")
+    results = json.loads(succeed("reproduce", "fig5", *arguments, "--json", "-"))
+    assert (results["vibration_law"], results["load_n"]) == ("predictive", 0.5)
+    text = succeed("reproduce", "fig5", *arguments)
+    for name, loops in (
+        ("amplitude loop alone", "amplitude_only"),
+        ("both loops", "amplitude_and_frequency"),
+    ):
+        step = results["fig5"][loops]["step"]
+        assert (
+            f"1 to 1.5 um, {name}: settles in {step['settling_time_ms']:.2f} ms, "
+            f"overshoot {step['overshoot_percent']:.1f} %"
+        ) in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("fig5", "--load", "0.04"), "0.04 N is neither 0 nor in 0.05..2"),
+        (("fig5", "--load", "2.1"), "2.1 N is neither 0 nor in 0.05..2"),
+        (("fig5", "--load", "nan"), "nan N is neither 0 nor in 0.05..2"),
+        (("table1", "--load", "0.5"), "--load is for fig5 and fig6"),
+        (("fig5", "--vibration-law", "lqr"), "'lqr' is not one of"),
+    ],
+)
+def test_a_law_or_a_load_that_there_is_not(arguments: tuple[str, ...], message: str) -> None:
+    result = CliRunner().invoke(main, ["reproduce", *arguments])
+    assert result.exit_code == 2
+    assert message in result.output
+
+
 def test_reproduce_shows_a_table_and_keeps_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

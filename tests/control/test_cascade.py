@@ -1,6 +1,7 @@
 import math
 import random
 import statistics
+from dataclasses import replace
 
 import pytest
 from first_order_plate import Finger, FirstOrderPlate, gauges, setpoint
@@ -10,10 +11,11 @@ from hypothesis import strategies as st
 from smarttac_can.control.cascade import Cascade, Limit
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Measurement
 
 REGULATING = (Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+LAWS = list(VibrationLaw)
 LIMITS = CascadeParameters(V_max=40.0, W_max=2e-6, f_min=43000.0, f_max=43800.0)
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
@@ -55,8 +57,9 @@ def run(cascade, plate, target, ticks, forces=None):
     )
 )
 @settings(max_examples=150)
-def test_no_drive_leaves_the_limits_whatever_comes_in(ticks):
-    cascade = Cascade(LIMITS)
+@pytest.mark.parametrize("law", LAWS)
+def test_no_drive_leaves_the_limits_whatever_comes_in(law, ticks):
+    cascade = Cascade(replace(LIMITS, vibration_law=law, dead_time=540e-6))
     for mode, measurement, target in ticks:
         cascade.set_mode(mode)
         drive = cascade.update(measurement, target)
@@ -71,8 +74,9 @@ def test_no_drive_leaves_the_limits_whatever_comes_in(ticks):
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e200])
 @pytest.mark.parametrize("where", range(8))
 @pytest.mark.parametrize("mode", [Mode.OPEN_LOOP, *REGULATING, Mode.IDENTIFY])
-def test_a_bad_measurement_turns_the_drive_off(mode, where, bad):
-    cascade, plate = Cascade(), FirstOrderPlate()
+@pytest.mark.parametrize("law", LAWS)
+def test_a_bad_measurement_turns_the_drive_off(law, mode, where, bad):
+    cascade, plate = Cascade(CascadeParameters(vibration_law=law)), FirstOrderPlate()
     cascade.set_mode(mode)
     run(cascade, plate, setpoint(voltage=20.0), 10)
     numbers = [1e-6, 0.0, *gauges(Fn=0.5)]
@@ -108,6 +112,19 @@ def test_a_controller_that_fails_inside_turns_the_drive_off():
     cascade._amplitude_loop.pi.Kp = math.nan
     assert cascade.update(plate.measure(), setpoint()).voltage == 0.0
     assert (cascade.mode, cascade.reason) == (Mode.OFF, "drive is not finite")
+
+
+@pytest.mark.parametrize("doubt", [{"kappa": math.nan}, {"rate": math.inf}, {"w0": math.nan}])
+def test_a_belief_that_is_no_number_turns_off_or_gives_the_model_back(doubt):
+    law = CascadeParameters(vibration_law=VibrationLaw.PREDICTIVE)
+    cascade, plate = Cascade(law), FirstOrderPlate()
+    cascade.set_mode(Mode.AMPLITUDE)
+    run(cascade, plate, setpoint(), 20)
+    predictive = cascade._predictive
+    predictive.belief = predictive.belief._replace(**doubt)
+    drives = run(cascade, plate, setpoint(), 30)
+    assert all(0.0 <= drive.voltage <= 150.0 for drive in drives)
+    assert cascade.mode is Mode.OFF or abs(plate.W) == pytest.approx(1e-6, rel=0.02)
 
 
 def test_the_reason_lasts_until_another_mode_is_chosen():
@@ -235,6 +252,23 @@ def test_configure_is_bumpless_and_takes_effect():
     assert errors[3] / errors[2] == pytest.approx(0.6, abs=0.01)
     run(cascade, plate, setpoint(amplitude=3e-6), 50)
     assert cascade.drive.voltage == 25.0
+
+
+@pytest.mark.parametrize("gain", [0.8, 1.0, 1.2])
+@pytest.mark.parametrize(
+    ("before", "after"), [(one, other) for one in LAWS for other in LAWS if one is not other]
+)
+def test_another_law_takes_over_without_a_bump(before, after, gain):
+    """Also on a plate whose gain is not the model's: neither law was ever told."""
+    plate = FirstOrderPlate(PlateModel(gain=50e-9 * gain), dead_time=540e-6)
+    cascade = Cascade(CascadeParameters(vibration_law=before, dead_time=540e-6))
+    cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+    old = run(cascade, plate, setpoint(), 200)[-1]
+    cascade.configure(CascadeParameters(vibration_law=after, dead_time=540e-6))
+    new = run(cascade, plate, setpoint(), 60)
+    assert cascade.mode is Mode.AMPLITUDE_RESONANCE
+    assert [drive.voltage for drive in new] == pytest.approx([old.voltage] * 60, rel=2e-3)
+    assert [drive.frequency for drive in new] == pytest.approx([old.frequency] * 60, abs=0.5)
 
 
 def test_configure_ends_an_identification():
@@ -400,6 +434,7 @@ def test_two_runs_are_the_same_bits():
         ({"amplitude_pole": 1.2}, r"amplitude_pole 1\.2 is outside 0\.\.0\.95"),
         ({"resonance_pole": -0.1}, r"resonance_pole -0\.1 is outside 0\.\.0\.95"),
         ({"law": 3}, "3 is not a valid Law"),
+        ({"vibration_law": 3}, "3 is not a valid VibrationLaw"),
         ({"contact_force": 0.0}, r"contact_force 0 is outside 0\.01\.\.10"),
         ({"V_max": math.nan}, r"V_max nan is outside 0\.\.500"),
         ({"f_min": 43900.0, "f_max": 43800.0}, r"f_max 43800 is outside 43900\.\.1e\+06"),

@@ -129,7 +129,9 @@ def test_a_plate_node_of_another_make_does_not_lift_the_caps_of_the_stimulator()
         StimulatorNode(od, plate_node_id=33)
 
 
-@pytest.mark.parametrize(("name", "high"), [("Mode", 5), ("Friction law", 2)])
+@pytest.mark.parametrize(
+    ("name", "high"), [("Mode", 5), ("Friction law", 2), ("Controller.Vibration law", 2)]
+)
 def test_a_mode_or_law_that_there_is_not_is_refused(name: str, high: int) -> None:
     od = load_eds(STIMULATOR, 32)
     od[name].high = high

@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from smarttac_can.cli import main
@@ -10,6 +11,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.eds import load_eds
+from smarttac_can.vocabulary.modes import VibrationLaw
 
 SAVE = int.from_bytes(b"save", "little")
 
@@ -36,6 +38,21 @@ def test_controller_parameters_are_kept() -> None:
     again.start()
     assert again.od["Controller.Amplitude pole"].value == 300
     assert again.od["Setpoint.Amplitude"].value == 0, "a set-point is no parameter"
+
+
+def test_the_law_of_the_vibration_and_the_load_are_kept() -> None:
+    memory = Memory()
+    node = stimulator(memory)
+    node.start()
+    node.od["Controller.Vibration law"].value = 2
+    node.od["Model.Load"].value = 1040
+    node.od["Model.Temperature"].value = 3000
+    save(node, 0x20)
+    again = stimulator(memory)
+    again.start()
+    assert again.block.cascade.parameters.vibration_law is VibrationLaw.PREDICTIVE
+    assert again.block.cascade.model.load == pytest.approx(1.04)
+    assert again.block.cascade.model.temperature == pytest.approx(30.0)
 
 
 def test_links_to_a_plate_node_end_with_the_plate_node() -> None:

@@ -12,7 +12,7 @@ from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, friction_step, reproduce
-from smarttac_can.vocabulary.modes import Law
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 SEEDS = range(1, 12)
 BANDS = {item.key: (item.low, item.high) for item in PUBLISHED if item.low is not None}
@@ -86,6 +86,48 @@ def test_dead_time_is_recorded_beside() -> None:
     table = dead_time_table(results("fig5", 1), late)
     assert "dead time 0 us" in table
     assert f"dead time {dead_time:.0f} us" in table
+
+
+BUS_US = 540.0
+
+
+@pytest.mark.parametrize("seed", range(1, 31))
+def test_the_predictive_law_over_a_bus(seed: int) -> None:
+    conditions = Conditions(seed=seed, dead_time=BUS_US, vibration_law=VibrationLaw.PREDICTIVE)
+    _, measured = reproduce(frozenset({"fig5"}), conditions)
+    assert measured["vibration_law"] == "predictive"
+    for loops in ("amplitude_only", "amplitude_and_frequency"):
+        assert value(measured, f"fig5.{loops}.response_time_ms") <= 2.5
+        assert value(measured, f"fig5.{loops}.overshoot_percent") <= 3.0
+        assert measured["fig5"][loops]["step"]["settling_time_ms"] is None
+
+
+@pytest.mark.parametrize("load", [0.5, 1.0])
+@pytest.mark.parametrize(
+    ("law", "least", "most"),
+    [
+        (VibrationLaw.PI, 11.0, 25.0),
+        (VibrationLaw.SCHEDULED, 3.0, 7.0),
+        (VibrationLaw.PREDICTIVE, 1.5, 3.0),
+    ],
+)
+def test_a_step_under_a_finger(law: VibrationLaw, least: float, most: float, load: float) -> None:
+    conditions = Conditions(dead_time=BUS_US, vibration_law=law, load=load)
+    _, measured = reproduce(frozenset({"fig5"}), conditions)
+    assert measured["load_n"] == load
+    for loops in ("amplitude_only", "amplitude_and_frequency"):
+        assert least < value(measured, f"fig5.{loops}.step.settling_time_ms") < most
+        assert value(measured, f"fig5.{loops}.step.overshoot_percent") < 3.0
+
+
+def test_the_paper_s_law_is_the_default() -> None:
+    assert Conditions().vibration_law is VibrationLaw.PI
+    assert (
+        results("fig5", 1)["trace_sha256"]
+        == reproduce(frozenset({"fig5"}), Conditions(vibration_law=VibrationLaw.PI))[1][
+            "trace_sha256"
+        ]
+    )
 
 
 @pytest.mark.parametrize("law", list(Law))

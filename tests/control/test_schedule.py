@@ -1,0 +1,62 @@
+import math
+
+import pytest
+from first_order_plate import FirstOrderPlate, gauges, setpoint
+
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.design import amplitude_pi, resonance_pi
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.pi import PI
+from smarttac_can.control.schedule import Schedule
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Mode, VibrationLaw
+
+MODEL = PlateModel(gain=50e-9, tau=0.944e-3, f0=43390.0, load=1.0)
+
+
+def tuned(Fn, dead_time=0.0, model=MODEL):
+    amplitude, resonance = PI(1.0, 0.5), PI(1.0, 0.5)
+    Schedule(model, 0.2, 0.3, dead_time).tune(Fn, amplitude, resonance)
+    return amplitude, resonance
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 540e-6])
+def test_without_a_finger_they_are_the_gains_of_the_bare_plate(dead_time):
+    for Fn in (0.0, -0.2):
+        amplitude, resonance = tuned(Fn, dead_time)
+        bare = amplitude_pi(MODEL, 0.2, dead_time), resonance_pi(MODEL, 0.3, dead_time)
+        assert (amplitude.Kp, amplitude.a) == (bare[0].Kp, bare[0].a)
+        assert (resonance.Kp, resonance.a) == (bare[1].Kp, bare[1].a)
+
+
+def test_the_zero_goes_with_the_damping_and_the_gain_with_the_time_constant():
+    for Fn, tau in ((0.5, 0.944e-3 / 2.0), (1.0, 0.944e-3 / (1.0 + 2.0 ** (2 / 3)))):
+        amplitude, resonance = tuned(Fn)
+        a = math.exp(-1e-3 / tau)
+        assert amplitude.a == resonance.a == pytest.approx(a, rel=1e-9)
+        gain = 50e-9 * tau / 0.944e-3
+        assert pytest.approx(0.8 / (gain * (1 - a)), rel=1e-9) == amplitude.Kp
+        assert pytest.approx(0.7 / (-2 * math.pi * tau * (1 - a)), rel=1e-9) == resonance.Kp
+
+
+def test_neighbouring_forces_share_a_design_and_any_force_has_one():
+    assert tuned(0.50)[0].Kp == tuned(0.52)[0].Kp != tuned(0.56)[0].Kp
+    assert tuned(1e9)[0].Kp == tuned(3.0)[0].Kp
+    heavy = PlateModel(gain=1e-9, tau=2e-4, f0=43390.0, load=5.0)
+    assert math.isfinite(tuned(3.0, 999e-6, heavy)[0].Kp)
+
+
+@pytest.mark.parametrize(("Fn", "damped"), [(0.5, 2.0), (1.0, 1.0 + 2.0 ** (2 / 3))])
+def test_under_a_finger_the_error_shrinks_to_the_pole_each_tick(Fn, damped):
+    loaded = PlateModel(gain=50e-9 / damped, tau=0.944e-3 / damped)
+    cascade = Cascade(CascadeParameters(vibration_law=VibrationLaw.SCHEDULED), MODEL)
+    plate = FirstOrderPlate(loaded)
+    cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+    errors = []
+    for tick in range(60):
+        W_ref = 1e-6 if tick < 50 else 1.5e-6
+        drive = cascade.update(plate.measure(gauges(Fn=Fn)), setpoint(amplitude=W_ref))
+        errors.append(W_ref - abs(plate.W))
+        plate.step(drive)
+    assert errors[51] / errors[50] == pytest.approx(0.2, abs=0.01)
+    assert errors[52] / errors[51] == pytest.approx(0.2, abs=0.01)

@@ -1,0 +1,74 @@
+"""The laws of the vibration in the node: changed while running, and no alarm without a cause."""
+
+import random
+from collections.abc import Iterator
+
+import pytest
+
+from smarttac_can.bench import Mode, State, Stimulator, VibrationLaw
+
+LAWS = list(VibrationLaw)
+
+
+@pytest.fixture
+def bench() -> Iterator[Stimulator]:
+    with Stimulator.simulate("local") as bench:
+        yield bench
+
+
+def begin(bench: Stimulator, seed: int, dead_time: float, told: float) -> None:
+    """Start a run with a finger of this seed, or without one, somewhere warm or cold."""
+    draw = random.Random(seed)
+    if seed % 4 == 0:
+        bench.finger.lift()
+    else:
+        bench.finger.stroke(
+            1 + seed % 5,
+            force=draw.choice([0.1, 0.5, 1.0, 2.0]),
+            speed=draw.uniform(20.0, 200.0),
+            force_variation=0.5,
+            speed_variation=0.5,
+        )
+    room = draw.uniform(10.0, 40.0)
+    bench.finger.surroundings(seed=seed, temperature=room, dead_time=dead_time)
+    bench.set("Controller.Dead time", told)
+    bench.start_run()
+    bench.tare()
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("dead_time", "told"), [(0.0, 0.0), (540.0, 540.0), (702.0, 540.0)])
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_no_watchdog_trips_without_a_cause(
+    bench: Stimulator, law: VibrationLaw, seed: int, dead_time: float, told: float
+) -> None:
+    """A fault ends a run with an error."""
+    bench.vibration_law = law
+    begin(bench, seed, dead_time, told)
+    draw = random.Random(seed + 100)
+    for mode in (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.AMPLITUDE, Mode.FRICTION):
+        for _ in range(6):
+            bench.amplitude = draw.choice([0.0, 0.05, 0.1, 0.5, 1.0, 1.5, 2.0, 2.4])
+            bench.cof = (draw.uniform(0.2, 0.6), draw.uniform(0.2, 0.6))
+            bench.mode = mode
+            bench.run(draw.choice([0.03, 0.1, 0.3]))
+            assert bench.state is State.RUNNING
+
+
+def test_the_law_changes_while_it_runs_and_the_plate_does_not_notice(bench: Stimulator) -> None:
+    begin(bench, 1, 540.0, 540.0)
+    bench.amplitude = 1.0
+    bench.mode = Mode.AMPLITUDE_RESONANCE
+    bench.run(0.5)
+    for law in (*LAWS, *reversed(LAWS)):
+        bench.vibration_law = law
+        assert bench.vibration_law is law
+        trace = bench.run(0.1)
+        # A finger slides: what is left is what it does.
+        assert abs(trace.amplitude_um - 1.0).max() < 0.03
+    assert bench.state is State.RUNNING
+
+
+def test_a_law_that_there_is_not_is_refused(bench: Stimulator) -> None:
+    with pytest.raises(ValueError, match="^vibration law 'lqr' is none of pi, scheduled, pred"):
+        bench.vibration_law = "lqr"
