@@ -70,5 +70,5 @@ def test_the_law_changes_while_it_runs_and_the_plate_does_not_notice(bench: Stim
 
 
 def test_a_law_that_there_is_not_is_refused(bench: Stimulator) -> None:
-    with pytest.raises(ValueError, match="^vibration law 'lqr' is none of pi, scheduled, pred"):
+    with pytest.raises(ValueError, match=r"^vibration law 'lqr' is none of pi, scheduled, pred"):
         bench.vibration_law = "lqr"
