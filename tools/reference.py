@@ -18,7 +18,7 @@ from smarttac_can.host.eds_files import read_eds
 from smarttac_can.od import cia
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import LEGEND, object_reference, table
-from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
@@ -45,6 +45,7 @@ def objects() -> str:
             ("Object", "Values"),
             ("Mode, Mode display", _members(Mode)),
             ("Friction law", _members(Law)),
+            ("Controller.Vibration law", _members(VibrationLaw)),
             (
                 "Statusword, bits",
                 ", ".join(

@@ -1,0 +1,319 @@
+"""Compare the laws of the vibration and write docs/explanation/vibration.md; by hand, minutes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.paper.dead_time import loop_dead_time
+from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.reproduce import reproduce
+from smarttac_can.plant.finger import FingerState
+from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters
+from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.resonator import Resonator
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Mode, VibrationLaw
+from smarttac_can.vocabulary.signals import Drive, Measurement, Setpoint
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt  # after the choice of its back end
+
+FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"
+TEMPLATE = Path(__file__).with_suffix(".md")
+BUS = 540e-6
+LOOPS = {"both loops": Mode.AMPLITUDE_RESONANCE, "alone": Mode.AMPLITUDE}
+WARM = 43_250.0
+PI, SCHEDULED, PREDICTIVE = VibrationLaw
+
+
+class Press:
+    """A finger that comes down on the middle of the plate after the tare."""
+
+    def __init__(self, Fn: float) -> None:
+        self.Fn = Fn
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s."""
+        return FingerState(0.0, self.Fn * min(1.0, max(0.0, (time - 0.08) / 0.02)))
+
+
+class Watched(Resonator):
+    """The mode, with the largest vibration at any sub-step."""
+
+    peak = 0.0
+
+    def steps(self, count: int) -> list[complex]:
+        """Advance, and look."""
+        way = super().steps(count)
+        self.peak = max([self.peak, *map(abs, way)])
+        return way
+
+
+class WatchedPlate(Plate):
+    """The plate, with the largest vibration at any instant."""
+
+    def __init__(self, parameters: PlateParameters, *rest: Any, **more: Any) -> None:
+        super().__init__(parameters, *rest, **more)
+        self._resonator: Watched = Watched(parameters.resonator.mass)
+
+    @property
+    def peak(self) -> float:
+        """Largest vibration in m since it was set to 0."""
+        return self._resonator.peak
+
+    @peak.setter
+    def peak(self, peak: float) -> None:
+        self._resonator.peak = peak
+
+
+class Rig:
+    """Plate, finger and controllers at rest, tared."""
+
+    def __init__(
+        self,
+        law: VibrationLaw,
+        dead_time: float,
+        *,
+        told: float | None = None,
+        Fn: float = 0.0,
+        subject: int = 0,
+        seed: int = 1,
+        wrong: tuple[float, float, float] = (1.0, 1.0, 0.0),
+    ) -> None:
+        gain, tau, off = wrong
+        true = ResonatorParameters(gain=50e-9 * gain, tau=PlateModel().tau * tau, f0=43_390.0 + off)
+        self.plate = WatchedPlate(
+            PlateParameters(resonator=true),
+            SUBJECTS[subject],
+            Press(Fn),
+            seed=seed,
+            dead_time=dead_time,
+        )
+        told = dead_time if told is None else told
+        self.cascade = Cascade(CascadeParameters(vibration_law=law, dead_time=told))
+        self.old = Drive(0.0, WARM)
+        self.voltages: list[float] = []
+        self.run(70, 0.0, Mode.OFF)
+        self.cascade.tribometer.tare()
+        self.run(60, 0.0, Mode.OFF)
+
+    def run(self, ticks: int, W_ref: float, mode: Mode) -> np.ndarray[Any, Any]:
+        """Return the true amplitude in m at each tick."""
+        self.cascade.set_mode(mode)
+        self.plate.peak, self.voltages = 0.0, []
+        W = []
+        target = Setpoint(0.0, WARM, W_ref, 0.3, 0.4, 0.0)
+        for _ in range(ticks):
+            W.append(abs(self.plate.W))
+            drive = self.cascade.update(self.plate.sample(), target)
+            self.plate.step(self.old, drive)
+            self.old = drive
+            self.voltages.append(drive.voltage)
+        return np.array(W)
+
+
+def settled(W: np.ndarray[Any, Any], reference: float, band: float) -> float:
+    """Return the last entry into the band in ms, NaN if there is none."""
+    outside = np.abs(W - reference) > band
+    if outside[-1]:
+        return float("nan")
+    if not outside.any():
+        return 0.0
+    last = int(np.flatnonzero(outside)[-1])
+    edge = reference + (band if W[last] > reference else -band)
+    return last + float((edge - W[last]) / (W[last + 1] - W[last]))
+
+
+def steps(law: VibrationLaw, dead_time: float, mode: Mode, **rig: Any) -> list[float]:
+    """From rest to 1 um, then to 1.5: times in ms to 5 % of the step, overshoots in %."""
+    bench, found, last = Rig(law, dead_time, **rig), [], 0.0
+    for W_ref in (1e-6, 1.5e-6):
+        W = bench.run(80, W_ref, mode)
+        found += [settled(W, W_ref, 0.05 * (W_ref - last))]
+        found += [100.0 * max(0.0, bench.plate.peak - W_ref) / (W_ref - last)]
+        last = W_ref
+    return found
+
+
+def table(head: str, rows: Iterable[Sequence[str]]) -> str:
+    """Return a table; the head gives its columns, divided by |."""
+    columns = head.split("|")
+    lines = [f"| {head.replace('|', ' | ')} |", "|" + "---|" * len(columns)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
+
+
+def cell(time: float, overshoot: float) -> str:
+    """Return a time in ms and an overshoot in %."""
+    return f"{time:.1f}; {overshoot:.0f}"
+
+
+def loads_table() -> str:
+    """Settling of each law without and with a finger, means over the five subjects."""
+    rows = []
+    for law in VibrationLaw:
+        for dead_time in (0.0, BUS):
+            row = [law.name.lower(), f"{1e6 * dead_time:.0f}"]
+            for Fn in (0.0, 0.5, 1.0):
+                for mode in LOOPS.values():
+                    runs = [
+                        steps(law, dead_time, mode, Fn=Fn, subject=k, seed=k + 1) for k in range(5)
+                    ]
+                    row.append(" / ".join(f"{t:.1f}" for t in np.mean(runs, axis=0)[::2]))
+            rows.append(row)
+    head = "law|dead time|" + "|".join(f"{Fn} N, {x}" for Fn in ("0", "0.5", "1") for x in LOOPS)
+    return table(head, rows)
+
+
+def wrong_table() -> str:
+    """Draw 300 plates that are not the model's."""
+    rows = []
+    for law in VibrationLaw:
+        for dead_time in (0.0, BUS, 950e-6):
+            row = [law.name.lower(), f"{1e6 * dead_time:.0f}"]
+            for mode in LOOPS.values():
+                draw = np.random.default_rng(17)
+                runs = []
+                for seed in range(300):
+                    wrong = (*draw.uniform(0.8, 1.2, 2).tolist(), float(draw.uniform(-200, 200)))
+                    runs.append(steps(law, dead_time, mode, seed=seed, wrong=wrong)[:2])
+                times, overshoots = np.array(runs).T
+                times = np.nan_to_num(times, nan=80.0)
+                row += [
+                    " ".join(f"{np.percentile(times, q):.1f}" for q in (50, 95, 100)),
+                    " ".join(f"{np.percentile(overshoots, q):.0f}" for q in (50, 95, 100)),
+                ]
+            rows.append(row)
+    return table("law|dead time|both: ms|both: %|alone: ms|alone: %", rows)
+
+
+def told_table() -> str:
+    """Tell another dead time than the true one."""
+    rows = []
+    for told, trues in (
+        (BUS, (0, 270, 378, 486, 540, 594, 702, 810, 1000)),
+        (0.0, (100, 200, 540)),
+    ):
+        for true in trues:
+            runs = [
+                steps(law, 1e-6 * true, Mode.AMPLITUDE_RESONANCE, told=told, Fn=Fn)
+                for Fn in (0.0, 0.5)
+                for law in VibrationLaw
+            ]
+            cells = [cell(*run[:2]).replace("nan", "never") for run in runs]
+            rows.append([f"{1e6 * told:.0f}", f"{true}", *cells])
+    names = [law.name.lower() for law in VibrationLaw]
+    head = "told|true|" + "|".join(f"{n}, {Fn}" for Fn in ("bare", "0.5 N") for n in names)
+    return table(head, rows)
+
+
+def small_table() -> str:
+    """Small and large amplitudes, and what the noise of the pick-up does."""
+    rows = []
+    for law in VibrationLaw:
+        for W_ref in (0.05e-6, 0.1e-6, 0.3e-6, 1e-6, 2.5e-6):
+            bench = Rig(law, BUS)
+            W = bench.run(1000, W_ref, Mode.AMPLITUDE_RESONANCE)
+            over = 100.0 * max(0.0, bench.plate.peak / W_ref - 1.0)
+            rows.append(
+                [
+                    law.name.lower(),
+                    f"{1e6 * W_ref:g}",
+                    f"{settled(W, W_ref, 0.05 * W_ref):.1f}",
+                    f"{over:.1f}",
+                    f"{1e9 * W[200:].std():.2f}",
+                    f"{1e3 * np.std(bench.voltages[200:]):.0f}",
+                ]
+            )
+    return table("law|um|ms to 5 %|overshoot, %|std of W, nm|std of V, mV", rows)
+
+
+def friction_table() -> str:
+    """Table I with each law: the loop of the friction was designed around the slowest."""
+    rows = []
+    for law in VibrationLaw:
+        for dead_time in (0.0, BUS):
+            conditions = Conditions(vibration_law=law, dead_time=1e6 * dead_time)
+            mean = reproduce(frozenset({"table1"}), conditions)[1]["table1"]["mean"]
+            names = ("rise_time_ms", "overshoot_percent", "static_error_percent")
+            rows.append(
+                [law.name.lower(), f"{1e6 * dead_time:.0f}", *(f"{mean[n]:.1f}" for n in names)]
+            )
+    return table("law|dead time|rise, ms|overshoot, %|static error, %", rows)
+
+
+def cost_table() -> str:
+    """Time of an update on the same measurements, in one run, relative to `pi`."""
+    taken = dict.fromkeys(VibrationLaw, float("inf"))
+    benches = {law: Rig(law, BUS, Fn=0.5) for law in VibrationLaw}
+    target = Setpoint(0.0, WARM, 1e-6, 0.3, 0.4, 0.0)
+    seen: dict[VibrationLaw, list[Measurement]] = {}
+    for law, bench in benches.items():
+        bench.run(60, 1e-6, Mode.AMPLITUDE_RESONANCE)
+        seen[law] = []
+        for _ in range(500):
+            seen[law].append(bench.plate.sample())
+            drive = bench.cascade.update(seen[law][-1], target)
+            bench.plate.step(bench.old, drive)
+            bench.old = drive
+    for _ in range(9):
+        for law, bench in benches.items():
+            start = perf_counter()
+            for measurement in seen[law]:
+                bench.cascade.update(measurement, target)
+            taken[law] = min(taken[law], (perf_counter() - start) / len(seen[law]))
+    rows = [
+        [law.name.lower(), f"{1e6 * time:.1f} us", f"{time / taken[PI]:.1f}"]
+        for law, time in taken.items()
+    ]
+    return table("law|an update|over `pi`", rows)
+
+
+def figure() -> None:
+    """Draw 0 to 1 to 1.5 um under 0.5 N with the dead time of a bus."""
+    picture, axes = plt.subplots(2, 1, figsize=(8, 5), sharex=True, layout="constrained")
+    for law in VibrationLaw:
+        bench = Rig(law, BUS, Fn=0.5)
+        W, V = [], []
+        for W_ref in (1e-6, 1.5e-6):
+            W += [*bench.run(30, W_ref, Mode.AMPLITUDE_RESONANCE)]
+            V += bench.voltages
+        axes[0].plot(1e6 * np.array(W), label=law.name.lower())
+        axes[1].step(range(len(V)), V, where="post")
+    axes[0].legend()
+    axes[0].set_ylabel("amplitude, um")
+    axes[1].set_ylabel("voltage, V")
+    axes[1].set_xlabel("time, ms")
+    picture.savefig(FOLDER / "figures" / "laws.png", dpi=90)
+    plt.close(picture)
+
+
+def main() -> None:
+    """Run everything, fill the template, draw the figure."""
+    model = PlateModel()
+    fastest = -1e3 * model.tau * np.log(1.0 - 0.95e-6 / (model.gain * 150.0))
+    fields = {
+        "loads": loads_table(),
+        "wrong": wrong_table(),
+        "told": told_table(),
+        "small": small_table(),
+        "friction": friction_table(),
+        "cost": cost_table(),
+        "fastest": f"{fastest:.2f}",
+        "dead_time": f"{loop_dead_time(1_000_000):.0f}",
+    }
+    figure()
+    text = TEMPLATE.read_text(encoding="utf-8").format(**fields)
+    (FOLDER / "vibration.md").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
