@@ -5,7 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from smarttac_can.bench import Mode, State, Stimulator, VibrationLaw
+from smarttac_can.bench import FaultError, Mode, State, Stimulator, VibrationLaw
+from smarttac_can.vocabulary.faults import PICKUP, FaultKind
 
 LAWS = list(VibrationLaw)
 
@@ -72,3 +73,21 @@ def test_the_law_changes_while_it_runs_and_the_plate_does_not_notice(bench: Stim
 def test_a_law_that_there_is_not_is_refused(bench: Stimulator) -> None:
     with pytest.raises(ValueError, match=r"^vibration law 'lqr' is none of pi, scheduled, pred"):
         bench.vibration_law = "lqr"
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("per_mille", [100, 300])
+def test_a_pickup_that_reads_too_little_is_seen_whatever_the_law(
+    bench: Stimulator, law: VibrationLaw, per_mille: int
+) -> None:
+    """The watch looks at the drive: a law that learns cannot talk it out of it."""
+    bench.vibration_law = law
+    begin(bench, 1, 540.0, 540.0)
+    bench.amplitude = 1.0
+    bench.mode = Mode.AMPLITUDE_RESONANCE
+    bench.run(0.5)
+    bench.set("Fault.Sensor", PICKUP)
+    bench.set("Fault.Value", per_mille)
+    bench.set("Fault.Kind", FaultKind.GAIN)
+    with pytest.raises(FaultError):
+        bench.run(0.1)

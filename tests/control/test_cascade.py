@@ -318,6 +318,16 @@ def test_adopted_model_is_designed_for():
     assert abs(plate.W) == pytest.approx(0.96e-6)
 
 
+def test_what_is_identified_is_kept_with_its_temperature_and_the_load_that_was_known():
+    cascade, plate = Cascade(model=PlateModel(load=1.3)), FirstOrderPlate()
+    cascade.set_mode(Mode.IDENTIFY)
+    while cascade.mode is Mode.IDENTIFY:
+        measurement = plate.measure()._replace(temperature=31.5)
+        plate.step(cascade.update(measurement, setpoint()))
+    assert cascade.model.f0 == pytest.approx(43390.0, abs=1.0)
+    assert (cascade.model.temperature, cascade.model.load) == (31.5, 1.3)
+
+
 MU_REF = 0.42
 
 

@@ -10,10 +10,11 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control import cascade as cascade_module
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.settings import DESIGN, cascade_parameters, with_change
+from smarttac_can.nodes.settings import DESIGN, cascade_parameters, keep_model, with_change
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import Control
 
@@ -166,3 +167,11 @@ def test_the_watchdogs_follow_their_records_alone() -> None:
             block.write(name, raw)
             block.tick()
             assert configure.call_count == 1, name
+
+
+def test_an_identification_is_kept_with_its_temperature_and_leaves_the_load() -> None:
+    od = stimulator_od()
+    od["Model.Load"].value = 1300
+    model = PlateModel(51e-9, 0.9e-3, 43_250.0, load=1.3, temperature=29.987)
+    assert keep_model(od, model) == PlateModel(51e-9, 0.9e-3, 43_250.0, 1.3, 29.99)
+    assert (od["Model.Load"].value, od["Model.Temperature"].value) == (1300, 2999)
