@@ -25,8 +25,7 @@ from smarttac_can.control.belief import (
     fade,
     learn,
 )
-from smarttac_can.control.load import contact_load, decay_rate
-from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.model import PlateModel, contact_load
 from smarttac_can.vocabulary.signals import TICK, Contact, Drive
 
 LEAST_POLE: Final = 0.1
@@ -138,7 +137,7 @@ class PredictiveLoop:
         self._model = model
         self._dead_time = dead_time
         self._kappa = model.gain / model.tau
-        self._rate = decay_rate(model, 0.0)
+        self._rate = model.decay_rate(0.0)
         self._contact = 0.0
         self._temperature: float | None = None
         self._W = 0j
@@ -218,5 +217,5 @@ class PredictiveLoop:
         warmer = 0.0 if self._temperature is None else self._temperature - model.temperature
         pressing = contact_load(contact.Fn) if contact.touching else 0.0
         self._contact += _FORCE_SHARE * (pressing - self._contact)
-        self._rate = decay_rate(model, self._contact)
+        self._rate = model.decay_rate(self._contact)
         return PlateNow(self._kappa, self._rate, TWO_PI * (model.f0 + F0_SLOPE * warmer))

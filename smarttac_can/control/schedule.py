@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.control.design import amplitude_pi, resonance_pi
-from smarttac_can.control.load import contact_load, decay_rate
 from smarttac_can.control.pi import PI
-from smarttac_can.vocabulary.model import GAIN_MIN, TAU_MIN, PlateModel
+from smarttac_can.vocabulary.model import GAIN_MIN, TAU_MIN, PlateModel, contact_load
 
 STEP: Final = 0.05
 """Step of the table in N: a time constant of 3 % at 0.5 N."""
@@ -49,7 +48,7 @@ class Schedule:
         """Design both loops for a row when it is first asked for: all at once would be a cycle."""
         model = self._model
         amplitude_pole, resonance_pole, dead_time = self._placed
-        tau = max(1.0 / decay_rate(model, contact_load(STEP * row)), TAU_MIN)
+        tau = max(1.0 / model.decay_rate(contact_load(STEP * row)), TAU_MIN)
         loaded = PlateModel(max(model.gain * tau / model.tau, GAIN_MIN), tau, model.f0)
         amplitude = amplitude_pi(loaded, amplitude_pole, dead_time)
         resonance = resonance_pi(loaded, resonance_pole, dead_time)

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 _ROUNDING = 1e-15
+LOAD_FORCE: Final = 0.5
+"""Normal force in N at which the load of a model is stated."""
+_GROWTH: Final = 2.0 / 3.0
+"""A Hertz contact grows so with the force, and its damping with it."""
 GAIN_MIN = 1e-9
 """Least gain in m peak-to-peak per V that is controlled."""
 TAU_MIN = 1e-4
@@ -23,6 +28,11 @@ def require(name: str, value: float, low: float, high: float) -> None:
     # A bound that comes as an integer times a unit may miss itself by the last bit.
     if not low - _ROUNDING * abs(low) <= value <= high + _ROUNDING * abs(high):
         raise ValueError(f"{name} {value:g} is outside {low:g}..{high:g}")
+
+
+def contact_load(Fn: float) -> float:
+    """Return the contact at a normal force in N over that at 0.5 N; 0 without a force."""
+    return float((Fn / LOAD_FORCE) ** _GROWTH) if Fn > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,3 +67,29 @@ class PlateModel:
     def quality(self) -> float:
         """Quality factor ``Q = pi f0 tau``."""
         return math.pi * self.f0 * self.tau
+
+    def decay_rate(self, contact: float) -> float:
+        """Return 1/tau in 1/s under a contact of `contact_load`.
+
+        The gain goes with tau: ``kappa = K/tau``, the force of a volt over the mass, stays.
+        """
+        return (1.0 + self.load * contact) / self.tau
+
+    def load_of_press(self, V: float, W: complex, Fn: float) -> float:
+        """Return the load from one press in steady state.
+
+        Parameters
+        ----------
+        V
+            Voltage in V.
+        W
+            Vibration W_d + jW_q under the finger in m, of any detuning.
+        Fn
+            Normal force in N, above 0.
+
+        Notes
+        -----
+        The real part of ``kappa V/W = 1/tau + j (w - w0)``.
+        """
+        square = W.real * W.real + W.imag * W.imag
+        return (self.gain * V * W.real / square - 1.0) / contact_load(Fn)

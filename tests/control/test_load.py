@@ -3,8 +3,7 @@ import math
 
 import pytest
 
-from smarttac_can.control.load import contact_load, decay_rate, load_of_press
-from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.model import PlateModel, contact_load
 
 MODEL = PlateModel(gain=50e-9, tau=1e-3, f0=43390.0, load=0.8)
 
@@ -18,7 +17,7 @@ def test_a_contact_grows_with_two_thirds_of_the_force(Fn, contact):
 
 @pytest.mark.parametrize(("contact", "rate"), [(0.0, 1000.0), (1.0, 1800.0), (2.0, 2600.0)])
 def test_a_finger_adds_to_the_decay(contact, rate):
-    assert decay_rate(MODEL, contact) == pytest.approx(rate)
+    assert MODEL.decay_rate(contact) == pytest.approx(rate)
 
 
 @pytest.mark.parametrize("detuning", [0.0, 140.0, -90.0])
@@ -26,9 +25,9 @@ def test_a_finger_adds_to_the_decay(contact, rate):
 def test_one_press_tells_the_load(Fn, detuning):
     rate = 1000.0 * (1.0 + 0.8 * (Fn / 0.5) ** (2 / 3))
     W = 50e-9 / 1e-3 * 30.0 / complex(rate, 2 * math.pi * detuning)
-    assert load_of_press(MODEL, 30.0, W, Fn) == pytest.approx(0.8)
+    assert MODEL.load_of_press(30.0, W, Fn) == pytest.approx(0.8)
     # W is seen in the frame of the voltage: what turns it with the frame would be an error.
-    assert load_of_press(MODEL, 30.0, W * cmath.rect(1.0, 0.3), Fn) != pytest.approx(0.8)
+    assert MODEL.load_of_press(30.0, W * cmath.rect(1.0, 0.3), Fn) != pytest.approx(0.8)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.load import load_of_press
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.plant.finger import FingerState
 from smarttac_can.plant.parameters import PlateParameters
@@ -79,7 +78,7 @@ def pressed(subject):
     rig = Rig(PI, Press(0.5), 0.0, subject)
     rig.run(100, 1e-6)
     W = rig.plate.sample().W
-    load = load_of_press(PlateModel(), rig.old.voltage, W, rig.cascade.contact.Fn)
+    load = PlateModel().load_of_press(rig.old.voltage, W, rig.cascade.contact.Fn)
     return PlateModel(load=load)
 
 
