@@ -172,6 +172,6 @@ def test_the_watchdogs_follow_their_records_alone() -> None:
 def test_an_identification_is_kept_with_its_temperature_and_leaves_the_load() -> None:
     od = stimulator_od()
     od["Model.Load"].value = 1300
-    model = PlateModel(51e-9, 0.9e-3, 43_250.0, load=1.3, temperature=29.987)
-    assert keep_model(od, model) == PlateModel(51e-9, 0.9e-3, 43_250.0, 1.3, 29.99)
-    assert (od["Model.Load"].value, od["Model.Temperature"].value) == (1300, 2999)
+    model = PlateModel(51e-9, 0.9e-3, 43_250.0, load=1.3, temperature=29.503)
+    assert keep_model(od, model) == PlateModel(51e-9, 0.9e-3, 43_250.0, 1.3, 29.5)
+    assert (od["Model.Load"].value, od["Model.Temperature"].value) == (1300, 2950)
