@@ -164,7 +164,7 @@ def test_table_text_is_plain_and_aligned():
     assert row.split()[-6:] == ["%", "30", "28", "to", "32", "inside"]
     end = lines[0].index("paper") + len("paper")
     assert row[:end].endswith(" 30")
-    assert "seed 7, law measured, link bus, dead time 450 us, version 0.3" in text
+    assert "seed 7, law measured, vibration law pi, link bus, dead time 450 us, version 0.3" in text
     assert "missing" not in text
 
 
