@@ -30,7 +30,7 @@ _READY_CYCLES: Final = 100
 """What the tare at power-on takes, and some lost cycles."""
 _CONTROLWORD: Final = "Controlword"
 _IDENTIFY_CYCLES: Final = 100
-_IDENTIFY_LIMIT: Final = 50
+_IDENTIFY_LIMIT: Final = 100
 _LEAST_RECORDED: Final = 0.5
 
 
@@ -387,7 +387,7 @@ class Stimulator(SetPoints):
         if found != IdentificationState.DONE:
             raise BenchError(
                 f"the plate could not be identified ({self.message or 'no end in sight'}): lift "
-                "the finger, tare, and set the frequency within 300 Hz of the resonance"
+                "the finger, tare, and see that the limits of the frequency hold the resonance"
             )
         return PlateModel(
             gain=self.get("Model.Gain per volt", "m"),

@@ -349,7 +349,7 @@ class Cascade:
             self.mu_ref = self.E = 0.0
         if self.mode is Mode.IDENTIFY:
             self.W_ref = 0.0
-            self.identification = Identification(f_set, p.V_max, p.f_min, p.f_max)
+            self.identification = Identification(self._model, f_set, p.V_max, p.f_min, p.f_max)
 
     def _turn_off(self, reason: str) -> Drive:
         if self.mode is Mode.IDENTIFY and self.identification is not None:

@@ -4,12 +4,15 @@ In the frame of the drive the plate is one complex first-order lag (eq. 6 and 7)
 follow from it, are linear, and know nothing of the phase or size of W beforehand:
 
 * After a voltage step, at constant drive, ``W[k+1] = A W[k] + c`` with
-  ``A = exp(-(1/tau + j dw) Ts)``: modulus and argument of A give tau and the detuning, which is
-  unambiguous within +-500 Hz. Neither an offset of the pick-up nor a dead time disturbs A.
+  ``A = exp(-(1/tau + j dw) Ts)``: modulus and argument of A give tau and the detuning, but for
+  multiples of 1 kHz. Neither an offset of the pick-up nor a dead time disturbs A. Which multiple
+  it is, the steady state tells: ``dw_c = -(W_q/W_d)/tau``.
 * In steady state ``V/W = (1 + j tau (w - w0))/gain``: a straight line over w, whose real part is
   1/gain, whose slope tau/gain and whose zero w0.
 
-The step finds where and how to sweep; the sweep gives the model.
+The steps find where and how to sweep, from wherever they start; the sweep gives the model. A finger
+changes gain and tau by the same factor: ``kappa = gain/tau`` of a plate stays. A model of the known
+kappa with a smaller tau is a loaded plate, also when a tare hides the finger from the gauges.
 """
 
 from __future__ import annotations
@@ -24,8 +27,16 @@ from smarttac_can.vocabulary.states import IdentificationState
 
 W_CEILING = 1.5e-6
 """Amplitude in m at which identification gives up; it aims well below."""
+NOISE = 10e-9
+"""Noise of the pick-up in m, each axis, from which measuring takes longer in proportion."""
+NOISE_MAX = 50e-9
+"""Noise in m that hides the plate."""
 W_PROBE = 0.15e-6
 """Amplitude in m that is enough for the steps."""
+OUT_OF_NOISE = 15.0
+"""Amplitude that is enough for the steps, in standard deviations of the pick-up's noise."""
+LEAST_OUT_OF_NOISE = 5.0
+"""The same where V_max gives no more."""
 W_SWEEP = 0.8e-6
 """Amplitude in m aimed at in the middle of the sweep."""
 REST_TICKS = 80
@@ -34,6 +45,14 @@ PROBE_TICKS = 12
 PROBE_LEVELS = 10
 STEP_TICKS = 24
 STEP_PAIRS = 4
+NOISE_SHARE = 0.05
+"""Share of noise in the squares of the steps from which it counts in both variables."""
+PHASE_MAX = 1.55
+"""Bound of the phase of W in rad: W_d is noise beyond it."""
+NEAR = 300.0
+"""Distance in Hz from where the steps were made to the resonance that they find, beyond which they
+are made again there."""
+APPROACHES = 6
 A_MIN = 1e-5
 A_MAX = math.exp(-TICK / 1e-2)
 """Bounds of abs(A): lags of 0.09 ms, far too short for the tick, and of 10 ms."""
@@ -41,11 +60,22 @@ SWEEP_POINTS = 17
 SWEEP_SETTLING = 7.0
 """Ticks between two frequencies, in time constants."""
 SWEEP_TICKS = 12
+SWEEPS = 4
+SAME = 1.25
+"""Ratio of the tau that a sweep finds to the one it was laid out for, up to which it counts."""
 RESIDUAL_MAX = 0.05
-"""Largest relative deviation of the sweep from the model that is taken for a resonance."""
+"""Largest relative deviation of the sweep from the model, beyond that of the noise, that is taken
+for a resonance."""
+RESIDUAL_NOISE = 5.0
+"""Standard deviations of a point of the sweep that are taken for noise."""
+LOAD_KAPPA = 0.1
+"""Largest relative difference of kappa that is taken for the same plate."""
+LOAD_TAU = 0.9
+"""Share of the known tau below which the same plate is loaded."""
 
 Procedure = Generator[Drive, complex, PlateModel]
 Samples = Generator[Drive, complex, list[complex]]
+Sweep = Generator[Drive, complex, list[tuple[float, complex]]]
 
 
 class IdentificationError(Exception):
@@ -55,10 +85,14 @@ class IdentificationError(Exception):
 class Identification:
     """Identification of the unloaded plate, one tick at a time; 0.7 s at tau = 1 ms.
 
+    A start further off than 300 Hz takes some 0.4 s more.
+
     Parameters
     ----------
+    known
+        The plate as it is known so far: of the same kappa and a smaller tau it would be loaded.
     frequency
-        Where to start in Hz; the resonance may be up to 300 Hz away.
+        Where to start in Hz; the resonance may be anywhere within the limits.
     V_max
         Largest voltage in V; the voltages used follow from the response.
     f_min, f_max
@@ -67,7 +101,9 @@ class Identification:
 
     __slots__ = ("_procedure", "_started", "failure", "model", "progress", "state")
 
-    def __init__(self, frequency: float, V_max: float, f_min: float, f_max: float) -> None:
+    def __init__(
+        self, known: PlateModel, frequency: float, V_max: float, f_min: float, f_max: float
+    ) -> None:
         self.state = IdentificationState.RUNNING
         self.model: PlateModel | None = None
         """The plate, once the state is DONE."""
@@ -77,7 +113,7 @@ class Identification:
         """Fraction of the procedure that is over, 0..1; 1 when it ended, however."""
         self._started = False
         start = min(max(frequency, f_min), f_max)
-        self._procedure = self._identify(start, V_max, f_min, f_max)
+        self._procedure = self._identify(known, start, V_max, (f_min, f_max))
 
     def update(self, W: complex) -> Drive | None:
         """Take the vibration of this tick and return its drive; None once it is over."""
@@ -106,27 +142,60 @@ class Identification:
         self.progress = 1.0
         self._procedure.close()
 
-    def _identify(self, start: float, V_max: float, f_min: float, f_max: float) -> Procedure:
+    def _identify(
+        self, known: PlateModel, start: float, V_max: float, limits: tuple[float, float]
+    ) -> Procedure:
+        f_min, f_max = limits
         for _ in range(REST_TICKS):
             yield Drive(0.0, start)
-        offset = _mean((yield from _hold(0.0, start, OFFSET_TICKS)))
+        rest = yield from _hold(0.0, start, OFFSET_TICKS)
+        offset, noise = _mean(rest), _deviation(rest)
+        if noise > NOISE_MAX:
+            raise IdentificationError(
+                f"noise of {noise * 1e9:.0f} nm at rest is above {NOISE_MAX * 1e9:g} nm"
+            )
+        patience = math.ceil(max(noise / NOISE, 1.0))
         self.progress = 0.1
-        V = yield from _probe(V_max, start, offset)
-        self.progress = 0.2
-        tau, f0, gain = yield from _steps(V, start, offset)
-        if not f_min <= f0 <= f_max:
-            raise IdentificationError(f"resonance {f0:.0f} Hz is outside {f_min:.0f}..{f_max:.0f}")
-        half = 0.5 / (math.pi * tau)
-        low, high = max(f0 - half, f_min), min(f0 + half, f_max)
-        V = min(W_SWEEP / gain, V_max)
-        settling = math.ceil(SWEEP_SETTLING * tau / TICK)
+        f = start
+        for _ in range(APPROACHES):
+            V = yield from _probe(V_max, f, offset, noise)
+            self.progress = 0.2
+            tau, f0, gain = yield from _steps(V, f, offset, noise, patience * STEP_PAIRS)
+            nearest = min(max(f0, f_min), f_max)
+            if abs(nearest - f) <= NEAR:
+                break
+            f = nearest
+            yield from _hold(0.0, f, REST_TICKS)
+        ticks = patience * SWEEP_TICKS
+        for _ in range(SWEEPS):
+            half = 0.5 / (math.pi * tau)
+            middle = min(max(f0, f_min), f_max)
+            low, high = max(middle - half, f_min), min(middle + half, f_max)
+            if low == high:
+                raise IdentificationError(f"limits {low:.0f}..{high:.0f} Hz leave nothing to sweep")
+            V = min(W_SWEEP / gain, V_max)
+            settling = math.ceil(SWEEP_SETTLING * tau / TICK)
+            points = yield from self._sweep(V, low, high, settling, ticks)
+            points = [(f, W - offset) for f, W in points]
+            model = _fit_sweep(V, points, noise / math.sqrt(ticks))
+            fits = low <= model.f0 <= high and 1.0 / SAME <= model.tau / tau <= SAME
+            tau, f0, gain = model.tau, model.f0, model.gain
+            if fits:
+                _require_unloaded(model, known)
+                return model
+        if f_min <= f0 <= f_max:
+            raise IdentificationError(f"no sweep fits the resonance it finds, last {f0:.0f} Hz")
+        raise IdentificationError(f"resonance {f0:.0f} Hz is outside {f_min:.0f}..{f_max:.0f}")
+
+    def _sweep(self, V: float, low: float, high: float, settling: int, ticks: int) -> Sweep:
+        """Return the mean vibration at each of the frequencies, over the ticks after settling."""
         points: list[tuple[float, complex]] = []
         for i in range(SWEEP_POINTS):
-            self.progress = 0.4 + 0.6 * i / SWEEP_POINTS
+            self.progress = max(self.progress, 0.4 + 0.6 * i / SWEEP_POINTS)
             f = low + (high - low) * i / (SWEEP_POINTS - 1)
             yield from _hold(V, f, settling)
-            points.append((f, _mean((yield from _hold(V, f, SWEEP_TICKS))) - offset))
-        return _fit_sweep(V, points)
+            points.append((f, _mean((yield from _hold(V, f, ticks)))))
+        return points
 
 
 def _hold(V: float, f: float, ticks: int) -> Samples:
@@ -143,45 +212,67 @@ def _hold(V: float, f: float, ticks: int) -> Samples:
     return samples
 
 
-def _probe(V_max: float, f: float, offset: complex) -> Generator[Drive, complex, float]:
-    """Double the voltage until the plate vibrates enough, and return it."""
+def _probe(
+    V_max: float, f: float, offset: complex, noise: float
+) -> Generator[Drive, complex, float]:
+    """Double the voltage until the plate vibrates enough; return one that stands out of noise."""
+    enough = OUT_OF_NOISE * noise
+    W = 0.0
     for level in range(PROBE_LEVELS + 1):
         V = V_max * 2.0 ** (level - PROBE_LEVELS)
         samples = yield from _hold(V, f, PROBE_TICKS)
-        if abs(_mean(samples[-4:]) - offset) > W_PROBE:
-            return V
+        W = abs(_mean(samples[-4:]) - offset)
+        if W > W_PROBE:
+            return min(V * max(1.0, enough / W), V_max)
+    if noise < W / LEAST_OUT_OF_NOISE:
+        return V_max
     raise IdentificationError(f"no vibration of {W_PROBE * 1e6:g} um at {V_max:g} V")
 
 
 def _steps(
-    V: float, f: float, offset: complex
+    V: float, f: float, offset: complex, noise: float, pairs: int
 ) -> Generator[Drive, complex, tuple[float, float, float]]:
     """Switch the voltage off and on, and return a first tau, f0 and gain."""
-    product, square = 0j, 0.0
+    product, square, next_square = 0j, 0.0, 0.0
     driven: list[tuple[complex, complex]] = []
-    for _ in range(STEP_PAIRS):
+    for _ in range(pairs):
         for voltage in (0.0, V):
             samples = yield from _hold(voltage, f, STEP_TICKS)
             now, then = samples[:-1], samples[1:]
             now_mean, then_mean = _mean(now), _mean(then)
             for x, y in zip(now, then, strict=True):
-                dx = x - now_mean
-                product += (y - then_mean) * dx.conjugate()
+                dx, dy = x - now_mean, y - then_mean
+                product += dy * dx.conjugate()
                 square += dx.real * dx.real + dx.imag * dx.imag
+                next_square += dy.real * dy.real + dy.imag * dy.imag
             if voltage > 0.0:
                 driven.append((now_mean, then_mean))
     A = product / square if square > 0.0 else 0j
+    if 4 * pairs * STEP_TICKS * noise * noise > NOISE_SHARE * square:
+        A = _total_least_squares(product, square, next_square)
     if not A_MIN < abs(A) < A_MAX:
         raise IdentificationError(
             f"the response to a step is no decay: {abs(A):.3g} is outside {A_MIN:.3g}..{A_MAX:.3g}"
         )
     tau = -TICK / math.log(abs(A))
-    dw = -cmath.phase(A) / TICK
     W = _mean([(then - A * now) / (1.0 - A) for now, then in driven]) - offset
+    dw = -cmath.phase(A) / TICK
+    dw_c = math.tan(max(-PHASE_MAX, min(PHASE_MAX, -cmath.phase(W)))) / tau
+    turn = 2.0 * math.pi / TICK
+    dw += turn * round((dw_c - dw) / turn)
     return tau, f - dw / (2.0 * math.pi), abs(W * complex(1.0, tau * dw)) / V
 
 
-def _fit_sweep(V: float, points: list[tuple[float, complex]]) -> PlateModel:
+def _total_least_squares(product: complex, square: float, next_square: float) -> complex:
+    """Return the slope for noise in both variables, which biases ordinary least squares to 0."""
+    size = abs(product)
+    if size == 0.0:
+        return 0j
+    half = 0.5 * (next_square - square)
+    return product / size * ((half + math.hypot(half, size)) / size)
+
+
+def _fit_sweep(V: float, points: list[tuple[float, complex]], noise: float) -> PlateModel:
     """Fit the straight line V/W over the frequency, weighted by its variance."""
     weights = [abs(W) ** 4 for _, W in points]
     total = math.fsum(weights)
@@ -197,12 +288,9 @@ def _fit_sweep(V: float, points: list[tuple[float, complex]]) -> PlateModel:
     if real <= 0.0 or slope <= 0.0:
         raise IdentificationError("the sweep shows no resonance")
     f0 = f_mean - imag / slope
-    if not points[0][0] <= f0 <= points[-1][0]:
-        raise IdentificationError(f"resonance {f0:.0f} Hz is outside the sweep")
     gain, tau = 1.0 / real, slope / (2.0 * math.pi * real)
-    residual = max(
-        abs(W * complex(1.0, 2.0 * math.pi * tau * (f - f0)) / (gain * V) - 1.0) for f, W in points
-    )
+    turns = [(W, complex(1.0, 2.0 * math.pi * tau * (f - f0)) / (gain * V)) for f, W in points]
+    residual = max(abs(W * turn - 1.0) - RESIDUAL_NOISE * noise * abs(turn) for W, turn in turns)
     if residual > RESIDUAL_MAX:
         raise IdentificationError(f"the sweep is {100 * residual:.0f} % off a resonance")
     try:
@@ -211,5 +299,22 @@ def _fit_sweep(V: float, points: list[tuple[float, complex]]) -> PlateModel:
         raise IdentificationError(str(error)) from error
 
 
+def _require_unloaded(model: PlateModel, known: PlateModel) -> None:
+    """Refuse a model whose gain and tau are smaller than known by one factor: that is a finger."""
+    tau, gain = model.tau / known.tau, model.gain / known.gain
+    if abs(gain / tau - 1.0) <= LOAD_KAPPA and tau < LOAD_TAU:
+        raise IdentificationError(
+            f"the plate is loaded, gain and tau are {100.0 * (1.0 - tau):.0f} % below the model: "
+            "lift the finger, tare and repeat; write the model if there is none"
+        )
+
+
 def _mean(values: list[complex]) -> complex:
     return sum(values) / len(values)
+
+
+def _deviation(values: list[complex]) -> float:
+    """Return the standard deviation of one axis."""
+    mean = _mean(values)
+    squares = math.fsum(abs(value - mean) ** 2 for value in values)
+    return math.sqrt(0.5 * squares / (len(values) - 1))
