@@ -146,9 +146,28 @@ class SensorParameters:
 
 
 @dataclass(frozen=True, slots=True)
+class ContactParameters:
+    """Between the mode and the friction under the finger; by default nothing."""
+
+    film_lag: float = 0.0
+    """Time constant in s with which the squeeze film follows the vibration, 0..0.1 [A]."""
+    ripple: float = 0.0
+    """Swing of the amplitude under a moving finger, as a fraction of W, 0..0.5 [A]: 0.08 to 0.11 of
+    the mode's shape are left by a contact of some 7 mm over nodes 8 mm apart."""
+    node_distance: float = 8e-3
+    """Distance of the nodes along x in m [A]."""
+
+    def __post_init__(self) -> None:
+        require("film_lag", self.film_lag, 0.0, 0.1)
+        require("ripple", self.ripple, 0.0, 0.5)
+        require("node_distance", self.node_distance, 1e-3, 0.1)
+
+
+@dataclass(frozen=True, slots=True)
 class PlateParameters:
     """All that belongs to the plate and not to the finger."""
 
     resonator: ResonatorParameters = field(default_factory=ResonatorParameters)
     thermal: ThermalParameters = field(default_factory=ThermalParameters)
     sensors: SensorParameters = field(default_factory=SensorParameters)
+    contact: ContactParameters = field(default_factory=ContactParameters)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from smarttac_can.plant.faults import Fault, SensorFault, Slam, broken, pickup_gains
+from smarttac_can.plant.felt import Felt
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.force_path import ForcePath, Propagator, propagator
 from smarttac_can.plant.friction import bare_friction
@@ -71,6 +72,7 @@ class Plate:
     __slots__ = (
         "Ft",
         "_ambient",
+        "_felt",
         "_finger",
         "_moment",
         "_normal",
@@ -114,6 +116,8 @@ class Plate:
         self._sensor_fault: SensorFault | None = None
         self._pickup: tuple[float, float] | None = None
         self._resonator = Resonator(parameters.resonator.mass)
+        contact = parameters.contact
+        self._felt = Felt(contact) if contact.film_lag or contact.ripple else None
         self._skin = Skin(SCALAR, subject, parameters.resonator.f0)
         self._sensors = Sensors(parameters.sensors, seed)
         self._tangential = ForcePath()
@@ -233,6 +237,8 @@ class Plate:
         v_bone = (x1 - x0) / TICK
         Fn = 0.5 * (Fn0 + Fn1)
         self._heat()
+        if self._felt is not None:
+            self._felt.place(0.5 * (x0 + x1))
         self.occlusion += ((1.0 if Fn > 0.0 else 0.0) - self.occlusion) * self._wetting
         before, after = self._segments
         if before[0]:
@@ -258,6 +264,8 @@ class Plate:
         subject = self._subject
         mode = self._parameters.resonator
         load = (Fn / FORCE_REFERENCE) ** CONTACT_GROWTH
+        if self._felt is not None:
+            load *= self._felt.shape * self._felt.shape
         resonator = self._resonator
         resonator.drive(
             length,
@@ -273,6 +281,8 @@ class Plate:
             after = abs(W)
             vibrations.append(0.5 * (before + after))
             before = after
+        if self._felt is not None:
+            vibrations = self._felt.follow(length, vibrations)
         forces = self._skin.slide(length, vibrations, v_bone, bare)
         self._tangential.follow(phi, forces)
         self.Ft = forces[-1]

@@ -1,0 +1,111 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from smarttac_can.plant.felt import Felt
+from smarttac_can.plant.finger import Stroke, Trajectory
+from smarttac_can.plant.parameters import ContactParameters, PlateParameters
+from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.vocabulary.signals import Drive
+
+ON = Drive(60.0, 43390.0)
+PRESSED = Trajectory([(0.0, 0.0, 0.5), (60.0, 0.0, 0.5)])
+
+
+def make(finger, **contact):
+    parameters = PlateParameters(contact=ContactParameters(**contact))
+    return Plate(parameters, SUBJECTS[1], finger)
+
+
+def test_the_film_follows_as_a_first_order_lag_whatever_the_step():
+    for steps in (1, 4, 16):
+        film = Felt(ContactParameters(film_lag=2e-3))
+        felt = film.follow(3e-3 / steps, [1e-6] * steps)
+        assert felt[-1] == pytest.approx(1e-6 * (1.0 - math.exp(-1.5)), rel=1e-12)
+
+
+def test_the_shape_is_that_of_the_place():
+    film = Felt(ContactParameters(ripple=0.1))
+    for x, shape in ((0.0, 1.1), (4e-3, 0.9), (8e-3, 1.1), (-2e-3, 1.0), (-12e-3, 0.9)):
+        film.place(x)
+        assert film.shape == pytest.approx(shape)
+        assert film.follow(1e-3, [2e-6]) == pytest.approx([2e-6 * shape])
+
+
+def test_the_ripple_is_that_of_a_contact_of_7_to_9_mm_over_nodes_8_mm_apart():
+    x = np.linspace(-4e-3, 4e-3, 161)
+    for width, low, high in ((7e-3, 0.08, 0.11), (9e-3, 0.06, 0.09)):
+        under = np.linspace(-width / 2, width / 2, 401)
+        mean = np.abs(np.cos(np.pi * (x[:, None] + under) / 8e-3)).mean(axis=1)
+        ripple = (mean.max() - mean.min()) / (mean.max() + mean.min())
+        assert low < ripple < high
+
+
+def test_off_by_default_to_the_bit():
+    plain = Plate(PlateParameters(), SUBJECTS[1], Stroke())
+    other = make(Stroke(), node_distance=5e-3)
+    for _ in range(600):
+        assert plain.sample() == other.sample()
+        plain.step(ON, ON)
+        other.step(ON, ON)
+        assert plain.mu_true == other.mu_true
+
+
+def friction(plate, ticks):
+    mus = []
+    for _ in range(ticks):
+        plate.step(ON, ON)
+        mus.append(plate.mu_true)
+    return np.array(mus)
+
+
+def test_friction_falls_later_behind_a_film_and_ends_the_same():
+    slide = Trajectory([(0.0, -0.03, 0.5), (1.0, 0.03, 0.5)])
+    drops = []
+    for lag in (0.0, 2e-3, 10e-3):
+        plate = make(slide, film_lag=lag)
+        for _ in range(200):
+            plate.step(Drive(0.0, 43390.0), Drive(0.0, 43390.0))
+        mu = friction(plate, 120)
+        drops.append((int(np.argmax(mu < 0.5 * (mu[0] + mu[-1]))), mu[-1]))
+    assert drops[0][0] < drops[1][0] < drops[2][0]
+    assert drops[1][1] == pytest.approx(drops[0][1], rel=1e-3)
+
+
+def test_vibration_and_friction_of_a_moving_finger_beat_with_the_nodes():
+    """At one voltage the load's beat nearly cancels what is felt, so W shows it: by 8 to 11 %."""
+    speed = 0.04
+    plate = make(Trajectory([(0.0, -0.035, 0.5), (1.75, 0.035, 0.5)]), ripple=0.1)
+    Ws, mus = [], []
+    for _ in range(1500):
+        plate.step(ON, ON)
+        Ws.append(abs(plate.W))
+        mus.append(plate.mu_true)
+    for beat in (np.array(Ws[200:]), np.array(mus[200:])):
+        spectrum = np.abs(np.fft.rfft((beat - beat.mean()) * np.hanning(len(beat))))
+        frequency = np.fft.rfftfreq(len(beat), 1e-3)[np.argmax(spectrum)]
+        assert frequency == pytest.approx(speed / 8e-3, abs=1.0)
+    swing = 0.5 * np.ptp(Ws[200:]) / np.mean(Ws[200:])
+    assert 0.08 < swing < 0.11
+
+
+@pytest.mark.parametrize(("x", "more"), [(0.0, True), (4e-3, False)])
+def test_the_load_on_the_mode_is_that_of_the_place(x, more):
+    finger = Trajectory([(0.0, x, 0.5), (60.0, x, 0.5)])
+    even, shaped = make(finger), make(finger, ripple=0.1)
+    for plate in (even, shaped):
+        for _ in range(40):
+            plate.step(ON, ON)
+    assert (abs(shaped.W) < abs(even.W)) == more
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("film_lag", -1e-3), ("film_lag", 1.0), ("ripple", 0.6), ("node_distance", 0.0)],
+)
+def test_refuses_what_is_out_of_range(name, value):
+    with pytest.raises(ValueError, match=rf"^{name} {value} is outside"):
+        dataclasses.replace(ContactParameters(), **{name: value})
