@@ -44,7 +44,7 @@ class SimulatedFinger:
         Parameters
         ----------
         subject
-            Number of the subject, 1..5.
+            Number of the subject: 1..5 the presets, 6..9 those fitted to Table I.
         force
             Normal force in N, 0.05..2.
         speed

@@ -75,10 +75,10 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
         ),
         click.option(
             "--subject",
-            type=click.IntRange(1, 5),
+            type=click.IntRange(1, 9),
             default=1,
             show_default=True,
-            help="Whose finger it is.",
+            help="Whose finger it is: 1..5 the presets, 6..9 those fitted to Table I.",
         ),
         click.option(
             "--seed",

@@ -17,8 +17,8 @@ from smarttac_can.bench.traces import Trace, read_csv
 from smarttac_can.cli.plain_errors import need_matplotlib, one_line, plain_errors
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
-from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions
-from smarttac_can.paper.provenance import EMERGES, FITTED
+from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions, SubjectSet
+from smarttac_can.paper.provenance import EMERGES, fitted
 from smarttac_can.paper.report import table_text, write_report
 from smarttac_can.paper.reproduce import (
     FIGURES,
@@ -142,6 +142,13 @@ def demo(seed: int, output: Path | None) -> None:
     show_default=True,
     help=f"Until a drive is in force; auto: frame times at {BIT_RATE // 1000} kbit/s.",
 )
+@click.option(
+    "--subjects",
+    type=click.Choice(get_args(SubjectSet)),
+    default="presets",
+    show_default=True,
+    help="Fingers of Fig. 7 and Table I: of one force and speed, or of their own.",
+)
 @seed_option
 @click.option(
     "--json",
@@ -158,6 +165,7 @@ def reproduce(
     vibration_law: str,
     load: float,
     dead_time: float,
+    subjects: SubjectSet,
     seed: int,
     json_file: Path | None,
     output: Path | None,
@@ -172,6 +180,7 @@ def reproduce(
         dead_time=dead_time,
         vibration_law=VibrationLaw[vibration_law.upper()],
         load=load,
+        subjects=subjects,
     )
     with plain_errors():
         with _progress_bar() as progress:
@@ -213,7 +222,9 @@ def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
 
 
 def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:
-    return write_report(folder, traces, results, friction_step, fitted=FITTED, emerges=EMERGES)
+    return write_report(
+        folder, traces, results, friction_step, fitted=fitted(results["subjects"]), emerges=EMERGES
+    )
 
 
 def _new_folder() -> Path:

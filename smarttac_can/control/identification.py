@@ -45,14 +45,14 @@ PROBE_TICKS = 12
 PROBE_LEVELS = 10
 STEP_TICKS = 24
 STEP_PAIRS = 4
-NOISE_SHARE = 0.05
-"""Share of noise in the squares of the steps from which it counts in both variables."""
 PHASE_MAX = 1.55
 """Bound of the phase of W in rad: W_d is noise beyond it."""
 NEAR = 300.0
 """Distance in Hz from where the steps were made to the resonance that they find, beyond which they
 are made again there."""
 APPROACHES = 6
+TURN = 2.0 * math.pi / TICK
+"""What the detuning is known but for multiples of after a step, in rad/s."""
 A_MIN = 1e-5
 A_MAX = math.exp(-TICK / 1e-2)
 """Bounds of abs(A): lags of 0.09 ms, far too short for the tick, and of 10 ms."""
@@ -160,7 +160,7 @@ class Identification:
         for _ in range(APPROACHES):
             V = yield from _probe(V_max, f, offset, noise)
             self.progress = 0.2
-            tau, f0, gain = yield from _steps(V, f, offset, noise, patience * STEP_PAIRS)
+            tau, f0, gain = yield from _steps(V, f, offset, patience * STEP_PAIRS)
             nearest = min(max(f0, f_min), f_max)
             if abs(nearest - f) <= NEAR:
                 break
@@ -230,7 +230,7 @@ def _probe(
 
 
 def _steps(
-    V: float, f: float, offset: complex, noise: float, pairs: int
+    V: float, f: float, offset: complex, pairs: int
 ) -> Generator[Drive, complex, tuple[float, float, float]]:
     """Switch the voltage off and on, and return a first tau, f0 and gain."""
     product, square, next_square = 0j, 0.0, 0.0
@@ -248,28 +248,25 @@ def _steps(
             if voltage > 0.0:
                 driven.append((now_mean, then_mean))
     A = product / square if square > 0.0 else 0j
-    if 4 * pairs * STEP_TICKS * noise * noise > NOISE_SHARE * square:
-        A = _total_least_squares(product, square, next_square)
     if not A_MIN < abs(A) < A_MAX:
         raise IdentificationError(
             f"the response to a step is no decay: {abs(A):.3g} is outside {A_MIN:.3g}..{A_MAX:.3g}"
         )
-    tau = -TICK / math.log(abs(A))
     W = _mean([(then - A * now) / (1.0 - A) for now, then in driven]) - offset
+    phase = max(-PHASE_MAX, min(PHASE_MAX, -cmath.phase(W)))
     dw = -cmath.phase(A) / TICK
-    dw_c = math.tan(max(-PHASE_MAX, min(PHASE_MAX, -cmath.phase(W)))) / tau
-    turn = 2.0 * math.pi / TICK
-    dw += turn * round((dw_c - dw) / turn)
-    return tau, f - dw / (2.0 * math.pi), abs(W * complex(1.0, tau * dw)) / V
+    dw_c = math.tan(phase) * -math.log(_unbiased(product, square, next_square)) / TICK
+    dw += TURN * round((dw_c - dw) / TURN)
+    tau = -TICK / math.log(abs(A))
+    amplitude = max(abs(W * complex(1.0, tau * dw)), abs(W) / math.cos(phase) / SAME)
+    return tau, f - dw / (2.0 * math.pi), amplitude / V
 
 
-def _total_least_squares(product: complex, square: float, next_square: float) -> complex:
-    """Return the slope for noise in both variables, which biases ordinary least squares to 0."""
+def _unbiased(product: complex, square: float, next_square: float) -> float:
+    """Return abs(A) by total least squares: noise in both samples biases the ordinary to 0."""
     size = abs(product)
-    if size == 0.0:
-        return 0j
     half = 0.5 * (next_square - square)
-    return product / size * ((half + math.hypot(half, size)) / size)
+    return min(max((half + math.hypot(half, size)) / size, A_MIN), A_MAX)
 
 
 def _fit_sweep(V: float, points: list[tuple[float, complex]], noise: float) -> PlateModel:

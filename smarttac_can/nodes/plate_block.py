@@ -12,6 +12,7 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
 from smarttac_can.plant.faults import Fault
 from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
+from smarttac_can.plant.fitted import FITTED
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.stage import PowerStage
@@ -27,6 +28,8 @@ _NEVER: Final = -1
 _IN_USE: Final = StageState.IN_USE
 _BARRED: Final = (StageState.WAITING, StageState.TRIPPED)
 
+_FINGERS: Final = (*SUBJECTS, *(fitted.subject for fitted in FITTED))
+"""What *Simulation.Subject* numbers, from 1."""
 STAGE_TOLERANCE: Final = 1.0
 """Largest difference in V between what the power stage was told and what it reads back."""
 
@@ -100,7 +103,7 @@ class PlateBlock:
         od = self.od
         self.plate = Plate(
             PlateParameters(),
-            SUBJECTS[od["Simulation.Subject"].value - 1],
+            _FINGERS[od["Simulation.Subject"].value - 1],
             self._finger(),
             seed=od["Simulation.Seed"].value,
             ambient=od["Simulation.Ambient temperature"].si_value,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.paper.references import STEP_UM
+from smarttac_can.plant.fitted import FITTED
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
 
@@ -40,9 +41,31 @@ _TARE_S: Final = TARE_SAMPLES * TICK
 _FIG2_S: Final = 0.8
 _TOUCH_DOWN_S: Final = 0.3
 _RESTING_MM_S: Final = 5.0
-_TRAVEL_MM, _SPEED_MM_S = 16.0, 60.0
-_PASS_S: Final = 1.2 * _TRAVEL_MM / _SPEED_MM_S
+_TRAVEL_MM: Final = 16.0
 _IDENTIFY_S: Final = 0.6
+
+SubjectSet = Literal["presets", "fitted"]
+"""Whose fingers Table I is made with."""
+
+
+class _Finger(NamedTuple):
+    """A finger of Table I."""
+
+    subject: int
+    """Its number in *Simulation.Subject*."""
+    force: float
+    """In N."""
+    speed: float
+    """In mm/s."""
+
+
+_FINGERS: Final[dict[SubjectSet, tuple[_Finger, ...]]] = {
+    "presets": tuple(_Finger(number, 0.5, 60.0) for number in COF_REFERENCES),
+    "fitted": tuple(
+        _Finger(number, fitted.force, round(fitted.speed * 1e3, 1))
+        for number, fitted in enumerate(FITTED, FIG2_SUBJECTS.stop)
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +83,8 @@ class Conditions:
     load: float = 0.0
     """Normal force in N of a finger on the plate in Fig. 5 and 6, 0.05..2, or 0 for none. With one
     a step by 50 % follows."""
+    subjects: SubjectSet = "presets"
+    """Fingers of Fig. 7 and Table I."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,28 +182,34 @@ def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:
 
 def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
     """Run Fig. 7 and Table I: the reference alternates as the finger crosses the middle."""
-    seconds = _TOUCH_DOWN_S + PASSES * _PASS_S
-    for subject, references in COF_REFERENCES.items():
+    fingers = _FINGERS[conditions.subjects]
+    for (number, references), finger in zip(COF_REFERENCES.items(), fingers, strict=True):
+        seconds = _TOUCH_DOWN_S + PASSES * (1.2 * _TRAVEL_MM / finger.speed)
 
         def run(
-            bench: Stimulator, subject: int = subject, cof: tuple[float, float] = references
+            bench: Stimulator,
+            number: int = number,
+            cof: tuple[float, float] = references,
+            finger: _Finger = finger,
+            seconds: float = seconds,
         ) -> list[Trace]:
             bench.finger.stroke(
-                subject,
-                speed=_SPEED_MM_S,
+                finger.subject,
+                force=finger.force,
+                speed=finger.speed,
                 travel=_TRAVEL_MM,
                 force_variation=0.2,
                 speed_variation=0.2,
             )
-            _begin(bench, conditions, COLD, subject=subject)
+            _begin(bench, conditions, COLD, subject=number)
             bench.frequency = COLD_RESONANCE
             bench.amplitude = 1.0
             bench.boundary = 0.0
             bench.cof = cof
             bench.mode = Mode.FRICTION
-            return [bench.run(seconds, "table1", subject)]
+            return [bench.run(seconds, "table1", number)]
 
-        yield Experiment(f"table1 subject {subject}", _TARE_S + seconds, run)
+        yield Experiment(f"table1 subject {number}", _TARE_S + seconds, run)
 
 
 def _begin(

@@ -75,18 +75,24 @@ def compare(summary: Mapping[str, Any]) -> list[Comparison]:
 
 def table_text(summary: Mapping[str, Any]) -> str:
     """Show result, paper, band and verdict as plain text, with the run's parameters."""
-    rows = [("", "result", "paper", "band", "")]
+    rows = [("", "", "result", "paper", "band", "")]
     rows += [
-        (item.published.name, _with_unit(item.value, item), *_paper_cells(item), item.verdict)
+        (
+            item.published.name,
+            _origin(item.published),
+            _with_unit(item.value, item),
+            *_paper_cells(item),
+            item.verdict,
+        )
         for item in compare(summary)
     ]
     if len(rows) == 1:
-        rows = [("The paper gives no number for this.", "", "", "", "")]
+        rows = [("The paper gives no number for this.", "", "", "", "", "")]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
-        f"{name:<{widths[0]}}  {result:>{widths[1]}}  {paper:>{widths[2]}}  "
-        f"{band:>{widths[3]}}  {verdict}".rstrip()
-        for name, result, paper, band, verdict in rows
+        f"{name:<{widths[0]}}  {origin:<{widths[1]}}  {result:>{widths[2]}}  "
+        f"{paper:>{widths[3]}}  {band:>{widths[4]}}  {verdict}".rstrip()
+        for name, origin, result, paper, band, verdict in rows
     ]
     parameters = ", ".join(f"{name} {value}" for name, value in _parameters(summary))
     missing = [f"missing {key}: {reason}" for key, reason in summary["unavailable"].items()]
@@ -196,6 +202,7 @@ def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("link", summary["link"]),
         ("dead time", f"{summary['dead_time_us']:g} us"),
         ("version", summary["version"]),
+        ("subjects", summary["subjects"]),
     ]
 
 
@@ -206,6 +213,10 @@ def _number(value: float) -> str:
 
 def _with_unit(value: float | None, item: Comparison) -> str:
     return "-" if value is None else f"{_number(value)} {item.published.unit}"
+
+
+def _origin(published: Published) -> str:
+    return "fitted" if published.fitted else "emerges"
 
 
 def _paper_cells(item: Comparison) -> tuple[str, str]:
@@ -234,6 +245,7 @@ def _comparison_html(item: Comparison) -> str:
     return (
         f'<tr><th scope="row">{escape(item.published.name)}<small>'
         f"{escape(item.published.where)}</small></th>"
+        f"<td>{_origin(item.published)}</td>"
         f"<td{title}>{escape(_with_unit(item.value, item))}</td>"
         f"<td>{escape(paper)}</td><td>{escape(band)}</td><td>{badge}</td></tr>\n"
     )

@@ -49,7 +49,7 @@ def reproduce(
     wanted
         Some of `FIGURES`.
     conditions
-        Seed, law and dead time.
+        Seed, law, dead time and fingers.
     link
         ``local`` without a bus, ``bus`` over two CANopen nodes on a virtual CAN bus: the same
         numbers.
@@ -75,6 +75,7 @@ def reproduce(
         results = summary(
             traces,
             seed=conditions.seed,
+            subjects=conditions.subjects,
             law=conditions.law.name.lower(),
             link=link,
             dead_time=conditions.dead_time * 1e-6,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from smarttac_can.bench.traces import Trace
+from smarttac_can.paper.experiments import SubjectSet
 from smarttac_can.paper.metrics import (
     LOOPS,
     STEP_METRICS,
@@ -24,6 +25,7 @@ from smarttac_can.paper.metrics import (
     subjects_of,
     voltage_difference_percent,
 )
+from smarttac_can.paper.provenance import provenance
 from smarttac_can.paper.references import AMPLITUDE_UM, RESPONSE_BAND, STEP_UM
 
 
@@ -67,6 +69,7 @@ def summary(
     trace_sha256: str,
     vibration_law: str = "pi",
     load: float = 0.0,
+    subjects: SubjectSet = "presets",
 ) -> dict[str, Any]:
     """Gather all results of the paper's experiments as plain data for JSON.
 
@@ -84,6 +87,8 @@ def summary(
         Dead time of the loop in s.
     trace_sha256
         SHA-256 of the file of traces.
+    subjects
+        Fingers of Table I.
 
     Returns
     -------
@@ -91,7 +96,7 @@ def summary(
         Keys as in `smarttac_can.paper.references`. None is what was not run or does not exist:
         then ``unavailable`` maps its key to the reason. ``table1`` holds up-steps of the mean
         curve; ``table1.down`` the same for down-steps; ``touches`` in both the means over single
-        touches, with their spread.
+        touches, with their spread. ``provenance`` tells what was fitted from what emerges.
     """
     traces = list(traces)
     reasons: dict[str, str] = {}
@@ -99,6 +104,7 @@ def summary(
     root |= {"seed": seed, "law": law, "link": link, "dead_time_us": 1e6 * dead_time}
     root |= {"vibration_law": vibration_law, "load_n": load}
     root |= {"version": version, "trace_sha256": trace_sha256}
+    root |= {"subjects": subjects, "provenance": provenance(subjects)}
     _enter_fig2(root.part("fig2"), traces)
     _enter_fig5_and_fig6(root.part("fig5"), root.part("fig6"), traces)
     table = root.part("table1")

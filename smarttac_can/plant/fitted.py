@@ -1,10 +1,10 @@
 """Four fingers that press and move as they like: fitted to Table I by tools/fit_fingers.py.
 
-The presets of Table I share one force and speed and do not reach the slow rise of subject 4. These have
-forces and speeds of their own: three numbers a finger were searched for, W0, force and speed. The rest is
-that of the preset in its place, which was fitted to the same table; mu0 gives, at the finger's own
-force and speed, the middle of the range that the paper states. It shows what the model can do, and
-predicts nothing.
+The presets of Table I share one force and speed and do not reach the slow rise of subject 4. These
+have their own: four numbers a finger were searched for, W0, load_damping, force and speed. rho and
+p are those of the preset in its place, which were fitted to the same table; mu0 gives, at the
+finger's own force and speed, the middle of the range that the paper states. They show what the
+model can do, and predict nothing.
 """
 
 from __future__ import annotations
@@ -25,15 +25,23 @@ class FittedFinger(NamedTuple):
     """Mean sliding speed in m/s."""
 
 
-def _fitted(number: int, mu0: float, W0: float, force: float, speed: float) -> FittedFinger:
-    subject = replace(SUBJECTS[number - 1], name=f"fitted-{number}", mu0=mu0, W0=W0)
+def _fitted(
+    number: int, mu0: float, W0: float, load_damping: float, force: float, speed: float
+) -> FittedFinger:
+    subject = replace(
+        SUBJECTS[number - 1],
+        name=f"fitted-{number}",
+        mu0=mu0,
+        W0=W0,
+        load_damping=load_damping,
+    )
     return FittedFinger(subject, force, speed)
 
 
 FITTED: tuple[FittedFinger, ...] = (
-    _fitted(1, 0.345, 1.9e-6, 0.514, 0.0651),
-    _fitted(2, 0.469, 1.49e-6, 0.805, 0.0991),
-    _fitted(3, 0.54, 2.49e-6, 0.415, 0.051),
-    _fitted(4, 0.69, 1.48e-6, 1.49, 0.0208),
+    _fitted(1, 0.348, 1.83e-06, 12.5, 0.545, 0.0735),
+    _fitted(2, 0.431, 2.44e-06, 8, 0.476, 0.0358),
+    _fitted(3, 0.533, 2e-06, 7.5, 0.44, 0.062),
+    _fitted(4, 0.689, 1.48e-06, 10.5, 1.49, 0.0208),
 )
 """In the order of Table I."""

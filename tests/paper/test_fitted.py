@@ -1,0 +1,97 @@
+"""The fingers with forces and speeds of their own, with seeds that they were not fitted with."""
+
+import json
+from functools import cache
+from statistics import fmean
+
+import pytest
+from click.testing import CliRunner
+
+from smarttac_can.cli import main
+from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.provenance import fitted
+from smarttac_can.paper.reproduce import reproduce
+from smarttac_can.plant.fitted import FITTED
+from smarttac_can.plant.friction import check_reach, sliding_coefficient
+from smarttac_can.plant.mathematics import SCALAR
+from smarttac_can.plant.subjects import SUBJECTS
+
+SEEDS = range(1, 11)
+PAPER = [(3.37, 27.6), (3.41, 44.4), (2.87, 48.0), (5.72, 30.0)]
+REFERENCES = [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)]
+
+
+@cache
+def table(seed):
+    return reproduce(frozenset({"table1"}), Conditions(seed=seed, subjects="fitted"))[1]["table1"]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_every_seed_has_its_touches_and_settles(seed):
+    for row, touches in zip(
+        table(seed)["subjects"], table(seed)["touches"]["subjects"], strict=True
+    ):
+        assert row["static_error_percent"] < 5.0
+        assert touches["whole"] >= 20
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_rise_and_overshoot_are_those_of_the_paper(number):
+    rows = [table(seed)["subjects"][number] for seed in SEEDS]
+    rise, overshoot = PAPER[number]
+    assert fmean(row["rise_time_ms"] for row in rows) == pytest.approx(rise, abs=0.5)
+    assert fmean(row["overshoot_percent"] for row in rows) == pytest.approx(overshoot, abs=5.0)
+
+
+@pytest.mark.parametrize(("number", "finger"), enumerate(FITTED))
+def test_a_fitted_finger_has_the_friction_of_its_subject(number, finger):
+    subject, force, speed = finger
+    bare = sliding_coefficient(SCALAR, subject, 0.0, speed, force, 0.0, f0=43390.0)
+    assert 0.3 + 0.1 * number <= bare <= 0.4 + 0.1 * number
+    around = 0.8, 1.2
+    check_reach(
+        subject,
+        *REFERENCES[number],
+        forces=tuple(share * force for share in around),
+        speeds=tuple(share * speed for share in around),
+    )
+
+
+def test_only_what_was_searched_for_differs_from_the_presets():
+    searched = {"name", "mu0", "W0", "load_damping"}
+    for preset, finger in zip(SUBJECTS, FITTED, strict=False):
+        for name in set(preset.__dataclass_fields__) - searched:
+            assert getattr(finger.subject, name) == getattr(preset, name)
+
+
+def test_the_results_tell_fitted_from_emergent(tmp_path, monkeypatch):
+    monkeypatch.setattr("smarttac_can.paper.experiments.PASSES", 6)
+    arguments = ["reproduce", "table1", "--subjects", "fitted", "--json", str(tmp_path / "r.json")]
+    run = CliRunner().invoke(main, arguments)
+    assert run.exit_code == 0, run.output
+    lines = run.output.splitlines()
+    assert any(line.startswith("Rise time, subject 4") and " fitted " in line for line in lines)
+    assert any(line.startswith("Static error, mean") and " emerges " in line for line in lines)
+    assert "subjects fitted" in run.output
+    results = json.loads((tmp_path / "r.json").read_text())
+    assert results["subjects"] == "fitted"
+    told = results["provenance"]
+    assert "table1.subjects[3].rise_time_ms" in told["fitted"]
+    assert "table1.mean.static_error_percent" in told["emerges"]
+    assert set(told["fitted"]).isdisjoint(told["emerges"])
+    assert (told["free_parameters"], told["numbers_aimed_at"]) == (24, 8)
+
+
+def test_each_set_says_what_was_fitted():
+    presets, own = fitted("presets"), fitted("fitted")
+    assert presets[:-1] == own[:-1]
+    assert "20 numbers for 8" in presets[-1]
+    assert "16 numbers for 8" in own[-1]
+
+
+def test_both_links_play_the_same_fitted_fingers(monkeypatch):
+    monkeypatch.setattr("smarttac_can.paper.experiments.PASSES", 2)
+    wanted, conditions = frozenset({"table1"}), Conditions(subjects="fitted")
+    local, bus = (reproduce(wanted, conditions, link=link)[1] for link in ("local", "bus"))
+    assert local["trace_sha256"] == bus["trace_sha256"]
+    assert local["trace_sha256"] != reproduce(wanted, Conditions())[1]["trace_sha256"]
