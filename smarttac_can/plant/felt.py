@@ -12,8 +12,8 @@ class Felt:
     """Vibration that acts on the friction under a moving finger.
 
     It follows ``shape |W|`` with the lag of the squeeze film, exactly for a vibration constant over
-    a step. ``shape = 1 + ripple cos(2 pi x/node_distance)`` is the amplitude at the finger, averaged
-    over the contact, over that at the pick-up.
+    a step. ``shape = 1 + ripple cos(2 pi x/node_distance)`` is the amplitude at the finger,
+    averaged over the contact, over that at the pick-up.
 
     Parameters
     ----------

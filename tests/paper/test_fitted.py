@@ -43,7 +43,7 @@ def test_rise_and_overshoot_are_those_of_the_paper(number):
     assert fmean(row["overshoot_percent"] for row in rows) == pytest.approx(overshoot, abs=5.0)
 
 
-@pytest.mark.parametrize(("number", "finger"), enumerate(FITTED))
+@pytest.mark.parametrize(("number", "finger"), list(enumerate(FITTED)))
 def test_a_fitted_finger_has_the_friction_of_its_subject(number, finger):
     subject, force, speed = finger
     bare = sliding_coefficient(SCALAR, subject, 0.0, speed, force, 0.0, f0=43390.0)
