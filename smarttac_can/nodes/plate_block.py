@@ -27,7 +27,6 @@ _NEVER: Final = -1
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _IN_USE: Final = StageState.IN_USE
 _BARRED: Final = (StageState.WAITING, StageState.TRIPPED)
-
 _FINGERS: Final = (*SUBJECTS, *(fitted.subject for fitted in FITTED))
 """What *Simulation.Subject* numbers, from 1."""
 STAGE_TOLERANCE: Final = 1.0

@@ -80,6 +80,15 @@ def test_a_start_kilohertz_off_where_the_limits_are_wide(start):
     assert found.model.tau == pytest.approx(0.944e-3, rel=0.01)
 
 
+@pytest.mark.parametrize(("f0", "start"), [(43900.0, 42800.0), (42800.0, 43750.0)])
+def test_a_narrow_resonance_a_kilohertz_off(f0, start):
+    plate = FirstOrderPlate(PlateModel(100e-9, 3e-3, f0), noise=1e-9)
+    found, ticks, _ = identify(plate, start, UNLIKE)
+    assert found.state is IdentificationState.DONE, found.failure
+    assert found.model.f0 == pytest.approx(f0, abs=0.5)
+    assert ticks < 1500
+
+
 @given(
     f0=st.floats(42720.0, 43980.0),
     start=st.floats(42700.0, 44000.0),
