@@ -590,7 +590,7 @@ def test_the_finger_of_a_simulated_plate(bench: Stimulator) -> None:
 
 @pytest.mark.parametrize(
     ("argument", "value"),
-    [("subject", 6), ("force", 0.04), ("force", 2.01), ("speed", 4.0), ("travel", 51.0)],
+    [("subject", 10), ("force", 0.04), ("force", 2.01), ("speed", 4.0), ("travel", 51.0)],
 )
 def test_a_finger_out_of_range_is_refused(argument: str, value: float) -> None:
     with Stimulator.simulate("local") as bench, pytest.raises(RefusedError, match="060900"):
