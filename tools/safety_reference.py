@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from smarttac_can.nodes.stage_state import STAGE_TRANSITIONS, StageEvent, StageState
 from smarttac_can.nodes.state_machine import TRANSITIONS, Guard
-from smarttac_can.nodes.stricter import BY_INDEX, BY_NAME, Place
+from smarttac_can.nodes.stricter import OF_PLATE, OF_STIMULATOR, Place, Table
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.od.object_reference import table
 from smarttac_can.vocabulary.fault_codes import FaultCode
@@ -113,12 +113,12 @@ def _where(place: Place) -> str:
     return where
 
 
-def _stricter() -> Iterator[str]:
-    """List what a write does not make laxer while armed or running."""
+def _stricter(laxer: Table) -> Iterator[str]:
+    """List what a write does not make laxer under a drive."""
     return table(
         ("Object", "Laxer is"),
-        *((f"`{name}`", rule.text) for name, rule in BY_NAME.items()),
-        *((_where(place), place.rule.text) for place in BY_INDEX),
+        *((f"`{name}`", rule.text) for name, rule in laxer.by_name.items()),
+        *((_where(place), place.rule.text) for place in laxer.by_index),
     )
 
 
@@ -207,7 +207,10 @@ def safety() -> str:
         "that makes one of these laxer is refused with 08000022h. The present value, a stricter "
         "one and a watch where there was none are taken. The public TPDOs 1 to 4 are free.",
         "",
-        *_stricter(),
+        *_stricter(OF_STIMULATOR),
+        "The plate does the same while its power stage is *in use*:",
+        "",
+        *_stricter(OF_PLATE),
         "## Power stage of the plate",
         "",
         "From `smarttac_can/nodes/stage_state.py`. Every other event changes nothing.",

@@ -25,7 +25,7 @@ from smarttac_can.nodes.missed_time import MissedTime
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
 from smarttac_can.nodes.plate_link import plate_serial
 from smarttac_can.nodes.stage_state import StageState
-from smarttac_can.nodes.stricter import HIGHER
+from smarttac_can.nodes.stricter import OF_PLATE, Stricter
 from smarttac_can.od.cia import (
     Abort,
     AbortCode,
@@ -94,6 +94,7 @@ class PlateNode(Application):
         self._sender = DriveSender(od)
         self._hardware = HardwareWatch(self.device)
         self._reported = False
+        self._stricter = Stricter(od, OF_PLATE)
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
         self._stage_voltage = od["Stage.Voltage"]
@@ -280,11 +281,10 @@ class PlateNode(Application):
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Start a run; refuse what is laxer while in use, and a recorded finger that is none."""
-        limits = (self._voltage_max, self._temperature_max)
         in_use = self.block.state is StageState.IN_USE
         self._hardware.require(entry, value, in_use=in_use)
-        if in_use and entry in limits and HIGHER.holds(entry.value, value):
-            raise Abort(AbortCode.STATE)
+        if in_use:
+            self._stricter.require(entry, value)
         if entry is self._deadline:
             self._unanswered.follow(value * TICK_US)
         self.block.on_write(entry, value)

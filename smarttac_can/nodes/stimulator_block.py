@@ -30,7 +30,7 @@ from smarttac_can.nodes.settings import (
     with_change,
 )
 from smarttac_can.nodes.state_machine import Event
-from smarttac_can.nodes.stricter import Stricter
+from smarttac_can.nodes.stricter import OF_STIMULATOR, Stricter
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
@@ -90,7 +90,7 @@ class StimulatorBlock:
         self._cycles = od["Cycle.Cycles"]
         self._message = od["Message"]
         self._model_sheet = ModelSheet(od)
-        self._stricter = Stricter(od)
+        self._stricter = Stricter(od, OF_STIMULATOR)
         self.supervisor = Supervisor(od, deadlines(od, MEASUREMENT_RPDOS) if plate is None else ())
         self._shown: State | None = None
         self.start_run()

@@ -1,14 +1,19 @@
-"""Limits and watches may become stricter while armed or running, never laxer.
+"""Limits and watches may become stricter under a drive, never laxer, at either node.
 
 Laxer is what lets more happen, or notices it later.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
+from smarttac_can.nodes.loop_frames import (
+    DRIVE_RPDO,
+    DRIVE_TPDO,
+    MEASUREMENT_RPDOS,
+    MEASUREMENT_TPDOS,
+)
 from smarttac_can.nodes.settings import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL
 from smarttac_can.od.cia import (
     EMCY_COB_ID,
@@ -64,17 +69,6 @@ LONGER: Final = Rule("a longer time, or 0 where there is one", _lasts_longer)
 ELSEWHERE: Final = Rule("of a node: a longer time, 0, or another node", _watches_less)
 OTHER: Final = Rule("any but the present value", lambda present, value: value != present)
 
-BY_NAME: Final = {
-    LIMIT: HIGHER,
-    f"{LIMIT}.Lowest frequency": LOWER,
-    CALIBRATION: OTHER,
-    GAUGE_ZERO: OTHER,
-    MODEL: OTHER,
-    "Drive unwatched": HIGHER,
-}
-"""What is laxer for the members of a record, and for those that differ."""
-
-
 class Place(NamedTuple):
     """Objects of the communication profile, and what is laxer for them."""
 
@@ -85,24 +79,63 @@ class Place(NamedTuple):
     """Those meant; none stands for all."""
 
 
-_RPDOS: Final = MEASUREMENT_RPDOS[-1]
-_LOOP: Final = DRIVE_TPDO - 1
-BY_INDEX: Final = (
+class Table(NamedTuple):
+    """What is laxer at a node."""
+
+    by_name: Mapping[str, Rule]
+    """For the members of a record, and for those that differ."""
+    by_index: tuple[Place, ...]
+    """For SYNC, guarding, heartbeats, and the PDOs of a drive."""
+
+
+def _wiring(communication: int, mapping: int, pdos: Sequence[int]) -> tuple[Place, ...]:
+    """Return the places of PDOs that stay as they are, but for the event timer of RPDOs."""
+    first, last = communication + pdos[0] - 1, communication + pdos[-1] - 1
+    parts = (PDO_COB_ID, PDO_TRANSMISSION) if communication == RPDO_COMMUNICATION else ()
+    return (
+        Place(first, last, OTHER, parts),
+        Place(mapping + pdos[0] - 1, mapping + pdos[-1] - 1, OTHER),
+    )
+
+
+_LAST_RPDO: Final = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[-1] - 1
+_DRIVE: Final = RPDO_COMMUNICATION + DRIVE_RPDO - 1
+_COMMON: Final = (
     Place(SYNC_COB_ID, SYNC_PERIOD, OTHER),
     Place(GUARD_TIME, LIFE_TIME_FACTOR, LONGER),
     Place(EMCY_COB_ID, EMCY_COB_ID, OTHER),
     # A heartbeat puts an end to guarding.
     Place(HEARTBEAT_PRODUCER, HEARTBEAT_PRODUCER, OTHER),
     Place(HEARTBEAT_CONSUMER, HEARTBEAT_CONSUMER, ELSEWHERE),
-    Place(
-        RPDO_COMMUNICATION, RPDO_COMMUNICATION + _RPDOS - 1, OTHER, (PDO_COB_ID, PDO_TRANSMISSION)
-    ),
-    Place(RPDO_COMMUNICATION, RPDO_COMMUNICATION + _RPDOS - 1, LONGER, (PDO_EVENT,)),
-    Place(RPDO_MAPPING, RPDO_MAPPING + _RPDOS - 1, OTHER),
-    Place(TPDO_COMMUNICATION + _LOOP, TPDO_COMMUNICATION + _LOOP, OTHER),
-    Place(TPDO_MAPPING + _LOOP, TPDO_MAPPING + _LOOP, OTHER),
 )
-"""The same for SYNC, guarding, heartbeats, and the PDOs but the public ones."""
+OF_STIMULATOR: Final = Table(
+    {
+        LIMIT: HIGHER,
+        f"{LIMIT}.Lowest frequency": LOWER,
+        CALIBRATION: OTHER,
+        GAUGE_ZERO: OTHER,
+        MODEL: OTHER,
+        "Drive unwatched": HIGHER,
+    },
+    (
+        *_COMMON,
+        *_wiring(RPDO_COMMUNICATION, RPDO_MAPPING, range(1, MEASUREMENT_RPDOS[-1] + 1)),
+        Place(RPDO_COMMUNICATION, _LAST_RPDO, LONGER, (PDO_EVENT,)),
+        *_wiring(TPDO_COMMUNICATION, TPDO_MAPPING, (DRIVE_TPDO,)),
+    ),
+)
+"""While armed or running; its public TPDOs are free."""
+OF_PLATE: Final = Table(
+    {LIMIT: HIGHER},
+    (
+        *_COMMON,
+        *_wiring(RPDO_COMMUNICATION, RPDO_MAPPING, (DRIVE_RPDO,)),
+        # Of the drive, 0 is no time at all.
+        Place(_DRIVE, _DRIVE, HIGHER, (PDO_EVENT,)),
+        *_wiring(TPDO_COMMUNICATION, TPDO_MAPPING, MEASUREMENT_TPDOS),
+    ),
+)
+"""While its power stage is in use."""
 
 
 class Stricter:
@@ -111,7 +144,9 @@ class Stricter:
     Parameters
     ----------
     od
-        Object dictionary of ``stimulator.eds``.
+        Object dictionary of the node.
+    table
+        What is laxer there.
 
     Attributes
     ----------
@@ -119,11 +154,12 @@ class Stricter:
         Every entry that does not become laxer, with what laxer is.
     """
 
-    def __init__(self, od: ObjectDictionary) -> None:
+    def __init__(self, od: ObjectDictionary, table: Table) -> None:
         self.rules: dict[Entry, Rule] = {}
         for entry in od:
-            rule = BY_NAME.get(entry.name) or BY_NAME.get(entry.name.partition(".")[0])
-            for place in BY_INDEX:
+            by_name = table.by_name
+            rule = by_name.get(entry.name) or by_name.get(entry.name.partition(".")[0])
+            for place in table.by_index:
                 meant = not place.subindices or entry.subindex in place.subindices
                 if place.first <= entry.index <= place.last and meant:
                     rule = place.rule

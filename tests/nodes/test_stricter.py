@@ -4,13 +4,13 @@ import pytest
 from driven import STATE, driven, write, write_entry
 from line import plate_inside
 
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.host.frame_faults import FrameFault
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.nodes.stricter import Stricter
+from smarttac_can.nodes.stricter import OF_PLATE, OF_STIMULATOR, Stricter, Table
 from smarttac_can.od.cia import Abort
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.trials.fault_acts import disturb
 from smarttac_can.vocabulary.states import State
 
@@ -108,24 +108,83 @@ def test_a_refused_deadline_does_not_move_the_one_in_force() -> None:
 def test_the_public_pdos_are_free() -> None:
     rig = driven()
     od = rig.od
-    protected = {entry.index for entry in Stricter(od).rules}
+    protected = {entry.index for entry in Stricter(od, OF_STIMULATOR).rules}
     for number in range(4):
         assert 0x1800 + number not in protected
         assert 0x1A00 + number not in protected
     assert write_entry(rig, od.entry(0x1801, 2), 254) == OK
 
 
-def test_all_limits_have_a_rule() -> None:
-    od = stimulator_od()
+@pytest.mark.parametrize(
+    ("od", "table", "least"), [(stimulator_od(), OF_STIMULATOR, 9), (plate_od(), OF_PLATE, 2)]
+)
+def test_all_limits_have_a_rule(od: ObjectDictionary, table: Table, least: int) -> None:
     limits = {entry for entry in od if entry.name.startswith("Limit.") and entry.writable}
-    assert len(limits) >= 9
-    assert limits <= set(Stricter(od).rules)
+    assert len(limits) >= least
+    assert limits <= set(Stricter(od, table).rules)
+
+
+OF_THE_PLATE = (
+    # index, sub-index, present, laxer, stricter
+    (0x2041, 1, 15_000, 15_001, 14_999),
+    (0x2041, 2, 7000, 7001, 6999),
+    (0x1400, 1, 0x221, 0x8000_0221, None),
+    (0x1400, 2, 255, 1, None),
+    (0x1400, 5, 3, 4, 2),
+    (0x1400, 5, 3, 100, 0),
+    (0x1600, 0, 4, 0, None),
+    (0x1800, 1, 0x1A1, 0x8000_01A1, None),
+    (0x1801, 2, 1, 254, None),
+    (0x1802, 1, 0x3A1, 0x8000_03A1, None),
+    (0x1A02, 0, None, 0, None),
+    (0x1005, 0, 0x80, 0x81, None),
+    (0x1006, 0, 1000, 2000, None),
+    (0x1014, 0, 0xA1, 0x8000_00A1, None),
+    (0x1016, 1, 1 << 16 | 50, 1 << 16 | 51, 1 << 16 | 49),
+    (0x1016, 1, 1 << 16 | 50, 0, None),
+    (0x1016, 1, 1 << 16 | 50, 2 << 16 | 50, None),
+    (0x1016, 2, 0, None, 7 << 16 | 100),
+)
+
+
+@pytest.mark.parametrize(("index", "subindex", "present", "laxer", "stricter"), OF_THE_PLATE)
+def test_the_plate_refuses_laxer_while_its_stage_is_in_use(
+    index: int, subindex: int, present: int | None, laxer: int | None, stricter: int | None
+) -> None:
+    rig = driven()
+    watch = rig.plate.od.entry(0x1016, 1)
+    assert write_entry(rig, watch, 1 << 16 | 50, PLATE_ID) == OK
+    entry = rig.plate.od.entry(index, subindex)
+    before = entry.value
+    assert present in (None, before)
+    assert write_entry(rig, entry, before, PLATE_ID) == OK, "what was read may be written back"
+    if laxer is not None:
+        assert write_entry(rig, entry, laxer, PLATE_ID) == STATE
+        assert entry.value == before
+    rig.cycle(30)
+    assert rig.stage.value > 0
+    if stricter is not None:
+        assert write_entry(rig, entry, stricter, PLATE_ID) == OK
+
+
+@pytest.mark.parametrize(("index", "subindex", "present", "laxer", "stricter"), OF_THE_PLATE)
+def test_a_plate_at_rest_takes_what_the_device_takes(
+    index: int, subindex: int, present: int | None, laxer: int | None, stricter: int | None
+) -> None:
+    rig = driven()
+    rig.nmt(0x80, PLATE_ID)
+    if index in (0x1600, 0x1A02):
+        invalid = rig.plate.od.entry(index - 0x200, 1)
+        assert write_entry(rig, invalid, invalid.value | 1 << 31, PLATE_ID) == OK
+    for raw in (laxer, stricter):
+        if raw is not None:
+            assert write_entry(rig, rig.plate.od.entry(index, subindex), raw, PLATE_ID) == OK
 
 
 def test_what_is_protected_and_how() -> None:
     """By index: what is laxer than a value and what is not, whatever else would refuse it."""
     od = stimulator_od()
-    stricter = Stricter(od)
+    stricter = Stricter(od, OF_STIMULATOR)
     other = {
         *(0x1005, 0x1006, 0x1014, 0x1017),
         *range(0x1600, 0x1607),
@@ -172,7 +231,7 @@ def test_what_is_protected_and_how() -> None:
 @pytest.mark.parametrize("watch", range(1, 5))
 def test_every_watch_over_a_heartbeat_is_kept(watch: int) -> None:
     od = stimulator_od()
-    stricter, entry = Stricter(od), od.entry(0x1016, watch)
+    stricter, entry = Stricter(od, OF_STIMULATOR), od.entry(0x1016, watch)
     entry.value = 0x7F_0032
     for value in (0x7F_0033, 0x7F_0000, 0x7E_0032, 0x80_0032, 0):
         with pytest.raises(Abort):
