@@ -83,6 +83,10 @@ class ReadBack:
         self._quantities.row = (*row[:_VOLTAGE], 0.0, *row[_VOLTAGE + 1 :])
         self._statusword.value &= ~_DRIVING
 
+    def show_old(self) -> None:
+        """Show that what can be read is not live, before a next cycle makes it so."""
+        self._statusword.value &= ~_LIVE
+
     def publish(self, measured: Measured, cascade: Cascade) -> None:
         """Publish a cycle: what was measured, and the controllers after it."""
         W, _, temperature, saturation = measured.si

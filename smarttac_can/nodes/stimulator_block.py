@@ -223,7 +223,7 @@ class StimulatorBlock:
         if mode != cascade.mode:
             # The cascade has left it by itself.
             self._mode.value = int(cascade.mode)
-            if cascade.reason:
+            if cascade.reason and not self.supervisor.latched:
                 self._message.value = cascade.reason
 
     def trip(self, watchdog: Watchdog) -> None:
@@ -243,6 +243,11 @@ class StimulatorBlock:
         """Follow NMT out of OPERATIONAL."""
         self.supervisor.leave()
         self._follow()
+        self.fall_silent()
+
+    def fall_silent(self) -> None:
+        """Take note that no cycle comes for now: what is read back is that of the last one."""
+        self._read_back.show_old()
 
     def disarm(self) -> None:
         """Put the drive at 0 V for good, whatever the controlword says."""

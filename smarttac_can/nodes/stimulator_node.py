@@ -362,6 +362,7 @@ class StimulatorNode(Application):
         return int(min(first.value, second.value, third.value))
 
     def _on_unanswered(self) -> None:
+        self.block.fall_silent()
         if self.block.supervisor.live:
             self._trip(Watchdog.MEASUREMENT)
 

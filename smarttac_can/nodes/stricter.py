@@ -69,6 +69,7 @@ LONGER: Final = Rule("a longer time, or 0 where there is one", _lasts_longer)
 ELSEWHERE: Final = Rule("of a node: a longer time, 0, or another node", _watches_less)
 OTHER: Final = Rule("any but the present value", lambda present, value: value != present)
 
+
 class Place(NamedTuple):
     """Objects of the communication profile, and what is laxer for them."""
 

@@ -49,7 +49,7 @@ class Status(IntFlag):
     """Bits of the statusword."""
 
     LIVE = 1 << 0
-    """The loop has had a cycle since the start of the run."""
+    """The loop has its cycles: what is read back is that of now, not of the last one there was."""
     DRIVING = 1 << 1
     """The voltage is above 0."""
     TOUCHING = 1 << 2

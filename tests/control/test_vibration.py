@@ -1,7 +1,7 @@
 import pytest
 from first_order_plate import FirstOrderPlate, setpoint
 
-from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.cascade import Cascade, Limit
 from smarttac_can.control.design import amplitude_pi, resonance_pi
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.pi import PI
@@ -144,3 +144,23 @@ def test_a_held_frequency_is_cut_to_new_limits(limits, held, limited):
     loop.limit(*limits)
     assert loop.step(0j, 0.0) == held
     assert loop.limited is limited
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.1e-3])
+@pytest.mark.parametrize("frequency", [42700.0, 42790.0, 42900.0, 43990.0, 44000.0])
+def test_a_start_at_the_largest_amplitude_off_resonance_overshoots_by_less_than_9_percent(
+    frequency: float, dead_time: float
+) -> None:
+    plate = FirstOrderPlate(dead_time=dead_time)
+    cascade = Cascade(CascadeParameters(dead_time=dead_time))
+    cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+    target = setpoint(frequency=frequency, amplitude=3e-6)
+    readings, limited = [], []
+    for _ in range(60):
+        readings.append(max(abs(plate.W.real), abs(plate.W.imag)))
+        plate.step(cascade.update(plate.measure(), target))
+        limited.append(bool(cascade.limited & Limit.AMPLITUDE))
+    assert max(readings) < 3.27e-6
+    assert abs(plate.W) == pytest.approx(3e-6, rel=1e-3)
+    assert any(limited[:10])
+    assert not any(limited[20:])

@@ -6,6 +6,7 @@ from unittest.mock import patch
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from line import PREOP, START, STOP, both_nodes, plate_inside
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control.cascade import Cascade
@@ -180,3 +181,43 @@ def test_channels_are_valid_as_the_cycle_says(loop: Loop) -> None:
     loop.block.start_run()
     loop.cycle(1)
     assert cof.value == 1
+
+
+@pytest.mark.parametrize("command", [PREOP, STOP])
+def test_what_stands_still_outside_operational_is_not_live(command: int) -> None:
+    line, _, stimulator = both_nodes()
+    status = stimulator.od["Statusword"]
+    line.nmt(START)
+    assert status.value & 1 == 0
+    line.sync(5)
+    assert status.value & 1 == 1
+    line.nmt(command, 32)
+    assert status.value & 1 == 0
+    line.sync(5)
+    assert status.value & 1 == 0
+    line.nmt(START, 32)
+    assert status.value & 1 == 0
+    line.sync(2)
+    assert status.value & 1 == 1
+
+
+def test_what_is_read_of_a_silent_plate_is_not_live() -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(5)
+    line.nmt(STOP, 33)
+    line.sync(2)
+    assert stimulator.od["Statusword"].value & 1 == 1
+    line.sync()
+    assert stimulator.od["Statusword"].value & 1 == 0
+
+
+def test_a_plate_inside_goes_on_outside_operational() -> None:
+    line, stimulator = plate_inside()
+    line.nmt(START)
+    line.advance(5)
+    line.nmt(PREOP)
+    cycles = stimulator.od["Cycle.Cycles"].value
+    line.advance(5)
+    assert stimulator.od["Cycle.Cycles"].value == cycles + 5
+    assert stimulator.od["Statusword"].value & 1 == 1
