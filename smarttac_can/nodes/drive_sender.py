@@ -12,10 +12,14 @@ WRONG_MAX: Final = 3
 """Drives with a wrong check that disturb, for what is left of as many cycles as below."""
 WRONG_CYCLES: Final = 16
 _NOBODY: Final = 0
+_NEVER: Final = -1
 
 
 class DriveSender:
     """The stimulator that a plate works with: the first that tells it 0 V.
+
+    One drive alone does not name it for good: a check over the session before, or over anything,
+    names some node as well. Until a second one of the same comes, 0 V of another takes its place.
 
     Parameters
     ----------
@@ -37,6 +41,7 @@ class DriveSender:
     def forget(self) -> None:
         """Work with whoever comes first."""
         self._node_id = _NOBODY
+        self._once_in = _NEVER
         self._wrong = 0
         self.latched = False
 
@@ -64,6 +69,10 @@ class DriveSender:
         self.latched = named >= LATCHED
         node_id = named % LATCHED
         if self._node_id == _NOBODY:
+            self._node_id, self._once_in = node_id, session
+        elif node_id == self._node_id:
+            self._once_in = _NEVER
+        elif off and session == self._once_in:
             self._node_id = node_id
         if node_id != _NOBODY and node_id == self._node_id and (off or not self.latched):
             return True

@@ -125,6 +125,32 @@ def test_the_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
     assert stage(plate) == 1000
 
 
+def test_one_drive_alone_names_nobody() -> None:
+    line, plate = plate_alone()
+    line.nmt(START)
+    line.sync()
+    line.send(drive(0, 99, source=77), drive(0, 0), drive(2000, 0, source=77))
+    assert stage(plate) == 0
+    line.send(drive(0, 99, source=77), drive(0, 0), drive(0, 0), drive(0, 99, source=77))
+    line.sync()
+    line.send(drive(2000, 1))
+    assert stage(plate) == 2000
+
+
+def test_a_plate_that_was_reset_is_driven_again_whatever_its_stimulator_says_meanwhile() -> None:
+    line, plate, node = in_fault()
+    line.sync(5)
+    line.nmt(RESET_COMMUNICATION, PLATE_ID)
+    line.nmt(START, PLATE_ID)
+    # 0 V at once, with the check of the session before: the next one is not known yet.
+    assert line.write(node, "Controlword", 0) == 0
+    assert line.write(node, "Controlword", 0x80) == 0
+    line.sync(10)
+    line.run(node, OPEN_LOOP)
+    line.sync(3)
+    assert stage(plate) == 2000
+
+
 def test_three_wrong_checks_in_16_cycles_bar_and_two_do_not() -> None:
     line, plate = ready_plate()
     line.send(drive(2000, 0))
