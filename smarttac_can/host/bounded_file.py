@@ -6,14 +6,16 @@ import errno
 import os
 import stat
 import sys
-from io import BufferedReader
+from io import BufferedReader, BufferedWriter
 from pathlib import Path
 from typing import Final
 
 if sys.platform == "win32":
     _FLAGS: Final = os.O_RDONLY | os.O_BINARY
+    _NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_BINARY
 else:
     _FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY
+    _NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -33,6 +35,18 @@ def open_regular(path: Path) -> BufferedReader:
         file.close()
         raise
     return file
+
+
+def create_regular(path: Path) -> BufferedWriter:
+    """Make a new file to write to, in place of what had its name; follow no link, wait for nothing.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made, as in the place of a directory.
+    """
+    path.unlink(missing_ok=True)
+    return os.fdopen(os.open(path, _NEW, 0o666), "wb")
 
 
 def read_bounded(path: Path, most: int) -> bytes:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from smarttac_can.host.bounded_file import read_bounded, too_large
+from smarttac_can.host.bounded_file import create_regular, read_bounded, too_large
 
 MAX_BYTES: Final = 4 << 20
 """Of what a device stores; a DOMAIN takes up to 1 MiB of it."""
@@ -50,10 +50,13 @@ class StorageFile:
             return None
 
     def write(self, data: bytes) -> None:
-        """Replace the file as a whole; on `OSError` the old one is still there."""
+        """Replace the file as a whole; on `OSError` the old one is still there.
+
+        A pipe or a link in the place of the new one is neither waited for nor followed.
+        """
         if len(data) > MAX_BYTES:
             raise too_large(self.path, MAX_BYTES)
-        with self._new.open("wb") as file:
+        with create_regular(self._new) as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

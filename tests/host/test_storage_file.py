@@ -1,4 +1,6 @@
 import os
+import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -101,3 +103,37 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
         assert path.is_symlink()
         assert heartbeat(powered(kept)[0]) == period
     assert [p.name for p in kept.parent.iterdir()] == ["kept"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no named pipes in folders")
+def test_a_pipe_in_the_place_of_the_new_file_is_not_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "node.store"
+    os.mkfifo(tmp_path / "node.store.new")
+    writing = threading.Thread(target=StorageFile(path).write, args=(b"1",), daemon=True)
+    writing.start()
+    writing.join(5.0)
+    assert not writing.is_alive()
+    assert path.read_bytes() == b"1"
+    assert not (tmp_path / "node.store.new").exists()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_link_in_the_place_of_the_new_file_is_not_followed(tmp_path: Path, there: bool) -> None:
+    path, precious = tmp_path / "node.store", tmp_path / "precious"
+    if there:
+        precious.write_bytes(b"precious")
+    (tmp_path / "node.store.new").symlink_to(precious)
+    StorageFile(path).write(b"1")
+    assert path.read_bytes() == b"1" and not path.is_symlink()
+    assert precious.exists() == there
+    assert not there or precious.read_bytes() == b"precious"
+
+
+def test_a_directory_in_the_place_of_the_new_file_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "node.store"
+    path.write_bytes(b"old")
+    (tmp_path / "node.store.new").mkdir()
+    with pytest.raises(OSError, match=r"node\.store\.new") as refusal:
+        StorageFile(path).write(b"1")
+    assert len(str(refusal.value).splitlines()) == 1
+    assert path.read_bytes() == b"old"
