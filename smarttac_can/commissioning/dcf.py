@@ -135,10 +135,12 @@ def _resolve_node_id(file: ConfigParser, od: ObjectDictionary) -> None:
     """Write the numbers of the formulas, but keep what somebody has configured otherwise."""
     before = _lowered(_section(file, COMMISSIONING)).get("nodeid", "")
     for name in file.sections():
+        found = _SECTION.match(name)
+        if found is None:
+            continue
         keys = _lowered(file[name])
         formula = keys.get("defaultvalue", "")
-        found = _SECTION.match(name)
-        if found is None or "$nodeid" not in formula.lower() or "compactsubobj" in keys:
+        if "$nodeid" not in formula.lower() or "compactsubobj" in keys:
             continue
         entry = od.get(int(found[1], 16), int(found[2] or "0", 16))
         if entry is None:

@@ -26,7 +26,7 @@ _OTHER: Final = re.compile(
 )
 _LISTS: Final = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
 
-MAX_ENTRIES: Final = 65_536
+MAX_ENTRIES: Final = 32_768
 """Sub-indices of a device; a line with CompactSubObj makes 254."""
 
 Section = dict[str, str]

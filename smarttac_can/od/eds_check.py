@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain, islice
 from typing import Final
 
 from smarttac_can.od import cia
@@ -14,6 +15,8 @@ from smarttac_can.od.ini import EDSError, read_sections
 from smarttac_can.od.object_rules import check_objects
 from smarttac_can.od.pdo_rules import check_pdos
 
+MAX_FINDINGS: Final = 1000
+"""Findings of a file; who has more will not read them."""
 _HEADS: Final = {"fileinfo", "deviceinfo", "mandatoryobjects"}
 
 
@@ -30,28 +33,45 @@ def check_eds(text: str, file_name: str) -> list[Finding]:
     Returns
     -------
     list of Finding
-        Errors and warnings in the order of the rules; empty for a file without fault.
+        Errors and warnings in the order of the rules, the first 1000; empty for a file without
+        fault.
     """
+    findings = list(islice(_findings(text, file_name), MAX_FINDINGS + 1))
+    if len(findings) > MAX_FINDINGS:
+        findings[-1] = Finding("", f"there are more than {MAX_FINDINGS} findings")
+    return findings
+
+
+def _findings(text: str, file_name: str) -> Iterator[Finding]:
     odd: list[str] = []
-    findings = list(check_text(text))
     try:
         sections = read_sections(text, odd)
     except EDSError as error:
-        return [*findings, Finding("", str(error))]
+        yield from check_text(text)
+        yield Finding("", str(error))
+        return
     if not _HEADS & sections.keys():
-        return [
-            Finding("", "it is no EDS: neither [FileInfo], [DeviceInfo] nor [MandatoryObjects]")
-        ]
-    findings += [Finding("", line) for line in odd]
-    findings += check_information(sections, file_name)
-    findings += check_lists(sections)
-    findings += check_objects(sections)
+        yield Finding("", "it is no EDS: neither [FileInfo], [DeviceInfo] nor [MandatoryObjects]")
+        return
+    failed = False
+    for finding in chain(
+        check_text(text),
+        (Finding("", line) for line in odd),
+        check_information(sections, file_name),
+        check_lists(sections),
+        check_objects(sections),
+    ):
+        failed |= finding.error
+        yield finding
     try:
         od = load_eds(text, 1)
     except EDSError as error:
         # What made it unreadable was found above; if not, this is all there is to say.
-        return findings if any(f.error for f in findings) else [Finding("", str(error))]
-    return [*findings, *check_pdos(od), *_check_services(od)]
+        if not failed:
+            yield Finding("", str(error))
+        return
+    yield from check_pdos(od)
+    yield from _check_services(od)
 
 
 def _check_services(od: ObjectDictionary) -> Iterator[Finding]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from typing import Final
 
-MAX_LINES: Final = 100_000
-"""Lines of a file; those of our own have 3 774 at most."""
+MAX_LINES: Final = 40_000
+"""Lines of a file, which a slow machine reads and writes in 2 s; our own have 3 774 at most."""
+MAX_ODD: Final = 1000
+"""Lines that are left out or merged, with a warning each; a file with more is no EDS."""
 
 _COMMENT: Final = re.compile(r"(?:^|\s);.*$")
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
@@ -26,7 +28,7 @@ def read_sections(text: str, warnings: list[str]) -> dict[str, dict[str, str]]:
     ------
     EDSError
         A key has two different values, a line has a control character, or there are more than
-        `MAX_LINES`.
+        `MAX_LINES`, or `MAX_ODD` odd ones.
     """
     sections: dict[str, dict[str, str]] = {}
     current: dict[str, str] | None = None
@@ -37,6 +39,8 @@ def read_sections(text: str, warnings: list[str]) -> dict[str, dict[str, str]]:
             continue
         if number > MAX_LINES:
             raise EDSError(f"there are more than {MAX_LINES} lines")
+        if len(warnings) > MAX_ODD:
+            raise EDSError(f"line {number}: more than {MAX_ODD} lines before it are odd")
         # A name is shown on terminals, which obey such characters.
         if found := _CONTROL.search(line):
             raise EDSError(f"line {number}: {found[0]!r} is a control character")

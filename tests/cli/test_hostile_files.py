@@ -80,13 +80,13 @@ CASES: dict[str, tuple[tuple[str, ...], Callable[[Path], object], int, str]] = {
         (*SOME, "--eds"),
         text("[x]\n" * 1_000_000),
         4 * MIB,
-        "there are more than 100000 lines",
+        "line 1003: more than 1000 lines before it are odd",
     ),
     "a million objects": (
         (*SOME, "--eds"),
         text(objects(4000)),
         MIB,
-        "there are more than 65536 sub-indices",
+        "there are more than 32768 sub-indices",
     ),
     "a name of 3 MiB": (
         (*SOME, "--eds"),
@@ -149,6 +149,45 @@ def test_one_line_and_no_more_read_than_the_bound(
     read, peak_kib = map(int, done.stdout.split())
     assert read <= most + SLACK
     assert peak_kib < 300 * 1024
+
+
+def lines_more(line: str, count: int = 39_000) -> str:
+    """The stimulator with as many lines as are taken."""
+    number = count - STIMULATOR.count("\n")
+    return STIMULATOR + "".join(line.format(n) for n in range(number // line.count("\n")))
+
+
+OTHER_DCF = ("dcf", "--node-id", "5", "--bitrate", "1000000")
+LARGEST = {
+    "sub-indices": objects(128),
+    "sections": lines_more("[x{}]\n"),
+    "keys": lines_more("k{}=1\n"),
+    "comments": lines_more("; nothing {}\n"),
+    "odd lines": lines_more("odd {}\n"),
+    "listed": STIMULATOR.replace(
+        "[ManufacturerObjects]\n",
+        "[ManufacturerObjects]\n" + "".join(f"{n}=0x2000\n" for n in range(2000, 37_000)),
+    ),
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory of a child is in KiB there")
+@pytest.mark.parametrize("command", [("check",), ("doc",), ("dbc",), OTHER_DCF], ids=lambda c: c[0])
+@pytest.mark.parametrize("content", LARGEST.values(), ids=LARGEST)
+def test_the_largest_files_take_2_s_and_300_mib(
+    content: str, command: tuple[str, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "large.eds"
+    path.write_text(content)
+    child = subprocess.Popen(
+        [sys.executable, "-m", "smarttac_can", "eds", *command, str(path)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    _, _, used = os.wait4(child.pid, 0)
+    child.returncode = 0
+    assert used.ru_utime + used.ru_stime < 2.0
+    assert used.ru_maxrss < 300 * 1024
 
 
 OTHERS = [
@@ -260,7 +299,7 @@ def test_the_largest_files_that_are_taken_leave_signals_alone(
 ) -> None:
     finger, eds = tmp_path / "finger.csv", tmp_path / "large.eds"
     finger.write_text(HEADER + "".join(f"{i},0,0\n" for i in range(100_000)))
-    comments = "; nothing\n" * (99_990 - STIMULATOR.count("\n"))
+    comments = "; nothing\n" * (39_990 - STIMULATOR.count("\n"))
     eds.write_text(STIMULATOR + comments)
     with processes(multicast, f"node --finger {finger} --eds {eds}") as (node,):
         status, lines, complaints = node.end(number)

@@ -243,19 +243,25 @@ def test_any_damage_gives_a_dictionary_or_one_line(noise: str, line: int) -> Non
 
 
 def test_a_file_has_an_end() -> None:
-    load_eds(var(*[";"] * 99_992, "PDOMapping=0"), 1)
-    with pytest.raises(EDSError, match="there are more than 100000 lines"):
-        load_eds(var(*[";"] * 99_993, "PDOMapping=0"), 1)
+    load_eds(var(*[";"] * 39_992, "PDOMapping=0"), 1)
+    with pytest.raises(EDSError, match="there are more than 40000 lines"):
+        load_eds(var(*[";"] * 39_993, "PDOMapping=0"), 1)
 
 
-def test_a_device_has_at_most_65536_sub_indices() -> None:
+def test_a_file_with_more_than_1000_odd_lines_is_none() -> None:
+    assert len(load_eds(var(*["odd"] * 1000, "PDOMapping=0"), 1).warnings) >= 1000
+    with pytest.raises(EDSError, match="more than 1000 lines before it are odd"):
+        load_eds(var(*["odd"] * 1001, "PDOMapping=0"), 1)
+
+
+def test_a_device_has_at_most_32768_sub_indices() -> None:
     """CompactSubObj makes 254 of them in a line, beside the one that counts them."""
     array = ("ParameterName=X", "ObjectType=8", "DataType=5", "AccessType=ro")
-    lines = [f"[{0x3000 + i:X}]\n" + "\n".join((*array, "CompactSubObj=254")) for i in range(258)]
+    lines = [f"[{0x3000 + i:X}]\n" + "\n".join((*array, "CompactSubObj=254")) for i in range(129)]
     lines += ["[4000]", *array]
-    assert sum(1 for _ in load_eds(eds(*lines, "CompactSubObj=4"), 1)) == 65_536 + 259
-    with pytest.raises(EDSError, match="there are more than 65536 sub-indices"):
-        load_eds(eds(*lines, "CompactSubObj=5"), 1)
+    assert sum(1 for _ in load_eds(eds(*lines, "CompactSubObj=2"), 1)) == 32_768 + 130
+    with pytest.raises(EDSError, match="there are more than 32768 sub-indices"):
+        load_eds(eds(*lines, "CompactSubObj=3"), 1)
 
 
 @pytest.mark.parametrize(
