@@ -9,6 +9,7 @@ from smarttac_can.cli.conformance import conform
 from smarttac_can.cli.device import device
 from smarttac_can.cli.eds import eds
 from smarttac_can.cli.faults import faults, soak
+from smarttac_can.cli.hostile import hostile
 from smarttac_can.cli.jitter import jitter
 from smarttac_can.cli.lss import lss
 from smarttac_can.cli.nodes import node, plate
@@ -30,6 +31,6 @@ def main() -> None:
 
 for command in (
     demo, reproduce, report, node, plate, device, conform, scan, lss, eds, jitter, faults,
-    soak,
+    soak, hostile,
 ):  # fmt: skip
     main.add_command(command)

@@ -56,6 +56,11 @@ def download(node_id: int, entry: Entry, raw: Any) -> Frame:
     return _request(node_id, _DOWNLOAD | (EXPEDITED_BYTES - len(data)) << 2, entry, data)
 
 
+def abort(node_id: int, code: int) -> Frame:
+    """Make the SDO abort by a client, which ends whatever transfer the server has open."""
+    return Frame(SDO_RX_ID + node_id, bytes((ABORT, 0, 0, 0)) + code.to_bytes(4, "little"))
+
+
 def answers(frame: Frame, request: Frame) -> bool:
     """Tell whether a frame answers an SDO request; answers to segments do not name the object."""
     if frame.can_id - SDO_TX_ID != request.can_id - SDO_RX_ID or len(frame.data) != FRAME_BYTES:

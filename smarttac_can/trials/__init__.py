@@ -1,4 +1,4 @@
-"""Fault matrix and soak: every fault in every mode, and hours with faults at random."""
+"""Fault matrix, soak and attack: every fault in every mode, hours of faults, a hostile node."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from smarttac_can._faces import lazily
 
 if TYPE_CHECKING:
     from smarttac_can.trials.fault_matrix import cases
+    from smarttac_can.trials.hostile import Hostile
     from smarttac_can.trials.rig import Rig
     from smarttac_can.trials.soak import Soak
 
-__all__ = ["Rig", "Soak", "cases"]
+__all__ = ["Hostile", "Rig", "Soak", "cases"]
 
 __getattr__ = lazily(
     __name__,
     {
         "cases": "fault_matrix",
+        "Hostile": "hostile",
         "Rig": "rig",
         "Soak": "soak",
     },

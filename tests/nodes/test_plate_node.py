@@ -100,7 +100,9 @@ def test_the_first_drive_is_0_v(begin: str) -> None:
 def test_a_period_that_disagrees_is_0_v() -> None:
     line, plate = ready_plate()
     line.send(drive(2000, 0))
-    assert line.write_entry(plate, plate.od.entry(0x1006), 2000) == 0
+    period = plate.od.entry(0x1006)
+    assert line.write_entry(plate, period, 2000) == STATE, "not under a drive"
+    period.value = 2000
     line.sync()
     assert stage(plate) == 0
 

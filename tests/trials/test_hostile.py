@@ -1,0 +1,92 @@
+"""A hostile third node neither drives the plate nor harms the pair; its trial sees what does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from smarttac_can.trials.hostile import Hostile, HostileReport
+from smarttac_can.trials.hostile_node import CALM, OWN
+from smarttac_can.trials.rig import Rig
+
+ACTIONS = 1500
+
+
+@pytest.fixture(scope="module")
+def attacked() -> HostileReport:
+    return Hostile(ACTIONS, 3).run()
+
+
+def test_1500_frames_of_every_kind_harm_nothing(attacked: HostileReport) -> None:
+    assert attacked.violations == []
+    assert set(attacked.actions) == {*CALM, OWN}
+    assert sum(attacked.actions.values()) == ACTIONS
+    assert attacked.running_share_alone >= 0.5
+    assert attacked.peak_v <= 150.0
+    assert 0.3 < attacked.peak_um <= 7.5
+    assert attacked.arms > 1
+
+
+def test_the_commands_are_2_percent_at_most() -> None:
+    assert CALM["NMT or controlword"] <= 0.02 * sum(CALM.values())
+
+
+def test_it_repeats_by_its_seed() -> None:
+    shares: list[float] = []
+    first = Hostile(200, 5, shares.append).run()
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    assert replace(Hostile(200, 5).run(), wall_s=first.wall_s) == first
+    assert replace(Hostile(200, 6).run(), seed=5, wall_s=first.wall_s) != first
+
+
+def test_less_than_an_action_is_refused() -> None:
+    with pytest.raises(ValueError, match="actions 0 is below 1"):
+        Hostile(0, 1)
+
+
+def spoil_voltage(hostile: Hostile) -> None:
+    hostile._rig.stage.value = 15_001
+
+
+def spoil_vibration(hostile: Hostile) -> None:
+    hostile._rig.plate_block.plate._resonator.W = 7.6e-6 + 0j
+
+
+def fail(hostile: Hostile) -> None:
+    raise ZeroDivisionError("division by zero")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (spoil_voltage, "150.01 V at the power stage, more than 150 V"),
+        (spoil_vibration, "a vibration of 7.60 um"),
+        (fail, "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_what_does_not_hold_is_seen(
+    spoil: object, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def observe(hostile: Hostile) -> None:
+        spoil(hostile)  # type: ignore[operator]
+        honest(hostile)
+
+    honest = Hostile._observe
+    monkeypatch.setattr(Hostile, "_observe", observe)
+    report = Hostile(3, 1).run()
+    assert not report.passed
+    assert any(message in line for line in report.violations)
+
+
+@pytest.mark.parametrize("node", ["stimulator", "plate"])
+def test_a_node_that_does_not_answer_is_seen(node: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def attack(hostile: Hostile) -> None:
+        rig: Rig = hostile._rig
+        port = rig.stimulator_port if node == "stimulator" else rig.plate_port
+        assert port is not None
+        rig.bus.pause(port)
+        rig.cycle(5)
+
+    monkeypatch.setattr(Hostile, "_attack", attack)
+    assert any("is not alive" in line for line in Hostile(3, 1).run().violations)
