@@ -5,7 +5,7 @@ from __future__ import annotations
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
-from smarttac_can.od.cia import Abort
+from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.dictionary import Entry
 from smarttac_can.trials.fault_acts import nothing, send_setpoints
 from smarttac_can.trials.fault_case import FaultCase
@@ -36,11 +36,14 @@ def driven(mode: Mode = Mode.OPEN_LOOP, log: LogHook | None = None) -> Rig:
 def driven_within(deadline_ms: int, mode: Mode = Mode.OPEN_LOOP) -> Rig:
     """A rig that drives, with other deadlines of the loop than those of lockstep."""
     rig = driven(mode)
-    # Limits and watches of a run become stricter only.
+    # Limits and watches of a run become stricter only, and a plate in use does not know its end.
     assert write(rig, "Controlword", 0) == 0
+    rig.nmt(NMTCommand.ENTER_PRE_OPERATIONAL, PLATE_ID)
     assert write_entry(rig, rig.plate.od.entry(0x1400, 5), deadline_ms, PLATE_ID) == 0
+    rig.nmt(NMTCommand.START, PLATE_ID)
     for index in (0x1404, 0x1405, 0x1406):
         assert write_entry(rig, rig.od.entry(index, 5), deadline_ms) == 0
+    rig.cycle(5)
     rig.drive(mode)
     rig.cycle(60)
     assert rig.stage.value > 0

@@ -248,9 +248,11 @@ def test_a_node_that_is_watched_twice_is_found_once() -> None:
 def test_sync_of_another_is_right_again_when_the_node_produces_none() -> None:
     rig = driven()
     assert write(rig, "Controlword", 0) == 0
+    rig.nmt(0x80, PLATE_ID)
     for index, raw in ((0x1006, 0), (0x1019, 0), (0x1006, 1000)):
         for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate.od)):
             assert write_entry(rig, od.entry(index), raw, node_id) == 0
+    rig.nmt(0x01, PLATE_ID)
     producer = rig.od.entry(0x1005)
     rig.syncs = 0
     assert write_entry(rig, producer, 0x4000_0080) == 0
