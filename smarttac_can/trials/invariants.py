@@ -58,6 +58,8 @@ class Invariants:
             if isinstance(entry.default, int) and entry.low < entry.high
         ]
         self._rolling = cycle([(entry.reader, entry) for entry in entries])
+        self._tick = rig.plate_block.tick
+        self._last_tick = -1
         self._high_for = 0
         self._undriven_for = 0
         self.violations: list[str] = []
@@ -79,7 +81,10 @@ class Invariants:
         W = abs(plate.W)
         if not isfinite(W + plate.temperature + plate.Ft + plate.Fn):
             self.violate("a state of the plate is not finite")
-        self._high_for = self._high_for + 1 if self._trip.si_value < W else 0
+        # Without ticks the simulated plate stands still, at 0 V, and does not ring down.
+        tick, self._last_tick = self._last_tick, self._tick.value
+        if self._last_tick != tick:
+            self._high_for = self._high_for + 1 if self._trip.si_value < W else 0
         if self._high_for > AMPLITUDE_CYCLES + AFTERGLOW_CYCLES:
             self.violate(f"an amplitude of {W * 1e6:.2f} um for {self._high_for} cycles")
         if self._machine.state is _RUNNING or self.deaf or not rig.stage.value:
