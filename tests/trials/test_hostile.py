@@ -22,7 +22,7 @@ def test_1500_frames_of_every_kind_harm_nothing(attacked: HostileReport) -> None
     assert attacked.violations == []
     assert set(attacked.actions) == {*CALM, OWN}
     assert sum(attacked.actions.values()) == ACTIONS
-    assert attacked.running_share_alone >= 0.5
+    assert attacked.running_share > 0.1
     assert attacked.peak_v <= 150.0
     assert 0.3 < attacked.peak_um <= 7.5
     assert attacked.arms > 1
@@ -90,3 +90,11 @@ def test_a_node_that_does_not_answer_is_seen(node: str, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(Hostile, "_attack", attack)
     assert any("is not alive" in line for line in Hostile(3, 1).run().violations)
+
+
+def test_an_attack_that_leaves_less_than_half_running_is_seen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Hostile, "_attack", lambda hostile: hostile._rig.cycle(50))
+    lines = Hostile(20_000, 1).run().violations
+    assert any("running in 0.0 % of the cycles only" in line for line in lines)
