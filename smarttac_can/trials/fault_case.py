@@ -8,7 +8,13 @@ from typing import Any, Final, NamedTuple
 
 from smarttac_can.trials.fault_acts import Act
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.faults import (
+    PICKUP,
+    PICKUP_D,
+    PICKUP_Q,
+    SENSOR_KINDS,
+    FaultKind,
+)
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
@@ -26,6 +32,7 @@ REGULATED: Final = tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)
 """Modes that do not end by themselves."""
 RING_DOWN_CYCLES: Final = 3
 """Time constants of the plate, 1 ms each, until 5 % of its vibration is left."""
+_PICKUPS: Final = (PICKUP, PICKUP_D, PICKUP_Q)
 
 
 class FaultCase(NamedTuple):
@@ -56,6 +63,8 @@ class FaultCase(NamedTuple):
     """Whether what the stimulator says is lost with the bus."""
     needs_voltage: bool = False
     """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
+    hides_vibration: bool = False
+    """Whether the pick-up is broken, so that the plate may vibrate too much until that is seen."""
 
     why: str = ""
     """Why another watchdog is first than the one of the name."""
@@ -81,4 +90,5 @@ def broken(
     def inject(rig: Rig) -> None:
         rig.inject(kind, sensor, value)
 
-    return FaultCase(name, bound, watchdog, inject, Rig.mend, **more)
+    hides = kind in SENSOR_KINDS and sensor in _PICKUPS
+    return FaultCase(name, bound, watchdog, inject, Rig.mend, hides_vibration=hides, **more)

@@ -17,11 +17,12 @@ from smarttac_can.trials.invariants import Invariants
 from smarttac_can.trials.margins import Margins
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.process_size import SAMPLE_CYCLES, ProcessSize
-from smarttac_can.trials.rig import Rig
+from smarttac_can.trials.rig import PLATE_LOST_MS, Rig
 from smarttac_can.trials.soak_report import SoakReport
 from smarttac_can.trials.trip_cause import TripCause
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 CYCLES_PER_HOUR: Final = 3_600_000
 _READY_CYCLES: Final = 5
@@ -30,6 +31,7 @@ _RUNNING: Final = State.RUNNING
 _SHOWING_V: Final = 20.0
 """Voltage from which any plate vibrates enough to be judged."""
 _PATIENCE_CYCLES: Final = 2000
+_MISSED: Final = 1 << Watchdog.HEARTBEAT
 _USED: Final = tuple(
     case for case in CASES
     if not case.plate_inside and case.prepare is None and not case.breaks_controller
@@ -230,6 +232,7 @@ class Soak:
         self._faults[case.name] += 1
         invariants.stage_is_broken = case.breaks_stage
         invariants.deaf = case.deaf
+        invariants.hidden_cycles = case.bound if case.hides_vibration else 0
         case.inject(self._rig)
         self._wait(case)
         if self._rig.stage.value:
@@ -256,6 +259,7 @@ class Soak:
         self._recover()
         invariants = self._invariants
         invariants.stage_is_broken = invariants.deaf = False
+        invariants.hidden_cycles = 0
         if not case.cut_off:
             invariants.check_history()
         self._report.emergencies += len(self._rig.emergencies)
@@ -294,7 +298,11 @@ class Soak:
         rig.nmt(NMTCommand.START)
         rig.configure()
         self._cycle(200)
-        # A heartbeat that was still being missed has stopped the stimulator meanwhile.
+        # Who was missed is so until its next heartbeat, and has stopped the stimulator meanwhile.
+        for _ in range(PLATE_LOST_MS):
+            if not rig.od["Diagnosis.Present"].value & _MISSED:
+                break
+            self._cycle(1)
         rig.nmt(NMTCommand.START)
         self._cycle(_READY_CYCLES)
         self._lift()

@@ -71,6 +71,20 @@ def test_lasting_amplitude_above_the_limit_is_seen(rig: Rig, invariants: Invaria
     assert "um for" in invariants.violations[0]
 
 
+def test_a_broken_pickup_hides_an_amplitude_for_no_longer_than_its_bound(
+    rig: Rig, invariants: Invariants
+) -> None:
+    rig.od["Limit.Amplitude trip"].value = 0
+    invariants.hidden_cycles = 43
+    for _ in range(AMPLITUDE_CYCLES + AFTERGLOW_CYCLES + 43):
+        rig.cycle()
+        invariants.check()
+    assert not invariants.violated
+    rig.cycle()
+    invariants.check()
+    assert "um for" in invariants.violations[0]
+
+
 def test_plate_that_is_not_finite_is_seen(rig: Rig, invariants: Invariants) -> None:
     rig.plate_block.plate.temperature = float("nan")
     invariants.check()
