@@ -31,7 +31,7 @@ def refusal(*arguments: str) -> str:
         ((*VIRTUAL, "--node-id", "0"), "0 is not in the range 1<=x<=127"),
         ((*VIRTUAL, "--node-id", "128"), "128 is not in the range 1<=x<=127"),
         ((*VIRTUAL, "--node-id", "x"), "'x' is not a valid integer"),
-        ((*VIRTUAL, "--subject", "6"), "6 is not in the range 1<=x<=5"),
+        ((*VIRTUAL, "--subject", "10"), "10 is not in the range 1<=x<=9"),
         ((*VIRTUAL, "--seed", "-1"), "-1 is not in the range"),
         ((*VIRTUAL, "--bitrate", "0"), "0 is not in the range"),
         ((*VIRTUAL, "--finger", "missing.csv"), "'missing.csv' is neither none, stroke nor a file"),
