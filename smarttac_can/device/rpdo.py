@@ -71,28 +71,30 @@ class RPDO(PDO):
         return self.deadline.running
 
     def apply(self, entry: Entry) -> None:
-        """Take the new parameters; a deadline runs anew, and one that was missed stays missed."""
-        watched = self.deadline.running
+        """Take the new parameters; a deadline that was missed stays missed."""
         self._drop()
         self.configure()
         if not (self.alive and self.valid and self.event_time):
-            self._in_time()
-        elif watched:
-            self.deadline.restart()
+            self._end_deadline()
 
     def configure(self) -> None:
-        """Read both records; another deadline is for the next PDO."""
+        """Read both records; another deadline counts from the last PDO, or is for the next."""
         super().configure()
+        # From now on, whoever shortens it step by step would do the work of a PDO.
+        self.deadline.follow(self.event_time)
         self.deadline.delay = self.event_time
 
     def cease(self) -> None:
         """Drop the values that wait for SYNC, and end the deadline; a missed one counts as over."""
         self._drop()
+        self._end_deadline()
+
+    def _end_deadline(self) -> None:
+        self.deadline.stop()
         self._in_time()
 
     def _drop(self) -> None:
         self._latch = None
-        self.deadline.stop()
         for code in sorted(self._faults):
             self._settle(code)
 

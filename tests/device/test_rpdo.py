@@ -206,9 +206,9 @@ def test_a_broken_pdo_leaves_the_one_that_waits_for_sync() -> None:
 
 
 @pytest.mark.parametrize(
-    ("subindex", "value", "size", "left"), [(5, 30, 2, 30), (5, 20, 2, 1), (2, 254, 1, 20)]
+    ("subindex", "value", "size", "left"), [(5, 30, 2, 11), (5, 20, 2, 1), (2, 254, 1, 1)]
 )
-def test_a_deadline_that_runs_goes_on_with_new_parameters(
+def test_a_deadline_counts_from_the_last_pdo_whatever_is_written_meanwhile(
     subindex: int, value: int, size: int, left: int
 ) -> None:
     application = Log()
