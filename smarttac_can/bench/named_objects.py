@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
-from math import isfinite
+from math import isfinite, nan
 from numbers import Real
 from typing import Final
 
@@ -27,9 +27,13 @@ def finite(name: str, value: object) -> float:
     ValueError
         If it is none, or not finite.
     """
-    if not isinstance(value, Real) or not isfinite(value):
+    try:
+        number = float(value) if isinstance(value, Real) else nan
+    except OverflowError:
+        number = nan
+    if not isfinite(number):
         raise ValueError(f"{name} {value!r} is not a finite number")
-    return float(value)
+    return number
 
 
 def find_object(od: ObjectDictionary, name: str) -> Entry:

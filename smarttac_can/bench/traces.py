@@ -47,6 +47,7 @@ COLUMNS = (
 )
 HEADER = ("experiment", "subject", *(column.name for column in COLUMNS))
 _LONGEST_LINE = 1000
+_LONGEST_LABEL = 100
 _LABEL = re.compile(r"[a-z0-9_.]+")
 
 
@@ -173,10 +174,15 @@ def require_labels(experiment: str, subject: int) -> None:
     Raises
     ------
     ValueError
-        If the experiment is not made of a-z, 0-9, point and underscore, or the subject below 0.
+        If the experiment is not 1 to 100 of a-z, 0-9, point and underscore, or the subject is no
+        integer of 0 or more.
     """
-    if not _LABEL.fullmatch(experiment):
+    if not (isinstance(experiment, str) and _LABEL.fullmatch(experiment)):
         raise ValueError(f"experiment {experiment!r} is not made of a-z 0-9 . _")
+    if len(experiment) > _LONGEST_LABEL:
+        raise ValueError(f"experiment of {len(experiment)} characters is outside 1..100")
+    if type(subject) is not int:
+        raise ValueError(f"subject {subject!r} is no integer")
     if subject < 0:
         raise ValueError(f"subject {subject} is below 0")
 

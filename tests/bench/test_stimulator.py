@@ -130,7 +130,12 @@ def test_what_a_stimulator_and_a_trace_show_of_themselves() -> None:
     ("labels", "text"),
     [
         ({"experiment": "Trial-1"}, "experiment 'Trial-1' is not made of a-z 0-9 . _"),
+        ({"experiment": None}, "experiment None is not made of a-z 0-9 . _"),
+        ({"experiment": 101 * "x"}, "experiment of 101 characters is outside 1..100"),
         ({"subject": -1}, "subject -1 is below 0"),
+        ({"subject": 1.5}, "subject 1.5 is no integer"),
+        ({"subject": True}, "subject True is no integer"),
+        ({"subject": "1"}, "subject '1' is no integer"),
     ],
 )
 def test_labels_are_refused_before_anything_runs(
@@ -656,6 +661,7 @@ def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
         (lambda bench: bench.run("1"), "seconds '1' is not a finite number"),
         (lambda bench: setattr(bench, "voltage", "20"), "Voltage '20' is not a finite number"),
         (lambda bench: setattr(bench, "voltage", None), "Voltage None is not a finite number"),
+        (lambda bench: setattr(bench, "voltage", 10**400), "0 is not a finite number"),
         (lambda bench: setattr(bench, "cof", None), "cof None is not a finite number"),
         (lambda bench: setattr(bench, "cof", (0.2, "x")), "cof 'x' is not a finite number"),
         (
