@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,11 +21,13 @@ _MOST_WARNINGS: Final = 20
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
-    """Turn the errors of bus, bench, EDS and files into click's one line."""
+    """Turn the errors of bus, bench, EDS, files and killed processes into click's one line."""
     try:
         yield
     except (BenchError, BusError, EDSError) as error:
         raise click.ClickException(one_line(error)) from error
+    except BrokenProcessPool as error:
+        raise click.ClickException("a process that shared the work was killed") from error
     except OSError as error:
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
         raise click.ClickException(one_line(what)) from error

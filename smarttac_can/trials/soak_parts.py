@@ -67,6 +67,8 @@ def soak_in_parts(
     ------
     ValueError
         If a part is shorter than a cycle.
+    BrokenProcessPool
+        If one of the processes was killed.
     """
     tell = progress or (lambda _share: None)
     if jobs == 1 or len(chosen) == 1:
@@ -96,8 +98,10 @@ def _side_by_side(chosen: Sequence[Part], jobs: int, tell: Progress) -> list[Soa
             tell(sum(shares) / len(chosen))
         return [result.result() for result in results]
     finally:
-        stop.set()
-        pool.shutdown(cancel_futures=True)
+        # An interrupt in here would leave processes that nobody tells to end.
+        with _interrupts_held():
+            stop.set()
+            pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

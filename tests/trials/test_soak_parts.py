@@ -159,15 +159,16 @@ def busy(pid: int) -> bool:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 @pytest.mark.parametrize(
-    ("number", "early", "to_all"),
+    ("number", "early", "to_all", "again"),
     [
-        (signal.SIGINT, False, True),
-        (signal.SIGINT, True, True),
-        (signal.SIGINT, False, False),
-        (signal.SIGKILL, False, False),
+        (signal.SIGINT, False, True, False),
+        (signal.SIGINT, True, True, False),
+        (signal.SIGINT, False, False, False),
+        (signal.SIGINT, False, True, True),
+        (signal.SIGKILL, False, False, False),
     ],
 )
-def test_no_process_is_left(number: int, early: bool, to_all: bool) -> None:
+def test_no_process_is_left(number: int, early: bool, to_all: bool, again: bool) -> None:
     """Ctrl-C goes to all processes of a terminal; as soon as they begin, or while they soak."""
     # A shell starts what runs in the background deaf to Ctrl-C, and so it would these tests.
     command = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can"]
@@ -182,6 +183,9 @@ def test_no_process_is_left(number: int, early: bool, to_all: bool) -> None:
             if not early:
                 wait_for(lambda: sum(map(busy, group(leader))) >= 2)
             (os.killpg if to_all else os.kill)(leader, number)
+            if again:
+                time.sleep(0.05)
+                os.killpg(leader, number)
             _, errors = soak.communicate(timeout=30.0)
             wait_for(lambda: not group(leader))
         finally:
@@ -191,3 +195,23 @@ def test_no_process_is_left(number: int, early: bool, to_all: bool) -> None:
     if number == signal.SIGINT:
         assert soak.returncode == 1
         assert errors.split() == ["soaking", "Aborted!"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_a_process_that_is_killed_ends_the_soak_in_one_line() -> None:
+    command = [sys.executable, "-m", "smarttac_can", "soak", "--hours", "3", "--jobs", "2"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as soak:
+        leader = soak.pid
+        try:
+            wait_for(lambda: sum(pid != leader and busy(pid) for pid in group(leader)) >= 1)
+            os.kill(next(pid for pid in group(leader) if pid != leader and busy(pid)), 9)
+            _, errors = soak.communicate(timeout=30.0)
+            wait_for(lambda: not group(leader))
+        finally:
+            if group(leader):
+                os.killpg(leader, signal.SIGKILL)
+    assert soak.returncode == 1
+    assert errors.splitlines()[-1] == "Error: a process that shared the work was killed"
+    assert "Traceback" not in errors
