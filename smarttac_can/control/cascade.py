@@ -3,34 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from enum import IntFlag
 from math import isfinite, sqrt
 from typing import Final
 
-from smarttac_can.control.design import amplitude_pi, resonance_pi
 from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
 from smarttac_can.control.identification import Identification
+from smarttac_can.control.inner_loops import InnerLoops, designed_for
+from smarttac_can.control.limit import AMPLITUDE, FREQUENCY, VOLTAGE
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.predictive import PredictiveLoop
-from smarttac_can.control.schedule import Schedule
 from smarttac_can.control.tribometer import Tribometer
-from smarttac_can.control.vibration import AMPLITUDE_MIN, AmplitudeLoop, ResonanceLoop
+from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode, VibrationLaw
+from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
 
-
-class Limit(IntFlag):
-    """A limit that cut off what was asked for in this tick."""
-
-    VOLTAGE = 1
-    AMPLITUDE = 2
-    FREQUENCY = 4
-
-
-# Plain integers: IntFlag arithmetic costs ten times as much.
-_VOLTAGE, _AMPLITUDE, _FREQUENCY = (int(limit) for limit in Limit)
-# To look a member up costs ten times as much, too, and every cycle asks for these.
+# To look a member up costs ten times as much as a name, and every cycle asks for these.
 _FIXED: Final = Mode.AMPLITUDE
 _FRICTION: Final = Mode.FRICTION
 
@@ -81,7 +68,7 @@ class Cascade:
     drive : Drive
         The drive put out last.
     limited : int
-        Bits of :class:`Limit`.
+        Bits of :class:`~smarttac_can.control.limit.Limit`.
     identification : Identification or None
         The last one started.
     tribometer : Tribometer
@@ -91,17 +78,14 @@ class Cascade:
     __slots__ = (
         "E",
         "W_ref",
-        "_amplitude_loop",
         "_boundary",
-        "_f_set",
         "_fresh",
         "_from_off",
+        "_inner",
         "_law",
         "_model",
         "_parameters",
         "_predictive",
-        "_resonance_loop",
-        "_schedule",
         "amplitude",
         "contact",
         "drive",
@@ -165,11 +149,10 @@ class Cascade:
         self._boundary.right = right
         self._law = FrictionLaw(p.law, p.slope, p.step_max)
         self._parameters = p
-        if _designed_for(p) != _designed_for(before):
+        if designed_for(p) != designed_for(before):
             self._design()
         else:
-            self._amplitude_loop.V_max = p.V_max
-            self._resonance_loop.limit(p.f_min, p.f_max)
+            self._inner.limit(p)
 
     def set_mode(self, mode: int) -> None:
         """Change the mode; the mode in force again changes nothing.
@@ -234,64 +217,25 @@ class Cascade:
         self.drive = drive
 
     def _closed_loop(self, W: complex, W_ref: float, setpoint: Setpoint) -> Drive:
-        """Return the drive of C_W and C_omega for an amplitude reference in m."""
+        """Return the drive of the inner loops for an amplitude reference in m."""
         p = self._parameters
         limited = 0
         if not 0.0 <= W_ref <= p.W_max:
             W_ref = 0.0 if W_ref < 0.0 else p.W_max
-            limited = _AMPLITUDE
+            limited = AMPLITUDE
         if W_ref > DETUNED_SHARE * p.W_max and self._detuned(W):
             W_ref = DETUNED_SHARE * p.W_max
-            limited = _AMPLITUDE
+            limited = AMPLITUDE
         self.W_ref = W_ref
-        predictive = self._predictive
-        if predictive is not None:
-            return self._predicted(predictive, W_ref, setpoint, limited)
-        amplitude_loop = self._amplitude_loop
-        schedule = self._schedule
-        if schedule is not None:
-            contact = self.contact
-            Fn = contact.Fn if contact.touching else 0.0
-            schedule.tune(Fn, amplitude_loop.pi, self._resonance_loop.pi)
-        V = amplitude_loop.step(W_ref, self.amplitude)
-        if amplitude_loop.limited:
-            limited |= _VOLTAGE
-        if self.mode is _FIXED:
-            f = self._within_limits(setpoint.frequency)
-            if f != setpoint.frequency:
-                limited |= _FREQUENCY
-        else:
-            resonance_loop = self._resonance_loop
-            f = resonance_loop.step(W, self.amplitude)
-            if resonance_loop.limited:
-                limited |= _FREQUENCY
-        return self._put_out(V, f, limited)
-
-    def _predicted(
-        self, loop: PredictiveLoop, W_ref: float, setpoint: Setpoint, limited: int
-    ) -> Drive:
-        """Return the drive that the predictive law asks for, cut to the limits."""
-        asked = setpoint.frequency if self.mode is _FIXED else loop.resonance
-        f = self._within_limits(asked)
-        if f != asked:
-            limited |= _FREQUENCY
-        V = loop.voltage(W_ref, f)
-        V_max = self._parameters.V_max
-        if V <= 0.0:
-            limited |= _VOLTAGE if V < 0.0 else 0
-            V = 0.0
-        elif V_max < V:
-            limited |= _VOLTAGE
-            V = V_max
-        return self._put_out(V, f, limited)
-
-    def _put_out(self, V: float, f: float, limited: int) -> Drive:
-        """Return the drive; whatever went before, nothing but one within limits leaves here."""
-        p = self._parameters
+        inner = self._inner
+        fixed = setpoint.frequency if self.mode is _FIXED else None
+        drive = inner.step(W, self.amplitude, W_ref, self.contact, fixed)
+        V, f = drive
+        # Whatever a law makes of what it knows, nothing but a drive within limits leaves here.
         if not (0.0 <= V <= p.V_max and p.f_min <= f <= p.f_max):
             return self._turn_off("drive is not finite")
-        self.limited = limited
-        self.drive = drive = Drive(V, f)
+        self.limited = limited | inner.limited
+        self.drive = drive
         return drive
 
     def _detuned(self, W: complex) -> bool:
@@ -301,25 +245,22 @@ class Cascade:
 
     def _open_loop(self, setpoint: Setpoint) -> Drive:
         """Return the set-point's drive, or the same with 0 V in mode OFF."""
-        V, f = 0.0, self._within_limits(setpoint.frequency)
+        p = self._parameters
+        V, f = 0.0, p.clip_frequency(setpoint.frequency)
         self.limited = 0
         if self.mode is Mode.OPEN_LOOP:
-            p = self._parameters
             V = min(max(setpoint.voltage, 0.0), p.V_max)
             if setpoint.voltage != V:
-                self.limited |= _VOLTAGE
+                self.limited |= VOLTAGE
             # Nothing regulates here: the bare plate at its resonance is the worst case.
             if self._model.gain * V > p.W_max:
                 V = p.W_max / self._model.gain
-                self.limited |= _AMPLITUDE
+                self.limited |= AMPLITUDE
             self.W_ref = self.amplitude
             if setpoint.frequency != f:
-                self.limited |= _FREQUENCY
+                self.limited |= FREQUENCY
         self.drive = Drive(V, f)
         return self.drive
-
-    def _within_limits(self, frequency: float) -> float:
-        return min(max(frequency, self._parameters.f_min), self._parameters.f_max)
 
     def _friction(self, setpoint: Setpoint) -> float:
         """Return the amplitude reference in m that C_mu asks for."""
@@ -352,10 +293,10 @@ class Cascade:
     def _enter(self, setpoint: Setpoint) -> None:
         """Start a mode from the drive in force; from OFF, at the frequency of the set-point."""
         p = self._parameters
-        f_set = self._within_limits(setpoint.frequency)
+        f_set = p.clip_frequency(setpoint.frequency)
         self._fresh = False
-        self._amplitude_loop.pi.preset(self.drive.voltage)
-        self._resonance_loop.preset(f_set if self._from_off else self.drive.frequency)
+        voltage, frequency = self.drive
+        self._inner.preset(Drive(voltage, f_set if self._from_off else frequency))
         if self.mode is Mode.FRICTION:
             self._boundary.place(self.contact.position, setpoint.boundary)
         else:
@@ -377,27 +318,5 @@ class Cascade:
 
     def _design(self) -> None:
         """Build the loops from parameters and model, and start them from the drive in force."""
-        p = self._parameters
-        law = p.vibration_law
-        self._schedule = (
-            Schedule(self._model, p.amplitude_pole, p.resonance_pole, p.dead_time)
-            if law is VibrationLaw.SCHEDULED
-            else None
-        )
-        self._predictive = (
-            PredictiveLoop(self._model, p.dead_time) if law is VibrationLaw.PREDICTIVE else None
-        )
-        self._amplitude_loop = AmplitudeLoop(
-            amplitude_pi(self._model, p.amplitude_pole, p.dead_time), p.V_max
-        )
-        self._amplitude_loop.pi.preset(self.drive.voltage)
-        self._resonance_loop = ResonanceLoop(
-            resonance_pi(self._model, p.resonance_pole, p.dead_time), p.f_min, p.f_max
-        )
-        self._resonance_loop.preset(self.drive.frequency)
-
-
-def _designed_for(parameters: CascadeParameters) -> tuple[VibrationLaw, float, float, float]:
-    """Return what the design of the loops follows from, apart from the model."""
-    p = parameters
-    return p.vibration_law, p.amplitude_pole, p.resonance_pole, p.dead_time
+        self._inner = InnerLoops(self._model, self._parameters, self.drive)
+        self._predictive = self._inner.predictive

@@ -73,3 +73,7 @@ class CascadeParameters:
         for x in self.gauge_positions:
             require("gauge_positions", x, -0.038, 0.038)
         require("gauge_noise", self.gauge_noise, 0.0, 1.0)
+
+    def clip_frequency(self, frequency: float) -> float:
+        """Return a frequency in Hz, cut to the limits."""
+        return min(max(frequency, self.f_min), self.f_max)

@@ -8,7 +8,8 @@ from first_order_plate import Finger, FirstOrderPlate, gauges, setpoint
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.cascade import Cascade, Limit
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
@@ -109,7 +110,7 @@ def test_a_controller_that_fails_inside_turns_the_drive_off():
     cascade, plate = Cascade(), FirstOrderPlate()
     cascade.set_mode(Mode.AMPLITUDE)
     run(cascade, plate, setpoint(), 10)
-    cascade._amplitude_loop.pi.Kp = math.nan
+    cascade._inner.amplitude.pi.Kp = math.nan
     assert cascade.update(plate.measure(), setpoint()).voltage == 0.0
     assert (cascade.mode, cascade.reason) == (Mode.OFF, "drive is not finite")
 
@@ -174,10 +175,10 @@ def test_a_mode_change_moves_the_drive_by_what_the_new_error_asks_for(
         return
     cascade.set_mode(after)
     new = cascade.update(plate.measure(finger.touch(plate.W)), target)
-    Kp = cascade._amplitude_loop.pi.Kp
+    Kp = cascade._inner.amplitude.pi.Kp
     assert abs(new.voltage - old.voltage) <= Kp * abs(cascade.W_ref - abs(plate.W)) + 1e-9
     if after is not Mode.AMPLITUDE:
-        bound = abs(cascade._resonance_loop.pi.Kp * plate.W.imag / plate.W.real)
+        bound = abs(cascade._inner.resonance.pi.Kp * plate.W.imag / plate.W.real)
         assert abs(new.frequency - old.frequency) <= bound + 1e-9
 
 

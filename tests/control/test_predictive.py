@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.control.belief import PRIOR, PlateNow, Span
-from smarttac_can.control.cascade import Cascade, Limit
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive import voltage_for
 from smarttac_can.vocabulary.model import PlateModel

@@ -1,8 +1,9 @@
 import pytest
 from first_order_plate import FirstOrderPlate, setpoint
 
-from smarttac_can.control.cascade import Cascade, Limit
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.design import amplitude_pi, resonance_pi
+from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.pi import PI
 from smarttac_can.control.vibration import AmplitudeLoop, ResonanceLoop

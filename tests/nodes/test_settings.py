@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.control import cascade as cascade_module
+from smarttac_can.control import inner_loops
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.settings import DESIGN, cascade_parameters, keep_model, with_change
@@ -108,8 +108,8 @@ def test_a_limit_costs_a_limit(name: str, raw: int) -> None:
         block.write(name, raw)
     assert looked_up == [name]
     with (
-        patch.object(cascade_module, "amplitude_pi", side_effect=AssertionError("designed anew")),
-        patch.object(cascade_module, "resonance_pi", side_effect=AssertionError("designed anew")),
+        patch.object(inner_loops, "amplitude_pi", side_effect=AssertionError("designed anew")),
+        patch.object(inner_loops, "resonance_pi", side_effect=AssertionError("designed anew")),
     ):
         block.tick()
     assert block.cascade.parameters == cascade_parameters(block.od)
@@ -119,7 +119,7 @@ def test_a_limit_costs_a_limit(name: str, raw: int) -> None:
 def test_what_the_design_follows_from_makes_another(name: str) -> None:
     block = driving()
     block.write(name, 250)
-    with patch.object(cascade_module, "amplitude_pi", wraps=cascade_module.amplitude_pi) as pi:
+    with patch.object(inner_loops, "amplitude_pi", wraps=inner_loops.amplitude_pi) as pi:
         block.tick()
     assert pi.call_count == 1
 
