@@ -1,0 +1,64 @@
+"""The limits of the inner loops, under every law of the vibration."""
+
+from dataclasses import replace
+
+import pytest
+from first_order_plate import FirstOrderPlate, setpoint
+
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.limit import Limit
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.vocabulary.modes import Mode, VibrationLaw
+
+LAWS = list(VibrationLaw)
+
+
+def driven(law, mode):
+    """Return a cascade at 1 um with 20 V, its plate and its parameters."""
+    parameters = CascadeParameters(
+        vibration_law=law, V_max=40.0, W_max=2e-6, f_min=43_000.0, f_max=43_800.0
+    )
+    cascade, plate = Cascade(parameters), FirstOrderPlate()
+    cascade.set_mode(mode)
+    run(cascade, plate, setpoint(), 50)
+    assert cascade.drive.voltage == pytest.approx(20.0, abs=0.1)
+    assert cascade.limited == 0
+    return cascade, plate, parameters
+
+
+def run(cascade, plate, target, ticks):
+    for _ in range(ticks):
+        plate.step(cascade.update(plate.measure(), target))
+
+
+@pytest.mark.parametrize(("asked", "cut"), [(43_900.0, 43_800.0), (42_900.0, 43_000.0)])
+@pytest.mark.parametrize("law", LAWS)
+def test_a_frequency_beyond_the_limits_is_cut_and_told(law, asked, cut):
+    cascade, plate, _ = driven(law, Mode.AMPLITUDE)
+    run(cascade, plate, setpoint(frequency=asked), 1)
+    assert cascade.mode is Mode.AMPLITUDE
+    assert cascade.drive.frequency == cut
+    assert cascade.limited & Limit.FREQUENCY
+    run(cascade, plate, setpoint(frequency=cut), 1)
+    assert not cascade.limited & Limit.FREQUENCY
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_limits_that_close_in_hold_at_once_and_end_nothing(law):
+    cascade, plate, parameters = driven(law, Mode.AMPLITUDE_RESONANCE)
+    cascade.configure(replace(parameters, V_max=10.0, f_max=43_300.0))
+    run(cascade, plate, setpoint(), 1)
+    assert cascade.mode is Mode.AMPLITUDE_RESONANCE
+    assert 0.0 < cascade.drive.voltage <= 10.0
+    assert cascade.drive.frequency == 43_300.0
+    run(cascade, plate, setpoint(), 20)
+    assert cascade.drive == (10.0, 43_300.0)
+    assert cascade.limited == Limit.VOLTAGE | Limit.FREQUENCY
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_voltage_that_would_be_negative_is_told(law):
+    cascade, plate, _ = driven(law, Mode.AMPLITUDE)
+    run(cascade, plate, setpoint(amplitude=0.1e-6), 1)
+    assert cascade.drive.voltage == 0.0
+    assert cascade.limited == Limit.VOLTAGE
