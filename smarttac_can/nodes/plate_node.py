@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
@@ -26,26 +26,12 @@ from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
 from smarttac_can.nodes.plate_link import plate_serial
 from smarttac_can.nodes.stage_state import StageState
 from smarttac_can.nodes.stricter import OF_PLATE, Stricter
-from smarttac_can.od.cia import (
-    Abort,
-    AbortCode,
-    ErrorRegister,
-)
+from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
-from smarttac_can.vocabulary.watchdogs import level
-
-_REGISTERS: Final = {
-    FaultCode.VOLTAGE: ErrorRegister.VOLTAGE,
-    FaultCode.STAGE: ErrorRegister.VOLTAGE,
-    FaultCode.TEMPERATURE: ErrorRegister.TEMPERATURE,
-    FaultCode.DRIVE_LOST: ErrorRegister.COMMUNICATION,
-    FaultCode.DOUBLE: ErrorRegister.COMMUNICATION,
-    FaultCode.NOT_ENABLED: ErrorRegister.MANUFACTURER,
-}
-"""What the plate reports, with its bit of the error register."""
+from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, level
 
 
 class PlateNode(Application):
@@ -256,7 +242,7 @@ class PlateNode(Application):
         if code not in self._protecting:
             self._reported = True
             self._protecting.add(code)
-            self.device.emergency(code, _REGISTERS[code])
+            self.device.emergency(code, WATCHDOGS[REPORTED_BY_PLATE[code]].register)
 
     def _heed_hardware(self) -> None:
         """Go to 0 V if hardware does not let the stage drive; report it if it was in use."""

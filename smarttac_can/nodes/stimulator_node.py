@@ -42,23 +42,14 @@ from smarttac_can.od.cia import (
     ErrorRegister,
 )
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
-from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.objects import START_RUN
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
+from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, Watchdog, watchdogs_in
 
 _STATUS_TPDO: Final = 1
 _PUBLIC_TPDOS: Final = (2, 3, 4)
 _PERCENT: Final = 100
-_OF_THE_PLATE: Final[dict[int, Watchdog]] = {
-    FaultCode.DRIVE_LOST: Watchdog.PLATE,
-    FaultCode.VOLTAGE: Watchdog.VOLTAGE,
-    FaultCode.STAGE: Watchdog.STAGE,
-    FaultCode.TEMPERATURE: Watchdog.TEMPERATURE,
-    FaultCode.NOT_ENABLED: Watchdog.NOT_ENABLED,
-}
-"""What the plate's emergency messages say of a drive that it has ended."""
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
@@ -272,11 +263,11 @@ class StimulatorNode(Application):
 
     def on_emergency(self, code: int) -> None:
         """Stop when the plate has gone to 0 V without being told, or is not alone."""
-        watchdog = _OF_THE_PLATE.get(code)
-        if watchdog is not None:
-            self._trip(watchdog)
-        elif code == FaultCode.DOUBLE:
+        watchdog = REPORTED_BY_PLATE.get(code)
+        if watchdog is Watchdog.DOUBLE:
             self._source.told()
+        elif watchdog is not None:
+            self._trip(watchdog)
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Stop when the master's set-points stay away; measurements have a watch of their own."""

@@ -261,6 +261,18 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     ),
 }  # fmt: skip
 """Every watchdog."""
+REPORTED_BY_PLATE: Final[dict[int, Watchdog]] = {
+    WATCHDOGS[watchdog].code: watchdog
+    for watchdog in (
+        Watchdog.VOLTAGE,
+        Watchdog.TEMPERATURE,
+        Watchdog.PLATE,
+        Watchdog.DOUBLE,
+        Watchdog.STAGE,
+        Watchdog.NOT_ENABLED,
+    )
+}
+"""Those that a plate node trips itself, by the codes of its emergency messages."""
 
 _EVENT_DRIVEN: Final = frozenset(
     (
