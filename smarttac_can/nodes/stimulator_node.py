@@ -26,16 +26,14 @@ from smarttac_can.nodes.missed_time import TICKS, MissedTime
 from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_link import link_to_plate, plate_serial
+from smarttac_can.nodes.publishing import Publishing
 from smarttac_can.nodes.settings import mend_settings
 from smarttac_can.nodes.source_watch import SourceWatch
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.sync_watch import SyncWatch
 from smarttac_can.nodes.watching import Watching
 from smarttac_can.od.cia import (
-    EVENT_MANUFACTURER,
     HEARTBEAT_CONSUMER,
-    PDO_TRANSMISSION,
-    TPDO_COMMUNICATION,
     Abort,
     AbortCode,
     EmergencyCode,
@@ -45,10 +43,8 @@ from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.vocabulary.objects import START_RUN
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, Watchdog, watchdogs_in
+from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, Watchdog
 
-_STATUS_TPDO: Final = 1
-_PUBLIC_TPDOS: Final = (2, 3, 4)
 _PERCENT: Final = 100
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
@@ -58,9 +54,6 @@ class StimulatorNode(Application):
 
     With the plate inside, the loop ticks by `advance`. With a plate node, a cycle is computed when
     the last measurement of its tick has come, and the drive goes out at once.
-
-    The public TPDOs 2 to 4 go out in every cycle if their transmission type is 254, else as their
-    type says; TPDO 1 also when status or mode change.
 
     Parameters
     ----------
@@ -104,7 +97,6 @@ class StimulatorNode(Application):
         self._produce_sync = produce_sync
         self._presets = dict(presets or {})
         self.block = StimulatorBlock(od, plate)
-        self._told = 0
         if plate_node_id and deadline_ms is not None:
             set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
         if plate_node_id:
@@ -126,6 +118,9 @@ class StimulatorNode(Application):
         self._period = LoopPeriod(self.device)
         self._arming = ArmingWatch(self.device, plate_node_id, lockstep)
         self.block.supervisor.advice = self._arming.advice
+        self._publishing = Publishing(self.device, self.block.supervisor)
+        self._tell = self._publishing.tell
+        self._publish = self._publishing.cycle
         self._unfit = False
         self._pairing = Pairing(od, lambda: self._trip(Watchdog.MEASUREMENT), self._source.strange)
         self._missed = od["Cycle.Missed deadlines"]
@@ -133,10 +128,6 @@ class StimulatorNode(Application):
         self._sent = FrameCheck(sent_drive(od))
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
-        self._types = [
-            (number, od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
-            for number in _PUBLIC_TPDOS
-        ]
         self.start = self.device.start
         self.receive = self.device.receive
         self.advance = self.device.advance
@@ -197,8 +188,7 @@ class StimulatorNode(Application):
         """Leave the plate at 0 V, and tell the bus."""
         self.block.disarm()
         self._send_drive()
-        for number in (_STATUS_TPDO, *_PUBLIC_TPDOS):
-            self.device.trigger(number)
+        self._publishing.all()
         return self.device.take()
 
     def on_state(self, state: NMTState) -> None:
@@ -227,13 +217,11 @@ class StimulatorNode(Application):
         if state in _RESETS:
             self._masters.restart()
             self._source.forget()
-            self._told = block.supervisor.latched
+            self._publishing.hold()
         else:
-            # What was latched in a reset, or before it, is reported when there is a device again.
             if self._unfit:
                 self.device.emergency(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
-            self._told = 0
-            self._tell()
+            self._publishing.tell_anew()
 
     def on_sync(self) -> bool:
         """Look at when the SYNC comes, at its counter, and whose it is."""
@@ -371,21 +359,9 @@ class StimulatorNode(Application):
             return
         if self.block.state is State.RUNNING:
             self._missed_time.restart()
-        self.device.trigger(_STATUS_TPDO)
+        self._publishing.status()
         if before in (State.RUNNING, State.FAULT) and self._plate_node_id:
             self._send_drive()
-
-    def _tell(self) -> None:
-        """Make emergency messages of what was latched, or reset, since the last time."""
-        before, self._told = self._told, self.block.supervisor.latched
-        if before == self._told:
-            return
-        for watchdog in watchdogs_in(before & ~self._told):
-            self.device.clear_emergency(WATCHDOGS[watchdog].code)
-        for watchdog in watchdogs_in(self._told & ~before):
-            row = WATCHDOGS[watchdog]
-            self.device.emergency(row.code, row.register, bytes((watchdog,)))
-            self.device.trigger(_STATUS_TPDO)
 
     def _trip(self, watchdog: Watchdog) -> None:
         """Trip a watchdog between two cycles: the plate node is told at once."""
@@ -393,10 +369,3 @@ class StimulatorNode(Application):
         self.block.trip(watchdog)
         self._tell()
         self._show_change(before)
-
-    def _publish(self) -> None:
-        trigger = self.device.trigger
-        trigger(_STATUS_TPDO)
-        for number, transmission in self._types:
-            if transmission.value == EVENT_MANUFACTURER:
-                trigger(number)
