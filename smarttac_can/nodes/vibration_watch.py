@@ -10,6 +10,7 @@ from typing import Final
 from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.nodes.lapses import Lapses
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.model import contact_load
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK, Contact
 from smarttac_can.vocabulary.watchdogs import (
@@ -26,9 +27,6 @@ LEAST_LOAD: Final = 0.40
 MOST_LOAD: Final = 1.60
 """Damping that a finger adds at 0.5 N, over that of the bare plate, at least and at most; an
 assumption wider than all fingertips of the simulation, 0.47 to 1.32."""
-_LOAD_FORCE: Final = 0.5
-_LOAD_GROWTH: Final = 2.0 / 3.0
-"""A Hertz contact grows so with the force, and its damping with it."""
 _FORCE_UNCERTAINTY: Final = 0.05
 """Uncertainty of the normal force in N: noise, and drift since the tare."""
 _FORCE_TOLERANCE: Final = 0.1
@@ -211,11 +209,11 @@ class VibrationWatch:
             cosine = W.real / amplitude
         Fn = contact.Fn if contact.Fn > 0.0 else 0.0
         pressing = (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY if contact.touching else 0.0
-        damping = 1.0 + LEAST_LOAD * _load(pressing)
+        damping = 1.0 + LEAST_LOAD * contact_load(pressing)
         driven = self._gain_bound * self._V * cosine / damping
         self._bound = driven + (self._bound - driven) * exp(-TICK * damping / self._tau)
         self._voltages.append(self._V)
-        most = 1.0 + MOST_LOAD * _load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
+        most = 1.0 + MOST_LOAD * contact_load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
         return self._gain * min(self._voltages) * cosine / most
 
     def _late_cycles(self) -> int:
@@ -223,8 +221,3 @@ class VibrationWatch:
             return 0
         shortest = int(min([entry.value for entry in self._deadlines]))
         return max(0, shortest - SHORT_DEADLINE_MS)
-
-
-def _load(force: float) -> float:
-    """Load on the plate of a finger that presses, over that at 0.5 N."""
-    return float((force / _LOAD_FORCE) ** _LOAD_GROWTH) if force > 0.0 else 0.0
