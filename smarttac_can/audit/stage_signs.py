@@ -24,10 +24,8 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.timing import frame_bits
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
-from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
+from smarttac_can.vocabulary.states import State, Status, state_in
 
-_STATE_MASK: Final = 7
-_STATES: Final = {state.value: state for state in State}
 _BOOT_UP: Final = b"\0"
 _NMT_BYTES: Final = 2
 _WENT_OFF: Final = (EmergencyCode.RPDO_TIME_OUT, FaultCode.VOLTAGE)
@@ -95,9 +93,12 @@ class Signs:
         return next((value for value in values if value is not None), None)
 
 
-def state_in(statusword: int) -> State | None:
+def shown_state(statusword: int) -> State | None:
     """Return the state that a statusword shows; None for one that does not exist."""
-    return _STATES.get(statusword >> STATE_SHIFT & _STATE_MASK)
+    try:
+        return state_in(statusword)
+    except ValueError:
+        return None
 
 
 def _sent(od: ObjectDictionary, number: int, name: str) -> Field:

@@ -68,5 +68,11 @@ _STATE_BITS: Final = 0b111
 
 
 def state_in(statusword: int) -> State:
-    """Return the state that a statusword carries."""
+    """Return the state that a statusword carries.
+
+    Raises
+    ------
+    ValueError
+        If there is no state of its number: a statusword of something else.
+    """
     return State(statusword >> STATE_SHIFT & _STATE_BITS)
