@@ -98,18 +98,18 @@ def believed(model: PlateNow, belief: Belief) -> PlateNow:
     )
 
 
-def fade(belief: Belief, strain: float) -> Belief:
+def fade(belief: Belief, load_change: float) -> Belief:
     """Let a tick pass: what was learned grows old, and the covariance returns to the prior's.
 
     Parameters
     ----------
     belief
         After the last measurement.
-    strain
-        Change of ln 1/tau by the load of the finger, which is known that badly.
+    load_change
+        Change of ln 1/tau by the load of the finger since; it is as uncertain as it is large.
     """
     kappa, rate, w0, kk, kr, kw, rr, rw, ww = belief
-    shift = _SHIFT * strain
+    shift = _SHIFT * load_change
     return Belief(
         kappa,
         rate,
@@ -117,7 +117,7 @@ def fade(belief: Belief, strain: float) -> Belief:
         _KK * kk + (1.0 - _KK) * _KAPPA_VARIANCE,
         _KEEP_KAPPA * _KEEP_RATE * kr,
         _KEEP_KAPPA * _KEEP_W0 * kw,
-        _RR * rr + (1.0 - _RR) * _RATE_VARIANCE + strain * strain,
+        _RR * rr + (1.0 - _RR) * _RATE_VARIANCE + load_change * load_change,
         _KEEP_RATE * _KEEP_W0 * rw,
         _WW * ww + (1.0 - _WW) * _W0_VARIANCE + shift * shift,
     )
@@ -143,21 +143,23 @@ def learn(
             by_kappa *= along
             by_rate *= along
             by_w0 *= along
-            miss = (W_next - predicted) * along
+            innovation = (W_next - predicted) * along
         else:
-            miss = W_next - predicted
+            innovation = W_next - predicted
         back = (belief.kappa - at.kappa, belief.rate - at.rate, belief.w0 - at.w0)
-        miss -= by_kappa * back[0] + by_rate * back[1] + by_w0 * back[2]
-        shaken = variance + size * size
-        learned = _take(belief, by_kappa.real, by_rate.real, by_w0.real, miss.real, shaken)
+        innovation -= by_kappa * back[0] + by_rate * back[1] + by_w0 * back[2]
+        jittered = variance + size * size
+        learned = _update(
+            belief, by_kappa.real, by_rate.real, by_w0.real, innovation.real, jittered
+        )
         # The second axis is left with what the first one has not explained.
         left = (
-            miss.imag
+            innovation.imag
             - by_kappa.imag * (learned.kappa - belief.kappa)
             - by_rate.imag * (learned.rate - belief.rate)
             - by_w0.imag * (learned.w0 - belief.w0)
         )
-        learned = _take(learned, by_kappa.imag, by_rate.imag, by_w0.imag, left, variance)
+        learned = _update(learned, by_kappa.imag, by_rate.imag, by_w0.imag, left, variance)
         if not _sound(learned):
             return PRIOR
         moved = abs(learned.kappa - at.kappa) + abs(learned.rate - at.rate)
@@ -206,24 +208,26 @@ def _predict(
     return predicted, late, forced, -rate * by_turn, 1j * by_turn, variance
 
 
-def _take(belief: Belief, k: float, r: float, w: float, miss: float, variance: float) -> Belief:
-    """Take one axis: the derivatives of its prediction, and by how much that missed."""
+def _update(
+    belief: Belief, k: float, r: float, w: float, innovation: float, variance: float
+) -> Belief:
+    """Return the belief after one axis: derivatives of its prediction, innovation and variance."""
     kappa, rate, w0, kk, kr, kw, rr, rw, ww = belief
     to_kappa = kk * k + kr * r + kw * w
     to_rate = kr * k + rr * r + rw * w
     to_w0 = kw * k + rw * r + ww * w
-    share = 1.0 / (k * to_kappa + r * to_rate + w * to_w0 + variance)
-    miss *= share
+    precision = 1.0 / (k * to_kappa + r * to_rate + w * to_w0 + variance)
+    innovation *= precision
     return Belief(
-        kappa + to_kappa * miss,
-        rate + to_rate * miss,
-        w0 + to_w0 * miss,
-        kk - to_kappa * to_kappa * share,
-        kr - to_kappa * to_rate * share,
-        kw - to_kappa * to_w0 * share,
-        rr - to_rate * to_rate * share,
-        rw - to_rate * to_w0 * share,
-        ww - to_w0 * to_w0 * share,
+        kappa + to_kappa * innovation,
+        rate + to_rate * innovation,
+        w0 + to_w0 * innovation,
+        kk - to_kappa * to_kappa * precision,
+        kr - to_kappa * to_rate * precision,
+        kw - to_kappa * to_w0 * precision,
+        rr - to_rate * to_rate * precision,
+        rw - to_rate * to_w0 * precision,
+        ww - to_w0 * to_w0 * precision,
     )
 
 

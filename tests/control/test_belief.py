@@ -106,8 +106,8 @@ spans = st.builds(
 @pytest.mark.parametrize("dead_time", [0.0, 1e-6, 999e-6])
 def test_whatever_is_measured_the_belief_stays_one_of_a_plate(dead_time, ticks):
     belief, W = PRIOR, 0j
-    for W_next, span, strain in ticks:
-        belief = learn(fade(belief, strain), MODEL, dead_time, W, span, W_next)
+    for W_next, span, load_change in ticks:
+        belief = learn(fade(belief, load_change), MODEL, dead_time, W, span, W_next)
         W = W_next
         assert all(math.isfinite(number) for number in belief)
         assert abs(belief.kappa) <= 1.0
