@@ -295,7 +295,7 @@ def test_sdo_between_the_ticks_changes_nothing() -> None:
     ("name", "raw", "code"),
     [
         ("Simulation.Subject", 0, TOO_LOW),
-        ("Simulation.Subject", 6, TOO_HIGH),
+        ("Simulation.Subject", 10, TOO_HIGH),
         ("Simulation.Dead time", 1000, TOO_HIGH),
         ("Finger.Force", 49, TOO_LOW),
         ("Finger.Motion", 2, STATE),
