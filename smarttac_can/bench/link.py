@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, NoReturn, Protocol
+
+from smarttac_can.master.errors import BenchError
 
 RECORDED = (
     "Contact.Tick",
@@ -99,3 +101,19 @@ class Link(Protocol):
     def close(self) -> None:
         """Leave the bus; may be called twice."""
         ...
+
+
+class ClosedLink:
+    """What is left of a link that was closed: whatever is asked of it is refused.
+
+    Parameters
+    ----------
+    where
+        Name of what it went over.
+    """
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+
+    def __getattr__(self, _name: str) -> NoReturn:
+        raise BenchError(f"the stimulator over {self.where} is closed: connect anew")

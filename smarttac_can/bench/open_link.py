@@ -95,20 +95,23 @@ def open_simulated_link(
     Raises
     ------
     ValueError
-        If there is no such link, or a preset is not a value of its object.
+        If there is no such link, or a preset is not a value of its object, or not at power-on.
     BenchError
         If there is no such object.
     """
     _require_presets(presets)
     if link not in get_args(LinkName):
         raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
-    if link == "local":
-        block = simulated_block(presets)
-        return LocalLink(block), block.od
+    bus = LocalBus(log=log)
+    try:
+        if link == "local":
+            block = simulated_block(presets)
+            return LocalLink(block), block.od
+        attach_nodes(bus, plate_inside=plate_inside, presets=presets)
+    except Abort as error:
+        raise ValueError(f"presets {dict(presets)} are refused at power-on: {error}") from error
     from smarttac_can.bench.local_network import LocalNetwork  # noqa: PLC0415 - only over CAN
 
-    bus = LocalBus(log=log)
-    attach_nodes(bus, plate_inside=plate_inside, presets=presets)
     return _over_can(
         LocalNetwork(bus),
         STIMULATOR_ID,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, cast
 
 from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
 from smarttac_can.bench.finger import SimulatedFinger
-from smarttac_can.bench.link import Link, Row
+from smarttac_can.bench.link import ClosedLink, Link, Row
 from smarttac_can.bench.named_objects import finite
 from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
 from smarttac_can.bench.reading import Reading
@@ -52,13 +52,12 @@ class Stimulator(SetPoints):
         The finger of a simulated plate.
     """
 
-    __slots__ = ("_knows_fault", "_open", "finger")
+    __slots__ = ("_knows_fault", "finger")
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         super().__init__(link, od)
         self.finger = SimulatedFinger(self.set)
         self._knows_fault = False
-        self._open = True
 
     @classmethod
     def connect(
@@ -151,7 +150,8 @@ class Stimulator(SetPoints):
         """Disarm, unless this bench only read, and leave the bus; may be called twice.
 
         A ``with`` does it. Where there is none, as in a notebook, the plate is driven for as long
-        as the process lives, or until this is called.
+        as the process lives, or until this is called. Whatever is asked of it afterwards raises
+        `BenchError`.
 
         Raises
         ------
@@ -159,14 +159,15 @@ class Stimulator(SetPoints):
             If it could not be disarmed; the bus has been left all the same, and the heartbeat of
             this bench ends the drive within its time.
         """
-        if not self._open:
+        link = self._link
+        if isinstance(link, ClosedLink):
             return
-        self._open = False
         try:
-            if not self._link.only_read:
+            if not link.only_read:
                 self.disarm()
         finally:
-            self._link.close()
+            self._link = cast("Link", ClosedLink(link.where))
+            link.close()
 
     def __repr__(self) -> str:
         return f"<Stimulator over {self._link.where}>"

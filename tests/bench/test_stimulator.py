@@ -18,8 +18,9 @@ from smarttac_can.bench import (
     VibrationLaw,
 )
 from smarttac_can.bench.link import Row, Snapshot
+from smarttac_can.bench.local_link import LocalLink
 from smarttac_can.bench.open_link import LinkName
-from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.bench.simulation import simulated_block, stimulator_od
 from smarttac_can.bench.traces import COLUMNS
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.states import Control, State
@@ -153,6 +154,7 @@ def test_labels_are_refused_before_anything_runs(
         ({"Nope": 1}, BenchError, "there is no object 'Nope'"),
         ({"Setpoint.Voltag": 1}, BenchError, "no object 'Setpoint.Voltag', perhaps Setpoint.Volt"),
         ({"Setpoint.Voltage": 100_000}, ValueError, r"is 100000, no raw value in 0\.\."),
+        ({"Limit.Lowest frequency": 4_450_000}, ValueError, "are refused at power-on: abort 0"),
         ({"Setpoint.Voltage": "80 V"}, ValueError, "'Setpoint.Voltage' is '80 V', no raw value"),
     ],
 )
@@ -165,16 +167,26 @@ def test_a_preset_that_is_none(
 
 
 def test_a_bench_without_a_with_is_left_at_0_v() -> None:
-    bench = Stimulator.simulate("local")
+    block = simulated_block({})
+    bench = Stimulator(LocalLink(block), block.od)
     bench.voltage = 40.0
     bench.tare()
     bench.mode = "open_loop"
     assert bench.run(0.02).voltage_v[-1] == pytest.approx(40.0)
     bench.close()
-    assert (bench.state, bench.mode) == (State.READY, Mode.OFF)
-    bench.arm()
+    assert (block.state, block.od["Mode"].value) == (State.READY, Mode.OFF)
     bench.close()
-    assert bench.state is State.ARMED, "a bench that is closed already does nothing"
+
+
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_a_bench_that_is_closed_refuses_whatever_is_asked(link: LinkName) -> None:
+    with Stimulator.simulate(link) as bench:
+        bench.run(0.2)
+        bench.close()
+        for ask in (bench.read, bench.arm, lambda: bench.run(0.1), lambda: bench.get("Mode")):
+            with pytest.raises(BenchError, match=r"^the stimulator over the local .* is closed"):
+                ask()
+    assert repr(bench).startswith("<Stimulator over the local ")
 
 
 def test_a_misspelt_property_is_an_error() -> None:
