@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import repeat
 from multiprocessing import get_context
 from typing import Final
 from zlib import crc32
@@ -21,6 +20,7 @@ from smarttac_can.trials.fault_row import FaultRow, mode_name
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import Rig
 from smarttac_can.trials.weak_pickup import NOT_SEEN
+from smarttac_can.trials.workers import end_with_parent, interrupts_held
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State
 
@@ -149,11 +149,18 @@ def _results(
         for case, mode in chosen:
             yield _row(case, mode, hold, channel)
         return
-    names = [case.name for case, _ in chosen]
-    modes = [mode for _, mode in chosen]
     # Spawned, not forked: a fork copies the threads of whoever asks in an unknown state.
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        yield from pool.map(_row_by_name, names, modes, repeat(hold))
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), end_with_parent)
+    try:
+        with interrupts_held():
+            rows = [pool.submit(_row_by_name, case.name, mode, hold) for case, mode in chosen]
+        rows.reverse()
+        while rows:
+            yield rows.pop().result()
+    finally:
+        # An interrupt in here would leave processes that nobody waits for.
+        with interrupts_held():
+            pool.shutdown(cancel_futures=True)
 
 
 def _row_by_name(name: str, mode: Mode, hold: int) -> _Result:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
 from ctypes import c_double
 from itertools import pairwise
-from multiprocessing import get_context, parent_process
-from threading import Thread
+from multiprocessing import get_context
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.trials.soak import CYCLES_PER_HOUR, Soak
 from smarttac_can.trials.soak_report import SoakReport, merged
+from smarttac_can.trials.workers import end_with_parent, interrupts_held
 
 _GOLDEN: Final = 0x9E3779B9
 """Step between the seeds of two parts: 2^32 over the golden ratio, so that none comes twice."""
@@ -88,7 +85,7 @@ def _side_by_side(chosen: Sequence[Part], jobs: int, tell: Progress) -> list[Soa
     shares, stop = context.RawArray(c_double, len(chosen)), context.Event()
     pool = ProcessPoolExecutor(min(jobs, len(chosen)), context, _share_in, (shares, stop))
     try:
-        with _interrupts_held():
+        with interrupts_held():
             results = [pool.submit(_part, n, part) for n, part in enumerate(chosen)]
         pending: set[Future[SoakReport]] = set(results)
         while pending:
@@ -99,22 +96,9 @@ def _side_by_side(chosen: Sequence[Part], jobs: int, tell: Progress) -> list[Soa
         return [result.result() for result in results]
     finally:
         # An interrupt in here would leave processes that nobody tells to end.
-        with _interrupts_held():
+        with interrupts_held():
             stop.set()
             pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold SIGINT back, and have processes begun meanwhile never get it: they are told to stop."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _shares: Any
@@ -125,14 +109,7 @@ def _share_in(shares: Any, stop: Any) -> None:
     """Begin a process of the pool, which does not outlive the one that began it."""
     global _shares, _stop
     _shares, _stop = shares, stop
-    Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    end_with_parent()
 
 
 def _part(n: int, part: Part) -> SoakReport:

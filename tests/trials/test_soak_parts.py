@@ -1,13 +1,8 @@
 """A long soak is the same whatever the number of processes, and ends when it is told to."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -129,89 +124,3 @@ def test_two_processes_give_the_same_report() -> None:
         found.append(made)
     assert found[0] == found[1]
     assert found[0]["simulated_s"] >= 9.0
-
-
-def group(leader: int) -> dict[int, str]:
-    """Processes of a group that run, with their states."""
-    found = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            name_and_more = stat.read_text().rpartition(") ")[2].split()
-        except OSError:
-            continue
-        if int(name_and_more[2]) == leader and name_and_more[0] != "Z":
-            found[int(stat.parent.name)] = name_and_more[0]
-    return found
-
-
-def wait_for(what: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.1)
-
-
-def busy(pid: int) -> bool:
-    """Whether a process has used two seconds of a processor: it soaks."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].split()
-    return int(fields[11]) > 2 * os.sysconf("SC_CLK_TCK")
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-@pytest.mark.parametrize(
-    ("number", "early", "to_all", "again"),
-    [
-        (signal.SIGINT, False, True, False),
-        (signal.SIGINT, True, True, False),
-        (signal.SIGINT, False, False, False),
-        (signal.SIGINT, False, True, True),
-        (signal.SIGKILL, False, False, False),
-    ],
-)
-def test_no_process_is_left(number: int, early: bool, to_all: bool, again: bool) -> None:
-    """Ctrl-C goes to all processes of a terminal; as soon as they begin, or while they soak."""
-    # A shell starts what runs in the background deaf to Ctrl-C, and so it would these tests.
-    command = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can"]
-    command += ["soak", "--hours", "3", "--jobs", "2"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as soak:
-        leader = soak.pid
-        try:
-            # Two that soak, and that of multiprocessing which tracks resources.
-            wait_for(lambda: len(group(leader)) == 4)
-            if not early:
-                wait_for(lambda: sum(map(busy, group(leader))) >= 2)
-            (os.killpg if to_all else os.kill)(leader, number)
-            if again:
-                time.sleep(0.05)
-                os.killpg(leader, number)
-            _, errors = soak.communicate(timeout=30.0)
-            wait_for(lambda: not group(leader))
-        finally:
-            if group(leader):
-                os.killpg(leader, signal.SIGKILL)
-    assert "Traceback" not in errors
-    if number == signal.SIGINT:
-        assert soak.returncode == 1
-        assert errors.split() == ["soaking", "Aborted!"]
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-def test_a_process_that_is_killed_ends_the_soak_in_one_line() -> None:
-    command = [sys.executable, "-m", "smarttac_can", "soak", "--hours", "3", "--jobs", "2"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as soak:
-        leader = soak.pid
-        try:
-            wait_for(lambda: sum(pid != leader and busy(pid) for pid in group(leader)) >= 1)
-            os.kill(next(pid for pid in group(leader) if pid != leader and busy(pid)), 9)
-            _, errors = soak.communicate(timeout=30.0)
-            wait_for(lambda: not group(leader))
-        finally:
-            if group(leader):
-                os.killpg(leader, signal.SIGKILL)
-    assert soak.returncode == 1
-    assert errors.splitlines()[-1] == "Error: a process that shared the work was killed"
-    assert "Traceback" not in errors

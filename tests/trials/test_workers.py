@@ -1,0 +1,105 @@
+"""Processes that share work leave none behind, whoever is interrupted or killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+SOAK = ("soak", "--hours", "3")
+FAULTS = ("faults", "--hold", "10000")
+LABELS = {SOAK: "soaking", FAULTS: "faults"}
+
+
+def group(leader: int) -> dict[int, str]:
+    """Processes of a group that run, with their states."""
+    found = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            name_and_more = stat.read_text().rpartition(") ")[2].split()
+        except OSError:
+            continue
+        if int(name_and_more[2]) == leader and name_and_more[0] != "Z":
+            found[int(stat.parent.name)] = name_and_more[0]
+    return found
+
+
+def wait_for(what: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60.0
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def busy(pid: int) -> bool:
+    """Whether a process has used two seconds of a processor: it works."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].split()
+    return int(fields[11]) > 2 * os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@pytest.mark.parametrize(
+    ("work", "number", "early", "to_all", "again"),
+    [
+        (SOAK, signal.SIGINT, False, True, False),
+        (SOAK, signal.SIGINT, True, True, False),
+        (SOAK, signal.SIGINT, False, False, False),
+        (SOAK, signal.SIGINT, False, True, True),
+        (SOAK, signal.SIGKILL, False, False, False),
+        (FAULTS, signal.SIGINT, False, True, True),
+        (FAULTS, signal.SIGKILL, False, False, False),
+    ],
+)
+def test_no_process_is_left(
+    work: tuple[str, ...], number: int, early: bool, to_all: bool, again: bool
+) -> None:
+    """Ctrl-C goes to all processes of a terminal; as soon as they begin, or while they work."""
+    # A shell starts what runs in the background deaf to Ctrl-C, and so it would these tests.
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can"]
+    command += [*work, "--jobs", "2"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as begun:
+        leader = begun.pid
+        try:
+            # Two that work, and that of multiprocessing which tracks resources.
+            wait_for(lambda: len(group(leader)) == 4)
+            if not early:
+                wait_for(lambda: sum(map(busy, group(leader))) >= 2)
+            (os.killpg if to_all else os.kill)(leader, number)
+            if again:
+                time.sleep(0.05)
+                os.killpg(leader, number)
+            _, errors = begun.communicate(timeout=30.0)
+            wait_for(lambda: not group(leader))
+        finally:
+            if group(leader):
+                os.killpg(leader, signal.SIGKILL)
+    assert "Traceback" not in errors
+    if number == signal.SIGINT:
+        assert begun.returncode == 1
+        assert errors.split() == [LABELS[work], "Aborted!"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_a_process_that_is_killed_ends_the_work_in_one_line() -> None:
+    command = [sys.executable, "-m", "smarttac_can", "soak", "--hours", "3", "--jobs", "2"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as begun:
+        leader = begun.pid
+        try:
+            wait_for(lambda: sum(pid != leader and busy(pid) for pid in group(leader)) >= 1)
+            os.kill(next(pid for pid in group(leader) if pid != leader and busy(pid)), 9)
+            _, errors = begun.communicate(timeout=30.0)
+            wait_for(lambda: not group(leader))
+        finally:
+            if group(leader):
+                os.killpg(leader, signal.SIGKILL)
+    assert begun.returncode == 1
+    assert errors.splitlines()[-1] == "Error: a process that shared the work was killed"
+    assert "Traceback" not in errors
