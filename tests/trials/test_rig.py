@@ -48,7 +48,7 @@ def test_reads_what_was_written_and_from_the_right_node(rig: Rig) -> None:
 
 def test_refusals_and_silence_are_told(rig: Rig) -> None:
     with pytest.raises(Abort):
-        rig.write("Simulation.Subject", 9)
+        rig.write("Simulation.Subject", 10)
     rig.nmt(NMTCommand.STOP)
     with pytest.raises(HeartbeatLostError, match="node 32 does not answer to Mode"):
         rig.read("Mode")
