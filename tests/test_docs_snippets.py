@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -120,6 +121,10 @@ def master_page(
         names: dict[str, Any] = {}
         run(MASTER, names, request)
         yield node, names
+    # python-can ends the thread of a heartbeat that was stopped with its next period.
+    until(
+        lambda: not any(thread.name.startswith("Cyclic send") for thread in threading.enumerate())
+    )
 
 
 def until(holds: Callable[[], bool]) -> None:
