@@ -28,7 +28,7 @@ from smarttac_can.vocabulary.states import State, Status, state_in
 
 _BOOT_UP: Final = b"\0"
 _NMT_BYTES: Final = 2
-_WENT_OFF: Final = (EmergencyCode.RPDO_TIME_OUT, FaultCode.VOLTAGE)
+_WENT_OFF: Final = (EmergencyCode.RPDO_TIME_OUT, FaultCode.VOLTAGE, FaultCode.STAGE)
 """Emergencies that a plate sends when it goes to 0 V by itself between two SYNCs."""
 _SYNC_LATE_US: Final = 1900
 """A SYNC may be late by as much as frames hold the bus; one that is later is not the next."""

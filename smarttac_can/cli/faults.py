@@ -16,7 +16,7 @@ from click.core import ParameterSource
 
 from smarttac_can.audit import verify_rows
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.cli.options import FiniteRange
+from smarttac_can.cli.options import FiniteRange, seed_option
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.result_file import (
     json_file_option,
@@ -200,13 +200,7 @@ def _verify(log: Path, rows: Path) -> None:
     required=True,
     help="Simulated time.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=1,
-    show_default=True,
-    help="Seed of all that happens.",
-)
+@seed_option("Seed of all that happens.")
 @_jobs_option
 @json_file_option
 def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from smarttac_can.cli.options import seed_option
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.trials.hostile import Hostile, HostileReport
@@ -17,13 +18,7 @@ _STEPS = 1000
 
 @click.command(epilog="Example: smarttac hostile --actions 100000 --seed 7 --json hostile.json")
 @click.option("--actions", type=click.IntRange(min=1), required=True, help="Frames that are sent.")
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=1,
-    show_default=True,
-    help="Seed of all that happens.",
-)
+@seed_option("Seed of all that happens.")
 @json_file_option
 def hostile(actions: int, seed: int, json_file: Path | None) -> None:
     """Let a third node send anything to a driven pair, and check every cycle.

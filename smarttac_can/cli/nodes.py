@@ -16,6 +16,7 @@ from smarttac_can.cli.options import (
     Command,
     bus_options,
     own_node_id,
+    seed_option,
     storage_option,
     unconfigured_option,
     with_options,
@@ -80,13 +81,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
             show_default=True,
             help="Whose finger it is: 1..5 the presets, 6..9 those fitted to Table I.",
         ),
-        click.option(
-            "--seed",
-            type=click.IntRange(0, 2**32 - 1),
-            default=1,
-            show_default=True,
-            help="Seed of sensor noise and finger.",
-        ),
+        seed_option("Seed of sensor noise and finger."),
         click.option(
             "--eds",
             type=click.Path(exists=True, path_type=Path),

@@ -68,6 +68,13 @@ timeout_option = click.option(
 )
 
 
+def seed_option(text: str) -> Callable[[Command], Command]:
+    """Option of the seed of what is drawn at random, with this help."""
+    return click.option(
+        "--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True, help=text
+    )
+
+
 unconfigured_option = click.option(
     "--unconfigured",
     is_flag=True,

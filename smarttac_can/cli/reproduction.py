@@ -14,6 +14,7 @@ import click
 
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
+from smarttac_can.cli.options import seed_option
 from smarttac_can.cli.plain_errors import need_matplotlib, one_line, plain_errors
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
@@ -59,13 +60,7 @@ def _load(_ctx: click.Context, _param: click.Parameter, load: float) -> float:
     return load
 
 
-seed_option = click.option(
-    "--seed",
-    type=click.IntRange(0, 2**32 - 1),
-    default=1,
-    show_default=True,
-    help="Seed of sensor noise and of the fingers' force and speed.",
-)
+_noise_seed_option = seed_option("Seed of sensor noise and of the fingers' force and speed.")
 output_option = click.option(
     "--output",
     type=click.Path(file_okay=False, path_type=Path),
@@ -74,7 +69,7 @@ output_option = click.option(
 
 
 @click.command(epilog="Example: smarttac demo")
-@seed_option
+@_noise_seed_option
 @output_option
 def demo(seed: int, output: Path | None) -> None:
     """Run all experiments over a virtual CAN bus and show them beside the paper.
@@ -149,7 +144,7 @@ def demo(seed: int, output: Path | None) -> None:
     show_default=True,
     help="Fingers of Fig. 7 and Table I: of one force and speed, or of their own.",
 )
-@seed_option
+@_noise_seed_option
 @click.option(
     "--json",
     "json_file",

@@ -25,11 +25,11 @@ from smarttac_can.host.local_bus import Connection, LocalBus
 class Bench:
     """A toy node and a master that sends SYNC, and all frames on the bus."""
 
-    def __init__(self, seed: int = 1) -> None:
+    def __init__(self, seed: int = 1, node: ToyNode | None = None) -> None:
         self.frames: list[Frame] = []
         self.bus = FaultyBus(seed, log=lambda _time, frame: self.frames.append(frame))
         self.master = self.bus.connect(lambda frame: None)
-        self.node = ToyNode()
+        self.node = node or ToyNode()
         self.port: Connection = self.bus.attach(self.node)
         del self.frames[:]
 
@@ -205,11 +205,25 @@ def test_clogged_node_is_told_by_its_outbox_and_says_the_rest_later() -> None:
         bus.clog(port, 0)
 
 
+class TalkativeNode(ToyNode):
+    """A node that answers what it is told of its bus."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[str] = []
+
+    def bus_off(self) -> list[Frame]:
+        self.told.append("off")
+        return [Frame(0x123)]
+
+    def bus_recovered(self) -> list[Frame]:
+        self.told.append("back")
+        return [Frame(0x124)]
+
+
 def test_node_that_is_bus_off_is_told_and_neither_hears_nor_is_heard() -> None:
-    bench = Bench()
-    told: list[str] = []
-    bench.node.bus_off = lambda: [told.append("off"), Frame(0x123)][1:]  # type: ignore
-    bench.node.bus_recovered = lambda: [told.append("back"), Frame(0x124)][1:]  # type: ignore
+    node = TalkativeNode()
+    bench = Bench(node=node)
     bench.bus.bus_off(bench.port)
     assert bench.ids(7) == [SYNC.can_id] * 7
     assert not bench.node.heard
@@ -217,7 +231,7 @@ def test_node_that_is_bus_off_is_told_and_neither_hears_nor_is_heard() -> None:
     del bench.frames[:]
     bench.bus.bus_recovered(bench.port)
     assert bench.frames == [Frame(0x124)]
-    assert told == ["off", "back"]
+    assert node.told == ["off", "back"]
     assert REPORT in bench.ids(1)
 
 
