@@ -162,18 +162,18 @@ class Cascade:
         ValueError
             If there is no such mode.
         """
-        mode = Mode(mode)
-        if mode is self.mode:
+        chosen = Mode(mode)
+        if chosen is self.mode:
             return
         self.reason = ""
-        if mode is Mode.OFF:
+        if chosen is Mode.OFF:
             self._turn_off("")
             return
         if self.mode is Mode.IDENTIFY and self.identification is not None:
             self.identification.fail("another mode was chosen")
         self._from_off = self.mode is Mode.OFF or (self._fresh and self._from_off)
         self._fresh = True
-        self.mode = mode
+        self.mode = chosen
 
     def update(self, measurement: Measurement, setpoint: Setpoint) -> Drive:
         """Return the drive of this tick, in force until the next.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from smarttac_can.vocabulary.model import require
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Contact
@@ -66,8 +67,8 @@ class PositionFilter:
 
     __slots__ = ("_age", "position", "speed")
 
-    _GAINS = _gains(MEMORY)
-    _LAST = len(_GAINS) - 1
+    _GAINS: ClassVar[tuple[tuple[float, float], ...]] = _gains(MEMORY)
+    _LAST: ClassVar[int] = len(_GAINS) - 1
 
     def __init__(self) -> None:
         self.position = 0.0

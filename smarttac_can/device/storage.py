@@ -113,7 +113,7 @@ class ParameterStorage(Service):
         self._loaded: dict[Entry, Any] = {}
         self._image = Image()
         self._torn = False
-        self._signed = False
+        self._is_signed = False
 
     @property
     def node_id(self) -> int:
@@ -128,7 +128,7 @@ class ParameterStorage(Service):
     def load(self) -> None:
         """Read what is stored; a torn or foreign content counts as none, and `report` tells."""
         self._image = Image()
-        self._torn = self._signed = False
+        self._torn = self._is_signed = False
         try:
             data = self._storage.read()
             if data is not None:
@@ -200,7 +200,7 @@ class ParameterStorage(Service):
             HARDWARE if the storage fails; all is as before then.
         """
         if entry.index == VERIFY_CONFIGURATION:
-            self._signed = True
+            self._is_signed = True
             return
         entry.value = entry.default
         first, last = _GROUPS.get(entry.subindex, _GROUPS[4])
@@ -210,14 +210,14 @@ class ParameterStorage(Service):
         verify = {a: data for a, data in values.items() if a[0] == VERIFY_CONFIGURATION}
         others = {a: data for a, data in values.items() if a not in verify}
         before = {a: d for a, d in self._image.values.items() if a[0] != VERIFY_CONFIGURATION}
-        outdated = others != before and not self._signed
+        outdated = others != before and not self._is_signed
         try:
             self._write(
                 Image(self._image.node_id, self._image.bit_timing, others if outdated else values)
             )
         except OSError:
             raise Abort(AbortCode.HARDWARE) from None
-        self._signed = False
+        self._is_signed = False
         if outdated:
             for (index, _), signed in self._by_address.items():
                 if index == VERIFY_CONFIGURATION:

@@ -44,6 +44,7 @@ from smarttac_can.vocabulary.watchdogs import Watchdog
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _RUNNING: Final = State.RUNNING
 _IDENTIFY: Final = Mode.IDENTIFY
+_DESIGNED_FROM: Final = (*DESIGN, MODEL, GAUGE_ZERO)
 
 
 class StimulatorBlock:
@@ -306,7 +307,7 @@ class StimulatorBlock:
                 raise Abort(AbortCode.STATE)
         elif entry.name in AUTO_ZERO:
             self._auto_zero(value)
-        elif record in (*DESIGN, MODEL, GAUGE_ZERO):
+        elif record in _DESIGNED_FROM:
             barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_barred
             if barred and value != entry.value:
                 raise Abort(AbortCode.STATE)

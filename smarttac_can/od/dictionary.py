@@ -63,6 +63,7 @@ class Entry:
         "value",
         "writable",
     )
+    __deletable__ = ("value",)  # asked for by mypyc
 
     def __init__(
         self,
