@@ -15,6 +15,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.paper.dead_time import loop_dead_time
 from smarttac_can.paper.experiments import Conditions, experiments
@@ -53,10 +54,11 @@ class VariedPlate(PlateBlock):
         super().start_run()
         od = self.od
         subject = SUBJECTS[od["Simulation.Subject"].value - 1]
-        self.plate = Plate(
+        assert isinstance(self.behind, SimulatedPlate)
+        self.behind.plate = Plate(
             self._parameters,
             replace(subject, W0=self._W0_factor * subject.W0),
-            self._finger(),
+            self.behind.finger(),
             seed=od["Simulation.Seed"].value,
             ambient=od["Simulation.Ambient temperature"].si_value,
             dead_time=od["Simulation.Dead time"].si_value,

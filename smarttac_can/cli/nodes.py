@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from secrets import randbelow
 
 import click
 from click.core import ParameterSource
@@ -26,8 +28,9 @@ from smarttac_can.cli.process import Pace, pace_options, run_in_process
 from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.fault_file import FaultFile, read_lines
 from smarttac_can.host.finger_file import read_finger
+from smarttac_can.host.front_ends import FrontEndError, opened_front_end
 from smarttac_can.host.storage_file import StorageFile
-from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
@@ -35,6 +38,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.vocabulary.objects import LIFTED, RECORDED, STROKE
+from smarttac_can.vocabulary.plate import TimedPlate
 
 
 def _finger(
@@ -125,7 +129,7 @@ def node(
     if produce_sync and pace.lockstep:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
     if plate_node is not None:
-        _refuse_finger()
+        _refuse_finger("for the plate inside: give it to smarttac plate")
     fixed = own_node_id(node_id, unconfigured)
     own = STIMULATOR_ID if node_id is None else node_id
     if plate_node == own:
@@ -152,8 +156,17 @@ def node(
             run_in_process("stimulator", device, bus, pace)
 
 
-@click.command(epilog="Example: smarttac plate --interface socketcan --channel can0 --node-id 33")
+@click.command(
+    epilog="\b\nExamples:\n  smarttac plate --interface socketcan --channel can0 --node-id 33\n"
+    "  smarttac plate --interface socketcan --channel can0 --front-end lab.daq:DaqPlate"
+)
 @node_options(PLATE_ID)
+@click.option(
+    "--front-end",
+    metavar="NAME",
+    help="Hardware instead of the simulated plate: a front end by the name that its package"
+    " gives it, or as module:Class.",
+)
 def plate(
     *,
     node_id: int | None,
@@ -163,24 +176,47 @@ def plate(
     seed: int,
     eds: Path | None,
     storage: StorageFile | None,
+    front_end: str | None,
     bus: BusChoice,
     pace: Pace,
 ) -> None:
-    """Run the simulated plate as a node of its own until Ctrl-C or SIGTERM."""
-    with plain_errors(), _blaming(eds):
-        motion, recording = finger
+    """Run the plate as a node of its own, simulated or a front end, until Ctrl-C or SIGTERM."""
+    fixed = own_node_id(node_id, unconfigured)
+    with plain_errors(), _blaming(eds), ExitStack() as stack:
         od = _load("plate.eds", eds, PLATE_ID if node_id is None else node_id)
-        presets = _finger_presets(od, motion, subject, seed)
-        fixed = own_node_id(node_id, unconfigured)
+        motion, recording = finger
+        hardware = None
+        presets = {}
+        if front_end is None:
+            presets = _finger_presets(od, motion, subject, seed)
+        else:
+            _refuse_finger("for the simulated plate: leave it out with --front-end")
+            hardware = stack.enter_context(_front_end(front_end, by_clock=not pace.lockstep))
         device = PlateNode(
             od,
             presets,
             recording,
+            front_end=hardware,
+            session=0 if hardware is None else randbelow(TICK_MASK + 1),
             deadline_ms=pace.begin(),
             storage=storage,
             node_id=fixed,
         )
         run_in_process("plate", device, bus, pace)
+
+
+@contextmanager
+def _front_end(name: str, *, by_clock: bool) -> Iterator[TimedPlate]:
+    """Open a front end, by a module of the working directory as well."""
+    here = str(Path.cwd())
+    sys.path.append(here)
+    try:
+        with opened_front_end(name, by_clock=by_clock) as plate:
+            yield plate
+    except FrontEndError as error:
+        raise click.ClickException(one_line(error)) from error
+    finally:
+        sys.path.remove(here)
 
 
 @contextmanager
@@ -204,11 +240,11 @@ def _keeping_faults(device: StimulatorNode, storage: StorageFile | None) -> Iter
         yield
 
 
-def _refuse_finger() -> None:
-    """Refuse options of the simulated plate where the plate is another node."""
+def _refuse_finger(reason: str) -> None:
+    """Refuse options of the simulated plate where there is none."""
     for name in ("finger", "subject", "seed"):
         if _given(name):
-            raise click.UsageError(f"--{name} is for the plate inside: give it to smarttac plate")
+            raise click.UsageError(f"--{name} is {reason}")
 
 
 def _given(option: str) -> bool:

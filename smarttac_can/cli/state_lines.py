@@ -49,6 +49,7 @@ class StateLines:
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
         self._diagnosis = _diagnosis(node.od) if isinstance(node, StimulatorNode) else None
+        self._plate = node.block if isinstance(node, PlateNode) else None
         self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
@@ -123,7 +124,9 @@ class StateLines:
 
     @property
     def _reason(self) -> str:
-        """Say why the stimulator does not drive; empty if there is nothing to say."""
+        """Say why stimulator or front end do not drive; empty if there is nothing to say."""
+        if self._plate is not None:
+            return f"front end: {self._plate.trouble}" if self._plate.trouble else ""
         if self._diagnosis is None:
             return ""
         message, first, latched = self._diagnosis

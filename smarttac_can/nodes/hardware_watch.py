@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.device.device import Device
+from smarttac_can.nodes.front_end import STAGE_TOLERANCE
 from smarttac_can.nodes.loop_frames import PLATE_RPDOS
-from smarttac_can.nodes.plate_block import STAGE_TOLERANCE
 from smarttac_can.nodes.stricter import LONGER, OTHER, Rule
 from smarttac_can.od.cia import (
     PDO_COB_ID,

@@ -1,36 +1,28 @@
-"""The function block of the plate: an object dictionary and the simulated plate, without CAN."""
+"""The function block of the plate: an object dictionary and what is behind it, without CAN."""
 
 from __future__ import annotations
 
 from enum import Enum
 from typing import Final
 
+from smarttac_can.nodes.front_end import STAGE_TOLERANCE, FrontEnd
 from smarttac_can.nodes.hard_caps import PLATE_CAPS, require_caps
+from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.nodes.stage_state import StageEvent, StageState, follow
-from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.od.scaling import Quantiser
-from smarttac_can.plant.faults import Fault
-from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
-from smarttac_can.plant.fitted import FITTED
-from smarttac_can.plant.parameters import PlateParameters
+from smarttac_can.plant.finger import Trajectory
 from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.stage import PowerStage
-from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.vocabulary.faults import FaultKind
-from smarttac_can.vocabulary.objects import FAULT_KIND, RECORDED, START_RUN, STROKE
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.objects import START_RUN
+from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import Drive
 
 TICK_MASK: Final = 0xFF
 """Bits of the tick count in a frame: 8."""
-_NEVER: Final = -1
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _IN_USE: Final = StageState.IN_USE
 _BARRED: Final = (StageState.WAITING, StageState.TRIPPED)
-_FINGERS: Final = (*SUBJECTS, *(fitted.subject for fitted in FITTED))
-"""What *Simulation.Subject* numbers, from 1."""
-STAGE_TOLERANCE: Final = 1.0
-"""Largest difference in V between what the power stage was told and what it reads back."""
 
 
 class Taken(Enum):
@@ -43,11 +35,11 @@ class Taken(Enum):
 
 
 class PlateBlock:
-    """The simulated plate behind the objects of ``plate.eds``.
+    """A plate behind the objects of ``plate.eds``: the simulated one, or a front end.
 
-    The plate moves by calls of `cycle` and by nothing else, so a run gives the same numbers at any
-    pace. It knows nothing of the bus: the plate node calls it, and so does a stimulator that has
-    the plate inside.
+    The simulated plate moves by calls of `cycle` and by nothing else, so a run gives the same
+    numbers at any pace. It knows nothing of the bus: the plate node calls it, and so does a
+    stimulator that has the plate inside.
 
     Parameters
     ----------
@@ -55,6 +47,8 @@ class PlateBlock:
         Object dictionary of ``plate.eds``.
     recording
         The finger of motion 2; without one, that motion is refused.
+    front_end
+        What takes the place of the simulated plate.
 
     Raises
     ------
@@ -63,8 +57,8 @@ class PlateBlock:
 
     Attributes
     ----------
-    plate
-        The plate of the present run, for tests and reports.
+    behind
+        The simulated plate, or the front end with its checks.
     state
         State of the power stage, to look at; `bar` and drives change it.
     session
@@ -73,10 +67,17 @@ class PlateBlock:
         What the power stage is told, in V; it may put out something else.
     """
 
-    def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
+    def __init__(
+        self,
+        od: ObjectDictionary,
+        recording: Trajectory | None = None,
+        front_end: TimedPlate | None = None,
+    ) -> None:
         require_caps(od, PLATE_CAPS)
         self.od = od
-        self._recording = recording
+        self.behind = (
+            SimulatedPlate(od, recording) if front_end is None else FrontEnd(front_end, od)
+        )
         self.state = StageState.WAITING
         self._voltage = od["Drive.Voltage"]
         self._frequency = od["Drive.Frequency"]
@@ -91,57 +92,52 @@ class PlateBlock:
                 *(od[f"Gauge.S{number}"] for number in range(1, 7)),
             ]
         )
-        self._stage = Quantiser([od["Stage.Voltage"], od["Stage.Frequency"]])
+        self._stage_shown = Quantiser([od["Stage.Voltage"], od["Stage.Frequency"]])
         self._ticks = od["Cycle.Ticks"]
         self._lost = od["Cycle.Lost drives"]
         self._foreign = od["Cycle.Foreign ticks"]
         self.start_run()
 
     def start_run(self) -> None:
-        """Begin anew: a plate at rest at ambient temperature, tick 0 next, no drive."""
-        od = self.od
-        self.plate = Plate(
-            PlateParameters(),
-            _FINGERS[od["Simulation.Subject"].value - 1],
-            self._finger(),
-            seed=od["Simulation.Seed"].value,
-            ambient=od["Simulation.Ambient temperature"].si_value,
-            dead_time=od["Simulation.Dead time"].si_value,
-        )
-        od[FAULT_KIND].value = FaultKind.NONE
-        self._fault_in = _NEVER
-        self._power_stage = PowerStage()
+        """Begin anew: a plate at rest, tick 0 next, no drive."""
+        self._stage = Drive(0.0, self._frequency.si_value)
+        self.behind.start_run(self._stage)
         self.told = 0.0
         self._voltage.value = 0
         self._follow(StageEvent.START_RUN)
         self._moving = False
         self._answered = self._answered_before = False
-        self._old = Drive(0.0, self._frequency.si_value)
-        self._new = self._old
         self.tick.value = TICK_MASK
         for count in (self._ticks, self._lost, self._foreign):
             count.value = 0
         self._show_stage()
 
-    def cycle(self) -> None:
-        """Step to the next tick with the drive that arrived, and sample the sensors there."""
-        plate = self.plate
-        if self._fault_in >= 0:
-            self._approach_fault()
-        if self._moving:
-            if self.state is _IN_USE and not self._answered:
-                self._lost.count()
-            plate.step(self._old, self._new)
-            self._old = self._new
+    def cycle(self) -> bool:
+        """Step to the next tick with the drive that arrived, and sample the sensors there.
+
+        Returns
+        -------
+        bool
+            Whether there is a measurement; the simulated plate always has one.
+        """
+        if self._moving and self.state is _IN_USE and not self._answered:
+            self._lost.count()
         self._moving = True
         self._answered_before = self._answered
         self._answered = False
         self.tick.value = (self.tick.value + 1) & TICK_MASK
         self._gauge_tick.value = (self.tick.value + self.session) & TICK_MASK
         self._ticks.count()
-        W, gauges, temperature, saturated = plate.sample()
+        measured = self.behind.sample()
+        if self.behind.stage is not self._stage:
+            self._stage = self.behind.stage
+            self._show_stage()
+        if measured is None:
+            return False
+        W, gauges, temperature, saturated = measured
         self._measured.write((W.real, W.imag, temperature, *gauges))
         self._saturation.value = saturated
+        return True
 
     def take_drive(self, *, latched: bool = False) -> Taken:
         """Take the drive in the object dictionary if it answers this tick, or the one before.
@@ -174,11 +170,12 @@ class PlateBlock:
         elif late:
             self._answered_before = True
         self.told = told = float(self._voltage.value * self._voltage.si)
-        read_back = self._power_stage.put_out(told)
+        drive = Drive(told, float(self._frequency.value * self._frequency.si))
+        read_back = self.behind.put_out(drive)
         if read_back != told and abs(read_back - told) > STAGE_TOLERANCE:
             self.bar()
             return Taken.DISOBEYED
-        self._new = Drive(read_back, float(self._frequency.value * self._frequency.si))
+        self._stage = self.behind.stage
         self._show_stage()
         return Taken.IN_TIME if in_time else Taken.LATE
 
@@ -202,7 +199,8 @@ class PlateBlock:
         self._follow(event)
         self._voltage.value = 0
         self.told = 0.0
-        self._old = self._new = Drive(0.0, self._new.frequency)
+        self.behind.switch_off(Drive(0.0, self._stage.frequency))
+        self._stage = self.behind.stage
         self._show_stage()
 
     def _follow(self, event: StageEvent) -> None:
@@ -227,54 +225,40 @@ class PlateBlock:
         Raises
         ------
         Abort
-            STATE for the recorded finger where there is no recording; VALUE for a fault that
-            makes no sense.
+            STATE for the recorded finger where there is no recording, and for what only a
+            simulation does where there is none; VALUE for a fault that makes no sense.
         """
         if entry.name == START_RUN:
             self.start_run()
-        elif entry.name == FAULT_KIND:
-            self._set_fault(FaultKind(value))
-        elif entry.name == "Finger.Motion" and value == RECORDED and self._recording is None:
-            raise Abort(AbortCode.STATE)
-
-    def _set_fault(self, kind: FaultKind) -> None:
-        """Take sensor, value and delay from the object dictionary; what was broken is mended."""
-        fault = Fault(kind, self.od["Fault.Sensor"].value, self.od["Fault.Value"].value)
-        try:
-            fault.require_sense()
-        except ValueError as error:
-            raise Abort(AbortCode.VALUE) from error
-        self._power_stage.stick(0.0)
-        self.plate.inject(Fault(FaultKind.NONE, 1, 0))
-        self._fault = fault
-        self._fault_in = self.od["Fault.Delay in cycles"].value if kind else _NEVER
-
-    def _approach_fault(self) -> None:
-        """Break what is due to break before the coming step."""
-        self._fault_in -= 1
-        if self._fault_in >= 0:
-            return
-        if self._fault.kind is FaultKind.STAGE_STUCK:
-            voltage, frequency = self._new
-            self._power_stage.stick(float(self._fault.value * self._voltage.si) or voltage)
-            self._new = Drive(self._power_stage.put_out(voltage), frequency)
-            self._show_stage()
         else:
-            self.plate.inject(self._fault)
+            self.behind.on_write(entry, value)
+
+    def insist(self) -> None:
+        """Ask a stage for 0 V again that did not obey it."""
+        self.behind.insist()
+
+    @property
+    def cause(self) -> FaultCode | None:
+        """What a front end keeps the stage from a voltage for; None if nothing does."""
+        return self.behind.cause
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with a front end; empty if nothing is."""
+        return self.behind.trouble
+
+    @property
+    def plate(self) -> Plate:
+        """The simulated plate of the present run, for tests and reports.
+
+        Raises
+        ------
+        AttributeError
+            If there is a front end instead.
+        """
+        if isinstance(self.behind, FrontEnd):
+            raise AttributeError("behind a front end no plate is simulated")
+        return self.behind.plate
 
     def _show_stage(self) -> None:
-        self._stage.write(self._new)
-
-    def _finger(self) -> Finger:
-        od = self.od
-        motion = od["Finger.Motion"].value
-        if motion == STROKE:
-            return Stroke(
-                od["Finger.Force"].si_value,
-                od["Finger.Speed"].si_value,
-                od["Finger.Range"].si_value,
-                force_variation=od["Finger.Force variation"].si_value,
-                speed_variation=od["Finger.Speed variation"].si_value,
-                seed=od["Simulation.Seed"].value,
-            )
-        return self._recording if motion == RECORDED and self._recording else Lifted()
+        self._stage_shown.write(self._stage)

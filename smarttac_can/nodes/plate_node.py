@@ -30,12 +30,13 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, level
 
 
 class PlateNode(Application):
-    """Power stage, vibration pick-up and strain gauges, simulated; SYNC is the tick.
+    """Power stage, vibration pick-up and strain gauges, simulated or real; SYNC is the tick.
 
     Parameters
     ----------
@@ -45,6 +46,10 @@ class PlateNode(Application):
         Raw values by name that replace defaults of the EDS at power-on.
     recording
         The finger of ``Finger.Motion`` 2.
+    front_end
+        What takes the place of the simulated plate.
+    session
+        Number of the first session, 0..255; hardware draws it.
     deadline_ms
         Default of the event timer of the drive; None for that of the EDS.
     storage, node_id
@@ -57,13 +62,15 @@ class PlateNode(Application):
         presets: Mapping[str, int] | None = None,
         recording: Trajectory | None = None,
         *,
+        front_end: TimedPlate | None = None,
+        session: int = 0,
         deadline_ms: int | None = None,
         storage: Storage | None = None,
         node_id: int | None = None,
     ) -> None:
         self.od = od
         self._presets = dict(presets or {})
-        self.block = PlateBlock(od, recording)
+        self.block = PlateBlock(od, recording, front_end)
         if deadline_ms is not None:
             set_deadline(od, (DRIVE_RPDO,), deadline_ms)
         (self._deadline,) = deadlines(od, (DRIVE_RPDO,))
@@ -87,7 +94,7 @@ class PlateNode(Application):
         self._voltage_max = od["Limit.Voltage"]
         self._temperature_max = od["Limit.Temperature"]
         self._serial = od["Plate serial number"]
-        self._next_session = 0
+        self._next_session = session
         self._protecting: set[FaultCode] = set()
         self.start = self.device.start
         self.receive = self.device.receive
@@ -125,6 +132,7 @@ class PlateNode(Application):
     def shutdown(self) -> list[Frame]:
         """Put the power stage at 0 V."""
         self.block.switch_off()
+        self.block.insist()
         return []
 
     def on_state(self, state: NMTState) -> None:
@@ -147,7 +155,8 @@ class PlateNode(Application):
             self._hardware.configure()
 
     def on_sync(self) -> bool:
-        """Step to this tick; while there is no loop, no measurement goes out."""
+        """Step to this tick; while there is no loop, or nothing measured, nothing goes out."""
+        self.block.insist()
         if self.device.nmt_state is not NMTState.OPERATIONAL:
             return False
         if not self._period.agrees():
@@ -158,14 +167,16 @@ class PlateNode(Application):
             self._hardware.cycle(self.block.told)
             if self._hardware.cause is FaultCode.STAGE:
                 self._protect(FaultCode.STAGE)
-        self.block.cycle()
+        measured = self.block.cycle()
         self._sender.follow(self.block.tick.value)
-        self._sent.write()
+        self._heed_front_end()
+        if measured:
+            self._sent.write()
         if self._temperature.value > self._temperature_max.value:
             self._protect(FaultCode.TEMPERATURE)
         elif self.block.state is StageState.TRIPPED and not self._protecting:
             self._protect(FaultCode.DRIVE_LOST)
-        return True
+        return measured
 
     def on_rpdo(self, number: int) -> None:
         """Take a drive if it is sound, its voltage below the limit, the plate cool and alone.
@@ -187,7 +198,7 @@ class PlateNode(Application):
         if self._voltage.value > self._voltage_max.value:
             self._protect(FaultCode.VOLTAGE)
             return
-        cause = hardware.cause
+        cause = hardware.cause or self.block.cause
         if not self._voltage.value:
             self._reported = False
         elif cause is not None and not self._reported:
@@ -252,6 +263,14 @@ class PlateNode(Application):
         if self.block.state is StageState.IN_USE:
             self._protect(cause)
         else:
+            self.block.bar()
+
+    def _heed_front_end(self) -> None:
+        """Go to 0 V if a front end gives reason to; report it if the stage was, or is, live."""
+        cause = self.block.cause
+        if cause is FaultCode.STAGE or (cause and self.block.state is StageState.IN_USE):
+            self._protect(cause)
+        elif cause:
             self.block.bar()
 
     def on_store(self) -> None:

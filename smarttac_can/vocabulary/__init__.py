@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from smarttac_can.vocabulary.faults import FaultKind
     from smarttac_can.vocabulary.model import PlateModel
     from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+    from smarttac_can.vocabulary.plate import Plate
     from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
     from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
     from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
@@ -26,6 +27,7 @@ __all__ = [
     "Law",
     "Measurement",
     "Mode",
+    "Plate",
     "PlateModel",
     "Setpoint",
     "State",
@@ -43,6 +45,7 @@ __getattr__ = lazily(
         "Law": "modes",
         "Mode": "modes",
         "VibrationLaw": "modes",
+        "Plate": "plate",
         "Contact": "signals",
         "Drive": "signals",
         "Measurement": "signals",

@@ -248,14 +248,15 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the power stage does not put out what it is told",
         FaultCode.STAGE, ErrorRegister.VOLTAGE, 1,
         "the plate says so, by 3311h, in the cycle in which it sees it: at once in the simulated "
-        "stage, within 5 cycles where hardware reads the stage back",
+        "stage and a front end's, within 5 cycles where hardware reads the stage back",
         lasting=False,
     ),
     Watchdog.NOT_ENABLED: WatchdogRow(
         "hardware does not let the power stage drive, or is not heard",
         FaultCode.NOT_ENABLED, _MANUFACTURER, 1,
         "the plate says so, by 9010h: when its Enable goes while it drives, when the event timer "
-        "of that RPDO is over, and when a voltage is asked for without",
+        "of that RPDO is over, and when a voltage is asked for without; with a front end also when "
+        "it had no measurement in time for 2 cycles in a row, or anything that is wrong",
         "event timer of the plate's RPDO 2",
         lasting=False,
     ),

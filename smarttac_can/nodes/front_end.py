@@ -1,0 +1,184 @@
+"""A front end for real hardware behind the objects of the plate: believed as far as checked."""
+
+from __future__ import annotations
+
+from cmath import isfinite
+from numbers import Complex, Integral, Real
+from typing import Any, Final
+
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.model import require
+from smarttac_can.vocabulary.objects import SIMULATION
+from smarttac_can.vocabulary.plate import TimedPlate
+from smarttac_can.vocabulary.signals import Drive, Measurement
+
+STAGE_TOLERANCE: Final = 1.0
+"""Largest difference in V between what the power stage was told and what it reads back."""
+LATE_US: Final = 500
+"""Longest time in us for a call: the other half of a tick is for frames and controllers."""
+SILENT_CYCLES: Final = 2
+"""Cycles in a row without a measurement in time that are a fault; one passes."""
+SOUND_CYCLES: Final = 20
+"""Sound cycles in a row after which a fault is forgotten."""
+UNKNOWN: Final = 1e9
+"""Voltage of a stage that has not said what it puts out; it shows as the highest there is."""
+_GAUGES: Final = 6
+
+
+class FrontEnd:
+    """Asks a front end once a cycle, and says what keeps the stage from a voltage.
+
+    Parameters
+    ----------
+    plate
+        The front end, timed.
+    od
+        Object dictionary of ``plate.eds``, whose limits a measurement has to be in.
+
+    Attributes
+    ----------
+    stage
+        What the power stage puts out, as far as it is known.
+    trouble
+        What is wrong with it, as of when that began; empty if nothing is.
+    """
+
+    def __init__(self, plate: TimedPlate, od: ObjectDictionary) -> None:
+        self._plate = plate
+        self._ranges = [
+            (name, entry.low * entry.si, entry.high * entry.si)
+            for name, entry in (
+                *((name, od[f"Vibration.{name}"]) for name in ("W_d", "W_q", "Temperature")),
+                *((f"S{number}", od[f"Gauge.S{number}"]) for number in range(1, _GAUGES + 1)),
+            )
+        ]
+        saturation = od["Vibration.Saturation"]
+        self._saturation = (int(saturation.low), int(saturation.high))
+
+    def start_run(self, stage: Drive) -> None:
+        """Begin anew at 0 V; no voltage before the first measurement."""
+        self._last: Measurement | None = None
+        self._silent = 0
+        self._slowest = 0
+        self.trouble = "has not been heard yet"
+        self._sound_missing = 1
+        self.switch_off(stage)
+
+    def sample(self) -> Measurement | None:
+        """Return the measurement of this tick; None if there is none to believe."""
+        try:
+            measured = self._plate.sample()
+        except Exception as error:  # noqa: BLE001 (a front end raises what it likes)
+            self._doubt(f"sample() failed: {error!r}")
+            return None
+        took = max(self._slowest, self._plate.took_us)
+        self._slowest = 0
+        if took > LATE_US:
+            self._miss(f"a call took {took} us, longer than {LATE_US}")
+            return None
+        if measured is None or measured is self._last:
+            self._miss("sample() has nothing new")
+            return None
+        self._last = measured
+        try:
+            sound = self._checked(measured)
+        except ValueError as error:
+            self._doubt(f"sample() returned {error}")
+            return None
+        self._silent = 0
+        if self.trouble:
+            self._sound_missing -= 1
+            self.trouble = self.trouble if self._sound_missing else ""
+        return sound
+
+    def put_out(self, drive: Drive) -> float:
+        """Tell the stage a drive; return the voltage in V that it reads back, `UNKNOWN` if none."""
+        told = f"put_out() of {drive.voltage:g} V"
+        voltage = UNKNOWN
+        try:
+            read_back = self._plate.put_out(drive)
+        except Exception as error:  # noqa: BLE001 (a front end raises what it likes)
+            self._doubt(f"{told} failed: {error!r}")
+        else:
+            if _number(read_back, Real):
+                voltage = float(read_back)
+            if not abs(voltage - drive.voltage) <= STAGE_TOLERANCE:
+                self._doubt(f"{told} returned {read_back!r}")
+        self._slowest = max(self._slowest, self._plate.took_us)
+        self._told = drive.voltage
+        self.stage = Drive(voltage, drive.frequency)
+        return voltage
+
+    def switch_off(self, stage: Drive) -> None:
+        """Tell the stage a drive of 0 V."""
+        self.put_out(stage)
+
+    def insist(self) -> None:
+        """Tell a stage 0 V again that has not obeyed it."""
+        if self._at_large:
+            self.put_out(Drive(0.0, self.stage.frequency))
+
+    @property
+    def cause(self) -> FaultCode | None:
+        """What keeps the stage from a voltage; None if nothing does.
+
+        NOT_ENABLED after two cycles in a row without a measurement in time, or anything that is
+        wrong; STAGE while it does not obey 0 V.
+        """
+        if self._at_large:
+            return FaultCode.STAGE
+        return FaultCode.NOT_ENABLED if self.trouble else None
+
+    @property
+    def _at_large(self) -> bool:
+        return self._told == 0.0 and abs(self.stage.voltage) > STAGE_TOLERANCE
+
+    def on_write(self, entry: Entry, value: int) -> None:
+        """Refuse what only a simulation does.
+
+        Raises
+        ------
+        Abort
+            STATE for another value of its objects.
+        """
+        if entry.name.partition(".")[0] in SIMULATION and value != entry.value:
+            raise Abort(AbortCode.STATE)
+
+    def _miss(self, trouble: str) -> None:
+        """Let a cycle pass without a measurement, but not several in a row."""
+        self._silent += 1
+        if self._silent >= SILENT_CYCLES:
+            self._doubt(trouble)
+
+    def _doubt(self, trouble: str) -> None:
+        """Keep the stage from a voltage until the front end was sound for a while."""
+        self._sound_missing = SOUND_CYCLES
+        self.trouble = self.trouble or trouble
+
+    def _checked(self, measured: Any) -> Measurement:
+        """Return a measurement in Python's own numbers; ValueError says what is wrong with it."""
+        if not isinstance(measured, Measurement):
+            raise ValueError(f"{measured!r}, not a Measurement")
+        W, gauges, temperature, saturated = measured
+        if not _number(W, Complex):
+            raise ValueError(f"W {W!r}")
+        if not (isinstance(gauges, tuple) and len(gauges) == _GAUGES):
+            raise ValueError(f"gauges {gauges!r}, not a tuple of {_GAUGES}")
+        for value, (name, low, high) in zip(
+            (W.real, W.imag, temperature, *gauges), self._ranges, strict=True
+        ):
+            if not _number(value, Real):
+                raise ValueError(f"{name} {value!r}")
+            require(name, value, low, high)
+        low, high = self._saturation
+        if not (isinstance(saturated, Integral) and low <= int(saturated) <= high):
+            raise ValueError(f"saturated {saturated!r}, no integer in {low}..{high}")
+        s1, s2, s3, s4, s5, s6 = map(float, gauges)
+        return Measurement(complex(W), (s1, s2, s3, s4, s5, s6), float(temperature), int(saturated))
+
+
+def _number(value: object, kind: type[Complex | Real]) -> bool:
+    """Whether it is a finite number of a kind, those of numpy included; a bool is none."""
+    return isinstance(value, kind) and not isinstance(value, bool) and isfinite(complex(value))
