@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from smarttac_can.host.candump import CandumpWriter, read_candump
     from smarttac_can.host.faulty_bus import FaultyBus
     from smarttac_can.host.frame_faults import Disturbance, FrameFault
+    from smarttac_can.host.front_ends import TimedFrontEnd
     from smarttac_can.host.local_bus import LocalBus
     from smarttac_can.host.process_signals import stop_on_signals
     from smarttac_can.host.python_can import PythonCanBus
@@ -22,6 +23,7 @@ __all__ = [
     "FrameFault",
     "LocalBus",
     "PythonCanBus",
+    "TimedFrontEnd",
     "read_candump",
     "run_node",
     "stop_on_signals",
@@ -35,6 +37,7 @@ __getattr__ = lazily(
         "FaultyBus": "faulty_bus",
         "Disturbance": "frame_faults",
         "FrameFault": "frame_faults",
+        "TimedFrontEnd": "front_ends",
         "LocalBus": "local_bus",
         "stop_on_signals": "process_signals",
         "PythonCanBus": "python_can",

@@ -25,6 +25,11 @@ the system held up they are one."""
 _LAST_WORD_S: Final = 0.1
 
 
+def no_clock() -> int:
+    """Return 0, always: no time passes but by SYNC."""
+    return 0
+
+
 class FrontEndError(Exception):
     """There is no such front end, or it does not open."""
 
@@ -79,7 +84,7 @@ def opened_front_end(name: str, *, by_clock: bool) -> Iterator[TimedFrontEnd]:
     missing = [m for m in _METHODS if not callable(getattr(plate, m, None))]
     if missing:
         raise FrontEndError(f"front end {name} has no {', '.join(missing)}")
-    timed = TimedFrontEnd(plate, monotonic_ns if by_clock else lambda: 0)
+    timed = TimedFrontEnd(plate, monotonic_ns if by_clock else no_clock)
     over = Event()
     watch = Thread(target=_watch, args=(name, timed, over), daemon=True)
     watch.start()
@@ -99,7 +104,7 @@ class TimedFrontEnd:
     plate
         The front end.
     clock
-        Time in ns that only goes on.
+        Time in ns that only goes on; without one no call takes any.
 
     Attributes
     ----------
@@ -111,7 +116,7 @@ class TimedFrontEnd:
         The drive that was put out last.
     """
 
-    def __init__(self, plate: Plate, clock: Callable[[], int]) -> None:
+    def __init__(self, plate: Plate, clock: Callable[[], int] = no_clock) -> None:
         self._plate = plate
         self._clock = clock
         self.took_us = 0

@@ -1,0 +1,116 @@
+"""``smarttac plate --front-end``: hardware in Python as a node on a bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from nodes_on_a_bus import NodeProcess, multicast_options, processes
+from test_node_refusals import VIRTUAL, refusal
+
+from smarttac_can.bench import BenchError, FaultError, Stimulator
+
+MODULE = '''
+from pathlib import Path
+from smarttac_can.plant import SUBJECTS, Lifted, Plate, PlateParameters
+from smarttac_can.vocabulary import Drive
+
+class Lab:
+    """The simulated plate as if it were hardware; fails while there is a file that says so."""
+    def __init__(self):
+        self.plate = Plate(PlateParameters(), SUBJECTS[0], Lifted())
+        self.drive = Drive(0.0, 0.0)
+    def put_out(self, drive):
+        self.drive = drive
+        Path("new").write_text(str(drive.voltage))
+        Path("new").replace("told")
+        return drive.voltage
+    def sample(self):
+        if Path("broken").exists():
+            raise OSError("cable out")
+        self.plate.step(self.drive, self.drive)
+        return self.plate.sample()
+    def close(self):
+        Path("closed").touch()
+'''
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "lab.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_front_end_in_the_loop_that_fails_and_comes_back(
+    multicast: dict[str, Any], lab: Path
+) -> None:
+    told = lab / "told"
+    nodes = ("plate --lockstep --front-end lab:Lab", "node --plate-node 33 --lockstep")
+    with processes(multicast, *nodes) as (plate, _):
+        with Stimulator.connect(**multicast, plate_node_id=33, lockstep=True) as bench:
+            bench.run(0.2)
+            bench.amplitude = 1.0
+            bench.mode = "amplitude"
+            trace = bench.run(0.1)
+            assert abs(trace.amplitude_um[-20:].mean() - 1.0) < 0.02
+            assert float(told.read_text()) > 10
+            (lab / "broken").touch()
+            with pytest.raises(BenchError, match="3 cycles in a row were lost"):
+                bench.run(0.1)
+            assert told.read_text() == "0.0"
+            assert bench.get("Diagnosis.Code") == 0x9010
+            plate.wait_for("plate 33 front end: sample() failed: OSError('cable out')")
+            (lab / "broken").unlink()
+            with pytest.raises(FaultError):
+                bench.run(0.1)  # the cycles pass all the same
+            bench.reset_fault()
+            bench.mode = "amplitude"
+            bench.run(0.1)
+            assert float(told.read_text()) > 10
+        status, lines, complaints = plate.end()
+        assert (status, complaints) == (0, "")
+        assert lines[-1] == "plate 33 stopped at 0 V"
+        assert told.read_text() == "0.0"
+        assert (lab / "closed").exists()
+
+
+def test_a_front_end_that_hangs_ends_the_node(multicast: dict[str, Any], lab: Path) -> None:
+    (lab / "lab.py").write_text(
+        MODULE.replace('raise OSError("cable out")', "import time; time.sleep(3600)")
+    )
+    options = multicast_options(multicast)
+    plate = NodeProcess("plate", "--front-end", "lab:Lab", *options)
+    node = NodeProcess("node", "--plate-node", "33", "--produce-sync", *options)
+    try:
+        plate.wait_for(f"plate 33 ready on udp_multicast:{multicast['channel']}")
+        with Stimulator.connect(**multicast, plate_node_id=33) as bench:
+            (lab / "broken").touch()
+            with pytest.raises(BenchError):
+                bench.run(1.0)
+        plate.process.wait(60)
+        status, _, complaints = plate.end()
+        assert status == 1
+        assert complaints == (
+            "Error: front end lab:Lab hangs in a call: ended, 0 V was asked for\n"
+        )
+        assert (lab / "told").read_text() == "0.0"
+    finally:
+        plate.end()
+        node.end()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--front-end", "nothing"), "no front end 'nothing' (none is installed)"),
+        (("--front-end", "lab:Nope"), "cannot import front end lab:Nope"),
+        (("--front-end", "lab:Lab", "--finger", "none"), "--finger is for the simulated plate"),
+        (("--front-end", "lab:Lab", "--subject", "2"), "--subject is for the simulated plate"),
+        (("--front-end", "lab:Lab", "--seed", "2"), "--seed is for the simulated plate"),
+    ],
+)
+def test_refusals(arguments: tuple[str, ...], message: str, lab: Path) -> None:
+    assert message in refusal("plate", *VIRTUAL, *arguments)
+    assert not (lab / "told").exists()
