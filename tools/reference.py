@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 from hazards_page import hazards_page
+from python_reference import python_pages
 from safety_reference import safety
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
@@ -152,6 +153,7 @@ def main() -> int:
         FOLDER / "cli.md": command_line(),
         FOLDER / "safety.md": safety(),
         FOLDER.parent / "explanation" / "hazards.md": hazards_page(),
+        **{FOLDER / page: text for page, text in python_pages()},
     }
     if sys.argv[1:] == ["--check"]:
         stale = [
@@ -162,7 +164,7 @@ def main() -> int:
         for path in stale:
             print(f"{path.name} is stale: run tools/reference.py")
         return 1 if stale else 0
-    FOLDER.mkdir(exist_ok=True)
+    (FOLDER / "python").mkdir(parents=True, exist_ok=True)
     for path, text in pages.items():
         path.write_text(text, encoding="utf-8")
     return 0

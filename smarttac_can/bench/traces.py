@@ -76,7 +76,7 @@ class Trace:
     mu_ref: Integers
     """Reference of the friction loop in 1e-4; 0 while there is none."""
     W: Integers
-    """Vibration amplitude |W| peak-to-peak in 0.1 nm."""
+    """Vibration amplitude ``|W|`` peak-to-peak in 0.1 nm."""
     V: Integers
     """Voltage in 10 mV."""
     f: Integers
