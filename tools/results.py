@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 
+from smarttac_can.bench.drawing import GREEN, RED, canvas, save
 from smarttac_can.bench.local_link import LocalLink
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
@@ -19,6 +19,7 @@ from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.paper.dead_time import loop_dead_time
 from smarttac_can.paper.experiments import Conditions, experiments
+from smarttac_can.paper.figures import BAND, CURVES
 from smarttac_can.paper.metrics import Step, align_at_switch, find, from_switch_on
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.reproduce import reproduce
@@ -27,9 +28,6 @@ from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.modes import Law
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt  # after the choice of its back end
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"
 TEMPLATE = Path(__file__).with_suffix(".md")
@@ -195,45 +193,45 @@ def laws_table(runs: Mapping[str, list[Trace]]) -> str:
 
 def plot_vibration(runs: list[list[Trace]], dead_times: list[float]) -> None:
     """Amplitude, voltage and frequency of Fig. 5 and 6, with and without dead time."""
-    figure, axes = plt.subplots(3, 1, figsize=(7, 7), sharex=True, layout="constrained")
     columns = (
-        ("amplitude_um", "amplitude, um"),
-        ("voltage_v", "voltage, V"),
-        ("frequency_hz", "frequency, Hz"),
+        ("amplitude_um", "amplitude (µm)"),
+        ("voltage_v", "voltage (V)"),
+        ("frequency_hz", "frequency (Hz)"),
     )
-    for traces, dead_time, style in zip(runs, dead_times, ("-", "--"), strict=True):
-        for loops, colour in (("amplitude_only", "C2"), ("amplitude_and_frequency", "C3")):
-            trace = find(traces, f"fig5.{loops}")
-            for axis, (column, label) in zip(axes, columns, strict=True):
-                values = from_switch_on(trace, getattr(trace, column))[:31]
-                name = f"{loops.replace('_', ' ')}, dead time {dead_time:.0f} us"
-                axis.plot(values, style, color=colour, label=name)
-                axis.set_ylabel(label)
-    axes[0].axhspan(0.95, 1.05, color="0.9")
-    axes[0].legend(fontsize=8, loc="lower right")
-    axes[-1].set_xlabel("time after switch-on, ms")
-    figure.savefig(FOLDER / "figures" / "vibration.png", dpi=90)
-    plt.close(figure)
+    with canvas(7.2, 7.6) as figure:
+        axes = figure.subplots(3, 1, sharex=True)
+        for traces, dead_time, style in zip(runs, dead_times, ("-", "--"), strict=True):
+            for loops, colour in (("amplitude_only", GREEN), ("amplitude_and_frequency", RED)):
+                trace = find(traces, f"fig5.{loops}")
+                for axis, (column, label) in zip(axes, columns, strict=True):
+                    values = from_switch_on(trace, getattr(trace, column))[:31]
+                    name = f"{loops.replace('_', ' ')}, dead time {dead_time:.0f} us"
+                    axis.plot(values, style, color=colour, label=name)
+                    axis.set_ylabel(label)
+        axes[0].axhspan(0.95, 1.05, color=BAND, zorder=0)
+        axes[0].legend(fontsize=8, loc="lower right")
+        axes[0].set_title("Fig. 5 and 6 (simulated)")
+        axes[-1].set_xlabel("time after switch-on (ms)")
+        save(figure, FOLDER / "figures" / "vibration.svg")
 
 
 def plot_touches(variants: Mapping[str, list[Trace]]) -> None:
     """Five up-steps and the mean curve of subject 2 for each variant."""
-    figure, axes = plt.subplots(
-        2, 3, figsize=(10, 6), sharex=True, sharey=True, layout="constrained"
-    )
-    for axis, (name, traces) in zip(axes.flat, variants.items(), strict=True):
-        touches = align_at_switch([find(traces, "table1", 2)], up=True)
-        for step in touches.steps[:5]:
-            axis.plot(step.time_ms, step.mu, lw=0.6, color="C0")
-        mean: Step = touches.mean_curve()
-        axis.plot(mean.time_ms, mean.mu, color="black")
-        axis.step([-20, 0, 80], [mean.before, mean.after, mean.after], "r:", where="post")
-        axis.set_title(name, fontsize=9)
-        axis.set_xlim(-20, 60)
-    figure.supxlabel("time after the switch of the reference, ms")
-    figure.supylabel("COF, subject 2")
-    figure.savefig(FOLDER / "figures" / "friction.png", dpi=90)
-    plt.close(figure)
+    with canvas(10, 6) as figure:
+        axes = figure.subplots(2, 3, sharex=True, sharey=True)
+        for axis, (name, traces) in zip(axes.flat, variants.items(), strict=True):
+            touches = align_at_switch([find(traces, "table1", 2)], up=True)
+            for step in touches.steps[:5]:
+                axis.plot(step.time_ms, step.mu, **CURVES["touches"])
+            mean: Step = touches.mean_curve()
+            reference = [mean.before, mean.after, mean.after]
+            axis.step([-20, 0, 80], reference, where="post", **CURVES["reference"])
+            axis.plot(mean.time_ms, mean.mu, **CURVES["mean"])
+            axis.set_title(name, fontsize=10.5, pad=6)
+            axis.set_xlim(-20, 60)
+        figure.supxlabel("time after the switch of the reference (ms)")
+        figure.supylabel("coefficient of friction, subject 2")
+        save(figure, FOLDER / "figures" / "friction.svg")
 
 
 def main() -> None:

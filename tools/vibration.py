@@ -7,9 +7,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 
+from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.paper.dead_time import loop_dead_time
@@ -24,14 +24,13 @@ from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Setpoint
 
-mpl.use("Agg")
-from matplotlib import pyplot as plt  # after the choice of its back end
-
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"
 TEMPLATE = Path(__file__).with_suffix(".md")
 BUS = 540e-6
 LOOPS = {"both loops": Mode.AMPLITUDE_RESONANCE, "alone": Mode.AMPLITUDE}
 WARM = 43_250.0
+LINES = ((GREEN, "--"), (INK, ":"), (RED, "-"))
+"""Colour and line of each law."""
 PI, SCHEDULED, PREDICTIVE = VibrationLaw
 
 
@@ -275,21 +274,23 @@ def cost_table() -> str:
 
 def figure() -> None:
     """Draw 0 to 1 to 1.5 um under 0.5 N with the dead time of a bus."""
-    picture, axes = plt.subplots(2, 1, figsize=(8, 5), sharex=True, layout="constrained")
-    for law in VibrationLaw:
-        bench = Rig(law, BUS, Fn=0.5)
-        W, V = [], []
-        for W_ref in (1e-6, 1.5e-6):
-            W += [*bench.run(30, W_ref, Mode.AMPLITUDE_RESONANCE)]
-            V += bench.voltages
-        axes[0].plot(1e6 * np.array(W), label=law.name.lower())
-        axes[1].step(range(len(V)), V, where="post")
-    axes[0].legend()
-    axes[0].set_ylabel("amplitude, um")
-    axes[1].set_ylabel("voltage, V")
-    axes[1].set_xlabel("time, ms")
-    picture.savefig(FOLDER / "figures" / "laws.png", dpi=90)
-    plt.close(picture)
+    with canvas(7.2, 5) as picture:
+        axes = picture.subplots(2, 1, sharex=True)
+        for law, (colour, line) in zip(VibrationLaw, LINES, strict=True):
+            bench = Rig(law, BUS, Fn=0.5)
+            W, V = [], []
+            for W_ref in (1e-6, 1.5e-6):
+                W += [*bench.run(30, W_ref, Mode.AMPLITUDE_RESONANCE)]
+                V += bench.voltages
+            name = law.name.lower()
+            axes[0].plot(1e6 * np.array(W), line, color=colour, label=name)
+            axes[1].plot(V, line, color=colour, drawstyle="steps-post")
+        axes[0].set_title("1 and 1.5 µm under 0.5 N (simulated)")
+        axes[0].legend(loc="lower right")
+        axes[0].set_ylabel("amplitude (µm)")
+        axes[1].set_ylabel("voltage (V)")
+        axes[1].set_xlabel("time (ms)")
+        save(picture, FOLDER / "figures" / "laws.svg")
 
 
 def main() -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -36,6 +38,12 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "lines.solid_capstyle": "round",
     "savefig.facecolor": "white",
+    "svg.hashsalt": "smarttac-can",
+}
+# Without what names the day, and the version of matplotlib.
+_FORMATS: Final[dict[str, dict[str, Any]]] = {
+    "png": {"dpi": 144, "metadata": {"Software": None}},
+    "svg": {"metadata": {"Date": None, "Creator": None}},
 }
 
 
@@ -46,3 +54,20 @@ def canvas(width: float, height: float) -> Iterator[Figure]:
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
+
+
+def rendered(figure: Figure) -> dict[str, bytes]:
+    """Return a figure as PNG and SVG, by the name of the format; the same bytes each time."""
+    pictures = {}
+    with mpl.rc_context(STYLE):
+        for name, options in _FORMATS.items():
+            file = BytesIO()
+            figure.savefig(file, format=name, **options)
+            pictures[name] = file.getvalue()
+    return pictures
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure beside each other as PNG and SVG; of the path only the suffix differs."""
+    for name, picture in rendered(figure).items():
+        path.with_suffix(f".{name}").write_bytes(picture)

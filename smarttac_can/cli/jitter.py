@@ -102,10 +102,10 @@ def jitter(
 
 
 def _draw(timing: LoopTiming, file: Path) -> None:
-    from smarttac_can.timing.loop_figure import histogram  # noqa: PLC0415 - matplotlib is an extra
+    from smarttac_can.bench.drawing import save  # noqa: PLC0415 - matplotlib is an extra
+    from smarttac_can.timing.loop_figure import histogram  # noqa: PLC0415
 
-    # Without the metadata, which names the version of matplotlib.
-    histogram(timing).savefig(file, dpi=144, metadata={"Software": None})
+    save(histogram(timing), file)
 
 
 def _progress(seconds: int) -> Callable[[float, LoopTiming], None]:

@@ -33,7 +33,7 @@ from smarttac_can.paper.metrics import (
     subjects_of,
     voltage_difference_percent,
 )
-from smarttac_can.paper.references import AMPLITUDE_UM, RESPONSE_BAND
+from smarttac_can.paper.references import AMPLITUDE_UM, RESPONSE_BAND, published
 
 BAND = "#e9eef3"
 SUBJECTS = (
@@ -131,7 +131,8 @@ def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
             except UndefinedError:
                 continue
             axes.plot([entry] * 2, [0, low], ":", color=colour, lw=1.6)
-            note = f" {entry:.1f} ms"
+            paper = published(f"fig5.{loops}.response_time_ms")
+            note = f" {entry:.1f} ms{paper}"
             axes.text(entry, 0.04 + 0.09 * row, note, color=colour, weight="bold")
         axes.set(xlim=(0, until_ms), xticks=range(0, until_ms + 1, 2))
         axes.set(title="Amplitude after switch-on, 140 Hz off (simulated)")
@@ -155,7 +156,7 @@ def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
             _plot_run(axes, voltage, colour, marker, line, name, drawstyle="steps-post")
         at = 0.93 * until_ms
         axes.annotate("", (at, finals[0]), (at, finals[1]), arrowprops={"arrowstyle": "<->"})
-        note = f"{percent:+.1f} %"
+        note = f"{percent:+.1f} %{published('fig6.voltage_difference_percent')}"
         axes.text(at, float(np.mean(finals)), note + "  ", ha="right", va="center", weight="bold")
         axes.set(xlim=(0, until_ms), xticks=range(0, until_ms + 1, 2))
         axes.set(title=f"Voltage for {AMPLITUDE_UM:g} µm (simulated)")
@@ -205,16 +206,24 @@ def _draw_subject(panel: SubFigure, subject: int, directions: Sequence[Touches])
         axes.plot(mean.time_ms, mean.mu, **CURVES["mean"])
         axes.set_xlim(mean.time_ms[0], mean.time_ms[-1])
         y, va = (0.95, "top") if name == "down" else (0.06, "bottom")
-        note = _step_note(touches, mean)
+        note = _step_note(touches, mean, subject)
         axes.text(0.97, y, note, ha="right", va=va, transform=axes.transAxes, fontsize=9)
     left.set_ylabel("coefficient of friction µ")
 
 
-def _step_note(touches: Touches, mean: Step) -> str:
+def _step_note(touches: Touches, mean: Step, subject: int) -> str:
+    """Say how fast the step is, and of the up-steps what the paper's Table I says."""
     count = len(touches.steps)
+    up = mean.after > mean.before
+    row = f"table1.subjects[{subject - 1}]"
+    rise, overshoot = (
+        published(f"{row}.{name}") if up else "" for name in ("rise_time_ms", "overshoot_percent")
+    )
     try:
-        name = "rise" if mean.after > mean.before else "fall"
-        dynamics = f"{name} {rise_time(mean):.1f} ms\novershoot {overshoot_percent(mean):.0f} %"
+        dynamics = (
+            f"{'rise' if up else 'fall'} {rise_time(mean):.1f} ms{rise}\n"
+            f"overshoot {overshoot_percent(mean):.0f} %{overshoot}"
+        )
     except UndefinedError as reason:
         dynamics = str(reason)
     return f"{dynamics}\n{count} touches"

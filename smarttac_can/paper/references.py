@@ -141,3 +141,15 @@ PUBLISHED: tuple[Published, ...] = (
     *_subject_rows(),
 )
 """Every figure a result is laid beside, in the order of the paper."""
+
+
+def published(key: str) -> str:
+    """Show the paper's number for a result beside it; empty if it gives none.
+
+    Parameters
+    ----------
+    key
+        Where the result stands in the summary.
+    """
+    values = [row.value for row in PUBLISHED if row.key == key and row.value is not None]
+    return f" (paper {values[0]:g})" if values else ""

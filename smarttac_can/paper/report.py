@@ -8,32 +8,21 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from importlib import resources
-from io import BytesIO
 from pathlib import Path
 from string import Template
 from typing import Any, NamedTuple
 
 from smarttac_can.bench.traces import Trace
 from smarttac_can.paper.metrics import UndefinedError
+from smarttac_can.paper.pictures import CAPTIONS, pictures
 from smarttac_can.paper.references import PUBLISHED, TITLE, Published
 
 INSIDE, OUTSIDE, MISSING, NOT_JUDGED = "inside", "outside", "missing", ""
-CAPTIONS = {
-    "fig2": "Friction that a vibration leaves of the friction without one, at five regulated "
-    "amplitudes. Points: subjects, set a little aside of each other. Red: their mean.",
-    "fig3": "Increment of the vibration amplitude that the friction law asks for at a friction "
-    "error E. This is the law itself, not a measurement.",
-    "fig5": "Switch-on at the resonance of 30 °C while the plate is at 20 °C, 140 Hz off. Dotted: "
-    "where the amplitude enters the 5 % band for good. One point a tick of 1 ms.",
-    "fig6": "The voltage behind the runs of Fig. 5, held over each tick. The difference is between "
-    "the means over the last 20 ms, in % of the voltage with both loops.",
-    "fig7": "Coefficient of friction around the switch of the reference, which follows the "
-    "position of the finger. Rise or fall from 10 to 90 % and overshoot are those of the mean "
-    "curve, in % of the step between its own levels before the switch and from 40 ms on.",
-}
+_NUMBERS_OF = {"fig7": "table1"}
+"""Under which key the numbers of a figure stand, where that is not its name."""
 _WHOLE_FROM = 1000
 STEP_COLUMNS = {
     "rise_time_ms": "Rise or fall (ms)",
@@ -108,7 +97,7 @@ def write_report(
     fitted: Sequence[str],
     emerges: Sequence[str],
 ) -> Path:
-    """Write ``fig*.png`` and the self-contained ``index.html`` into a directory.
+    """Write ``fig*.png``, ``fig*.svg`` and the self-contained ``index.html`` into a directory.
 
     Parameters
     ----------
@@ -129,12 +118,13 @@ def write_report(
     directory.mkdir(parents=True, exist_ok=True)
     traces = list(traces)
     sections = []
-    for name, picture in _pictures(traces, law):
+    for name, picture in pictures(traces, law):
         if isinstance(picture, UndefinedError):
             sections.append(f"<p>Fig. {name[3:]}: {escape(str(picture))}.</p>")
             continue
-        (directory / f"{name}.png").write_bytes(picture)
-        sections.append(_figure_html(name, picture))
+        for form, data in picture.items():
+            (directory / f"{name}.{form}").write_bytes(data)
+        sections.append(_figure_html(name, picture["png"], compare(summary)))
     page = Template(_page()).substitute(
         paper=escape(TITLE),
         parameters="".join(
@@ -168,29 +158,6 @@ def _look_up(summary: Mapping[str, Any], key: str) -> float | None:
         except (KeyError, IndexError):
             return None
     return None if value is None else float(value)
-
-
-def _pictures(
-    traces: list[Trace], law: Callable[[float], float]
-) -> Iterator[tuple[str, bytes | UndefinedError]]:
-    from smarttac_can.paper import figures  # noqa: PLC0415  matplotlib is an extra
-
-    draw: dict[str, Callable[[], Any]] = {
-        "fig2": lambda: figures.fig2(traces),
-        "fig3": lambda: figures.fig3(law),
-        "fig5": lambda: figures.fig5(traces),
-        "fig6": lambda: figures.fig6(traces),
-        "fig7": lambda: figures.fig7(traces),
-    }
-    for name, figure in draw.items():
-        png = BytesIO()
-        try:
-            # Without the metadata, which names the version of matplotlib.
-            figure().savefig(png, format="png", dpi=144, metadata={"Software": None})
-        except UndefinedError as reason:
-            yield name, reason
-        else:
-            yield name, png.getvalue()
 
 
 def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -272,11 +239,30 @@ def _steps_html(table: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _figure_html(name: str, png: bytes) -> str:
+def _figure_html(name: str, png: bytes, comparisons: Sequence[Comparison]) -> str:
     data, caption = base64.b64encode(png).decode("ascii"), escape(CAPTIONS[name])
     return (
         f'<figure id="{name}"><img alt="{caption}" src="data:image/png;base64,{data}">'
-        f"<figcaption><b>Fig. {name[3:]}</b> (simulated). {caption}</figcaption></figure>"
+        f"<figcaption><b>Fig. {name[3:]}</b> (simulated). {caption}</figcaption>"
+        f"{_beside_html(name, comparisons)}</figure>"
+    )
+
+
+def _beside_html(name: str, comparisons: Sequence[Comparison]) -> str:
+    """Lay the paper's numbers on a figure beside ours; empty if it has none."""
+    rows = "".join(
+        f'<tr><th scope="row">{escape(item.published.name)}</th>'
+        f"<td>{escape(_with_unit(item.value, item))}</td>"
+        f"<td>{escape(_paper_cells(item)[0])}</td></tr>\n"
+        for item in comparisons
+        if item.published.key.partition(".")[0] == _NUMBERS_OF.get(name, name)
+    )
+    if not rows:
+        return ""
+    head = '<th scope="col"></th><th scope="col">Simulated</th><th scope="col">Paper</th>'
+    return (
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>\n{rows}</tbody></table></div>"
     )
 
 

@@ -70,8 +70,8 @@ def test_fig5_starts_at_switch_on_and_marks_the_response_times(traces):
     assert both.get_ydata()[1] == run.amplitude_um[6] > 0
     assert both.get_color() == figures.RED
     assert curves["amplitude loop only"].get_color() == figures.GREEN
-    assert "2.2 ms" in words(axes)
-    assert "5.1 ms" in words(axes)
+    assert "2.2 ms (paper 2)" in words(axes)
+    assert "5.1 ms (paper 5)" in words(axes)
 
 
 def test_fig5_marks_no_response_time_that_does_not_exist():
@@ -82,7 +82,7 @@ def test_fig5_marks_no_response_time_that_does_not_exist():
 
 def test_fig6_shows_the_difference(traces):
     (axes,) = drawn(figures.fig6(traces)).axes
-    assert "+30.0 %" in words(axes)
+    assert "+30.0 % (paper 30)" in words(axes)
     only = find(traces, "fig5.amplitude_only").voltage_v[5:]
     np.testing.assert_array_equal(lines(axes)["amplitude loop only"].get_ydata(), only)
 
@@ -98,7 +98,12 @@ def test_fig7_shows_touches_mean_and_reference_in_both_directions(traces):
     np.testing.assert_array_equal(mean.get_ydata(), touches.mean_curve().mu)
     assert set(reference.get_ydata()) == {0.3, 0.4}
     assert reference.get_ydata()[20] == 0.4
-    assert "12 touches" in words(figure.axes[2])
+    up, down = words(figure.axes[2]), words(figure.axes[3])
+    assert "12 touches" in up
+    assert up.count("(paper") == 2
+    assert "ms (paper 3.41)\n" in up
+    assert "% (paper 44.4)\n" in up
+    assert "paper" not in down, "Table I is of the up-steps"
 
 
 def test_fig7_says_why_a_panel_is_empty():

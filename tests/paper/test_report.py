@@ -4,6 +4,7 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from synthetic_traces import all_experiments, trace
@@ -73,6 +74,31 @@ def test_the_page_stands_alone(report):
     assert all(picture.startswith(b"\x89PNG") for picture in files)
 
 
+def test_each_figure_is_there_as_svg_and_shows_no_day(report):
+    index, _ = report
+    for number in (2, 3, 5, 6, 7):
+        svg = index.with_name(f"fig{number}.svg").read_text(encoding="utf-8")
+        assert "</svg>" in svg
+        assert "dc:date" not in svg
+        assert f"v{mpl.__version__}" not in svg
+
+
+def test_the_papers_numbers_stand_below_each_figure(report):
+    figures = re.findall(r'<figure id="(\w+)">.*?</figure>', report[1], re.DOTALL)
+    assert figures == ["fig2", "fig3", "fig5", "fig6", "fig7"]
+    shown = {}
+    for name in figures:
+        figure = re.search(rf'<figure id="{name}">(.*?)</figure>', report[1], re.DOTALL)
+        cells = re.findall(r"<td>(.*?)</td><td>(.*?)</td></tr>", figure[1])
+        shown[name] = cells
+    assert shown["fig2"] == shown["fig3"] == [], "the paper has no numbers on these"
+    assert [paper for _, paper in shown["fig5"]] == ["2", "5", "1", "1", "43390"]
+    assert shown["fig6"] == [("30.00 %", "30")]
+    assert [paper for _, paper in shown["fig7"]][:5] == ["3.84", "37.5", "-", "1.27", "10.2"]
+    assert len(shown["fig7"]) == 5 + 2 * 4
+    assert all(ours != "-" for cells in shown.values() for ours, _ in cells)
+
+
 def test_the_page_holds_the_run_and_its_results(report):
     words = " ".join("".join(Page(report[1]).words).split())
     for expected in (
@@ -101,6 +127,9 @@ def test_same_input_same_page(report, tmp_path):
     sentences = {"fitted": ["W0 < 2 & so on"], "emerges": ["$law: both <b>response</b> times"]}
     again = write_report(tmp_path, traces, summary_of(traces), law, **sentences)
     assert again.read_text(encoding="utf-8") == report[1]
+    for number in (2, 3, 5, 6, 7):
+        svg = f"fig{number}.svg"
+        assert (tmp_path / svg).read_bytes() == report[0].with_name(svg).read_bytes()
 
 
 def test_a_partial_run_says_what_is_missing(tmp_path):
