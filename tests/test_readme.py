@@ -1,9 +1,18 @@
 """The README's promises."""
 
 import re
+import subprocess
+import sys
+from html.parser import HTMLParser
 from pathlib import Path
 
-README = Path(__file__).parents[1] / "README.md"
+from readme_renderer import markdown
+
+import smarttac_can
+from smarttac_can.paper.references import TITLE
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
 
 
 def test_the_bench_script_works_as_printed(capsys):
@@ -14,3 +23,40 @@ def test_the_bench_script_works_as_printed(capsys):
     assert printed is not None
     assert abs(float(printed[1]) - 0.35) < 0.01
     assert 0.5 < float(printed[2]) < 3.0
+
+
+class Addresses(HTMLParser):
+    """What a page leads to, or fetches."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.found += [value for name, value in attributes if name in {"href", "src"}]
+
+
+def description():
+    """The long description of the package, as its metadata have it."""
+    command = [sys.executable, "-m", "hatch_fancy_pypi_readme", str(ROOT / "pyproject.toml")]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    return run.stdout
+
+
+def test_what_an_index_shows_has_no_dead_links_and_no_missing_picture():
+    text = description()
+    shown = markdown.render(text)
+    assert shown is not None
+    assert all(re.match("https?://|#", address) for address in Addresses(shown).found)
+    assert "plate node (33)" in shown, "the drawing in letters"
+    assert "Tutorial (`docs/tutorial.md`)" in text
+    # The README itself has both, so the test above can fail.
+    here = Addresses(markdown.render(README.read_text(encoding="utf-8"))).found
+    assert {"docs/tutorial.md", "docs/images/three-parties.svg"} <= set(here)
+
+
+def test_the_citation_names_this_version_and_the_paper():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f'\nversion: "{smarttac_can.__version__}"\n' in text
+    assert f'title: "{TITLE}"\n' in text

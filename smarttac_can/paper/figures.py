@@ -133,7 +133,8 @@ def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
             axes.plot([entry] * 2, [0, low], ":", color=colour, lw=1.6)
             paper = published(f"fig5.{loops}.response_time_ms")
             note = f" {entry:.1f} ms{paper}"
-            axes.text(entry, 0.04 + 0.09 * row, note, color=colour, weight="bold")
+            text = axes.text(entry, 0.04 + 0.09 * row, note, color=colour, weight="bold")
+            text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
         axes.set(xlim=(0, until_ms), xticks=range(0, until_ms + 1, 2))
         axes.set(title="Amplitude after switch-on, 140 Hz off (simulated)")
         axes.set_ylim(0, max(1.15, axes.get_ylim()[1]))
@@ -207,7 +208,7 @@ def _draw_subject(panel: SubFigure, subject: int, directions: Sequence[Touches])
         axes.set_xlim(mean.time_ms[0], mean.time_ms[-1])
         y, va = (0.95, "top") if name == "down" else (0.06, "bottom")
         note = _step_note(touches, mean, subject)
-        axes.text(0.97, y, note, ha="right", va=va, transform=axes.transAxes, fontsize=9)
+        axes.text(0.97, y, note, ha="right", va=va, transform=axes.transAxes, fontsize=8)
     left.set_ylabel("coefficient of friction µ")
 
 
