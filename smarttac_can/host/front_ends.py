@@ -74,7 +74,7 @@ def opened_front_end(name: str, *, by_clock: bool) -> Iterator[TimedFrontEnd]:
     Raises
     ------
     FrontEndError
-        If it cannot be found, does not open, or has not the methods of a `Plate`.
+        If it cannot be found, does not open or close, or has not the methods of a `Plate`.
     """
     make = find_front_end(name)
     try:
@@ -91,9 +91,9 @@ def opened_front_end(name: str, *, by_clock: bool) -> Iterator[TimedFrontEnd]:
     try:
         yield timed
     finally:
+        _close(name, timed)
         over.set()
         watch.join()
-        plate.close()
 
 
 class TimedFrontEnd:
@@ -136,7 +136,8 @@ class TimedFrontEnd:
 
     def close(self) -> None:
         """Let go of the hardware, as of a `Plate`."""
-        self._plate.close()
+        with self._timed():
+            self._plate.close()
 
     def last_word(self) -> None:
         """Ask for 0 V beside a call that hangs."""
@@ -151,6 +152,13 @@ class TimedFrontEnd:
         finally:
             self.calls += 1
             self.took_us = (self._clock() - began) // 1000
+
+
+def _close(name: str, plate: TimedFrontEnd) -> None:
+    try:
+        plate.close()
+    except Exception as error:  # a driver raises what it likes
+        raise FrontEndError(f"front end {name} does not close: {error}") from error
 
 
 def _watch(name: str, plate: TimedFrontEnd, over: Event) -> None:

@@ -58,6 +58,15 @@ class Deaf:
     def sample(self):
         return None
 
+class Stays(Rest):
+    def close(self):
+        raise OSError("busy")
+
+class HungAtTheEnd(Rest):
+    def close(self):
+        told("hangs")
+        time.sleep(3600)
+
 NUMBER = 7
 '''
 
@@ -124,6 +133,15 @@ def test_it_is_closed_when_the_run_fails(lab: Path) -> None:
     assert (lab / "told").read_text() == "closed\n"
 
 
+def test_one_that_does_not_close_says_so(lab: Path) -> None:
+    with (
+        pytest.raises(FrontEndError, match="lab_front_ends:Stays does not close: busy"),
+        opened_front_end("lab_front_ends:Stays", by_clock=True) as plate,
+    ):
+        plate.put_out(Drive(0.0, 1.0))
+    assert (lab / "told").read_text() == "0.0\n"
+
+
 class Slow:
     """Takes time of a clock that the test has."""
 
@@ -161,13 +179,18 @@ from smarttac_can.vocabulary import Drive
 with opened_front_end(sys.argv[1], by_clock=True) as plate:
     plate.put_out(Drive(9.0, 1.0))
     plate.last = Drive(9.0, float(sys.argv[2]))
-    plate.sample()
+    if not sys.argv[1].endswith("HungAtTheEnd"):
+        plate.sample()
 """
 
 
 @pytest.mark.parametrize(
     ("name", "frequency", "said"),
-    [("Hung", 1, "0 V was asked for"), ("HungForGood", 2, "nor does it take 0 V")],
+    [
+        ("Hung", 1, "0 V was asked for"),
+        ("HungForGood", 2, "nor does it take 0 V"),
+        ("HungAtTheEnd", 1, "0 V was asked for"),
+    ],
 )
 def test_a_call_that_hangs_ends_the_process_at_0_v(
     lab: Path, name: str, frequency: int, said: str
