@@ -89,9 +89,11 @@ def opened_front_end(name: str, *, by_clock: bool) -> Iterator[TimedFrontEnd]:
     watch = Thread(target=_watch, args=(name, timed, over), daemon=True)
     watch.start()
     try:
-        yield timed
+        try:
+            yield timed
+        finally:
+            _close(name, timed)
     finally:
-        _close(name, timed)
         over.set()
         watch.join()
 
