@@ -172,9 +172,9 @@ class FrontEnd:
             if not _number(value, Real):
                 raise ValueError(f"{name} {value!r}")
             require(name, value, low, high)
-        low, high = self._saturation
-        if not (isinstance(saturated, Integral) and low <= int(saturated) <= high):
-            raise ValueError(f"saturated {saturated!r}, no integer in {low}..{high}")
+        none, every = self._saturation
+        if not (isinstance(saturated, Integral) and none <= int(saturated) <= every):
+            raise ValueError(f"saturated {saturated!r}, no integer in {none}..{every}")
         s1, s2, s3, s4, s5, s6 = map(float, gauges)
         return Measurement(complex(W), (s1, s2, s3, s4, s5, s6), float(temperature), int(saturated))
 
