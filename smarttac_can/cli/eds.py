@@ -21,16 +21,22 @@ from smarttac_can.cli.options import (
     timeout_option,
 )
 from smarttac_can.cli.plain_errors import one_line, plain_errors
+from smarttac_can.cli.scan import PACKAGED
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
-from smarttac_can.host.eds_files import read_eds_file
+from smarttac_can.host.eds_files import read_eds, read_eds_file
+from smarttac_can.od.cia import IDENTITY
+from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.eds_check import check_eds
 from smarttac_can.od.finding import shown
 from smarttac_can.od.ini import read_sections
 from smarttac_can.od.object_reference import LEGEND, object_reference
+from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
 
 _Made = TypeVar("_Made")
+_VENDOR_AND_PRODUCT = (1, 2)
+"""Sub-indices of the identity object."""
 
 eds_file = click.argument("file", type=EDS_FILE, metavar="EDS")
 output_option = click.option(
@@ -117,13 +123,29 @@ def doc(file: Path, output: Path | None) -> None:
 @click.option("--node-id", type=NODE_ID, default=1, show_default=True)
 @output_option
 def dbc(file: Path, node_id: int, output: Path | None) -> None:
-    """Write a DBC of the default PDOs, EMCY and heartbeat, with scales and units, for analysers."""
+    """Write a DBC of the default PDOs, EMCY and heartbeat, with scales and units, for analysers.
+
+    Of stimulator and plate it has names for modes, states, bits of the words, and emergencies.
+    """
     if find_spec("cantools") is None:
         raise click.ClickException("a DBC needs cantools: pip install 'smarttac-can[dbc]'")
-    from smarttac_can.commissioning.dbc import make_dbc  # noqa: PLC0415 - cantools is an extra
+    from smarttac_can.commissioning.dbc import NO_NAMES, Names, make_dbc  # noqa: PLC0415 - an extra
+
+    def made(text: str) -> str:
+        od = load_eds(text, node_id)
+        return make_dbc(od, Names(FIELDS, EMERGENCIES) if _is_ours(od) else NO_NAMES)
 
     with plain_errors():
-        _write(_made(file, lambda text: make_dbc(load_eds(text, node_id))), output)
+        _write(_made(file, made), output)
+
+
+def _is_ours(od: ObjectDictionary) -> bool:
+    """Tell whether an EDS is that of a stimulator or plate, by vendor-ID and product code."""
+    ours = [load_eds(read_eds(name), od.node_id) for name in PACKAGED]
+    return any(
+        all(od.number(IDENTITY, sub) == known.number(IDENTITY, sub) for sub in _VENDOR_AND_PRODUCT)
+        for known in ours
+    )
 
 
 def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
 from cantools.database.can import Database, Message, Node, Signal
 from cantools.database.conversion import BaseConversion
@@ -16,7 +16,7 @@ from smarttac_can.od import cia
 from smarttac_can.od.data_types import REAL, SIGNED
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
-_STATES: Final[dict[int, str | NamedSignalValue]] = {
+_STATES: Final = {
     0: "boot-up",
     4: "stopped",
     5: "operational",
@@ -24,7 +24,43 @@ _STATES: Final[dict[int, str | NamedSignalValue]] = {
 }
 
 
-def make_dbc(od: ObjectDictionary) -> str:
+class Bits(Protocol):
+    """Some bits of an object that mean something of their own."""
+
+    @property
+    def name(self) -> str:
+        """Name beside that of the object; empty for all of the object."""
+        ...
+
+    @property
+    def start(self) -> int:
+        """Lowest of the bits, counted from 0."""
+        ...
+
+    @property
+    def length(self) -> int:
+        """Number of the bits."""
+        ...
+
+    @property
+    def values(self) -> Mapping[int, str]:
+        """What the values are called; empty for numbers and flags."""
+        ...
+
+
+class Names(NamedTuple):
+    """What the numbers of a device are called."""
+
+    fields: Mapping[str, Sequence[Bits]] = {}
+    """By the name of the object; bits that none of its fields has are left out of the DBC."""
+    emergencies: Mapping[int, str] = {}
+    """By emergency error code."""
+
+
+NO_NAMES: Final = Names()
+
+
+def make_dbc(od: ObjectDictionary, names: Names = NO_NAMES) -> str:
     """Write a DBC of the PDOs that are valid by default, of EMCY and of the heartbeat.
 
     A message is named after product, node-ID and PDO, a signal after its object. Scale and unit
@@ -34,6 +70,8 @@ def make_dbc(od: ObjectDictionary) -> str:
     ----------
     od
         The EDS, loaded for the device's node-ID.
+    names
+        What becomes value names, and signals of their own.
 
     Raises
     ------
@@ -44,9 +82,9 @@ def make_dbc(od: ObjectDictionary) -> str:
     product = od.info.get("productname") or "device"
     node = identifier(f"{product}_{od.node_id}")
     messages = [
-        *_pdos(od, node, "TPDO", cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING),
-        *_pdos(od, node, "RPDO", cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING),
-        *_emergency(od, node),
+        *_pdos(od, node, "TPDO", (cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING), names),
+        *_pdos(od, node, "RPDO", (cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING), names),
+        *_emergency(od, node, names),
         *_heartbeat(od, node),
     ]
     database = Database(
@@ -63,8 +101,9 @@ def identifier(name: str) -> str:
 
 
 def _pdos(
-    od: ObjectDictionary, node: str, kind: str, first: int, mapping: int
+    od: ObjectDictionary, node: str, kind: str, records: tuple[int, int], names: Names
 ) -> Iterator[Message]:
+    first, mapping = records
     for index in [i for i in od.objects if first <= i < first + cia.PDO_COUNT]:
         cob_id = od.number(index, cia.PDO_COB_ID, cia.COB_INVALID)
         mapped = index - first + mapping
@@ -72,8 +111,9 @@ def _pdos(
             continue
         number = index - first + 1
         receivers = [node] if kind == "RPDO" else []
-        signals = list(_signals(od, mapped, f"{kind} {number}", receivers))
-        bits = max(signal.start + signal.length for signal in signals) if signals else 0
+        places = list(_places(od, mapped, f"{kind} {number}"))
+        signals = list(_signals(places, receivers, names))
+        bits = sum(length for _, _, length in places)
         yield Message(
             cob_id & cia.CAN_ID_MASK,
             f"{node}_{kind}{number}",
@@ -84,10 +124,10 @@ def _pdos(
         )
 
 
-def _signals(
-    od: ObjectDictionary, mapped: int, where: str, receivers: list[str]
-) -> Iterator[Signal]:
-    names: set[str] = set()
+def _places(
+    od: ObjectDictionary, mapped: int, where: str
+) -> Iterator[tuple[Entry | None, int, int]]:
+    """Yield entry, first bit and length of all that a PDO maps; None for a dummy."""
     start = 0
     for position in range(1, od.number(mapped) + 1):
         value = od.number(mapped, position)
@@ -95,15 +135,41 @@ def _signals(
         entry = od.get(index, subindex)
         if not bits or start + bits > 8 * cia.FRAME_BYTES:
             raise ValueError(f"{where} maps no bit or more than 64")
-        if entry is not None:
-            name = identifier(entry.name)
-            if name in names:
-                name = f"{name}_{position}"
-            names.add(name)
-            yield _signal(entry, name, start, bits, receivers)
-        elif index not in od.dummies:
+        if entry is None and index not in od.dummies:
             raise ValueError(f"{where} maps {index:04X}h sub-index {subindex}, which is not there")
+        yield entry, start, bits
         start += bits
+
+
+def _signals(
+    places: list[tuple[Entry | None, int, int]], receivers: list[str], names: Names
+) -> Iterator[Signal]:
+    taken: set[str] = set()
+    for position, (entry, start, bits) in enumerate(places, 1):
+        if entry is None:
+            continue
+        name = identifier(entry.name)
+        if name in taken:
+            name = f"{name}_{position}"
+        taken.add(name)
+        fields = names.fields.get(entry.name)
+        if fields is None:
+            yield _signal(entry, name, start, bits, receivers)
+            continue
+        for field in fields:
+            yield Signal(
+                identifier(f"{name} {field.name}"),
+                start + field.start,
+                field.length,
+                conversion=_choices(field.values),
+                comment=f"{entry.name} {field.name}".rstrip(),
+                receivers=receivers,
+            )
+
+
+def _choices(values: Mapping[int, str]) -> BaseConversion:
+    choices: OrderedDict[int, str | NamedSignalValue] = OrderedDict(sorted(values.items()))
+    return BaseConversion.factory(choices=choices or None)
 
 
 def _signal(entry: Entry, name: str, start: int, bits: int, receivers: list[str]) -> Signal:
@@ -129,11 +195,11 @@ def _scaled(raw: float, size: Decimal) -> float:
     return int(value) if value == value.to_integral_value() else float(value)
 
 
-def _emergency(od: ObjectDictionary, node: str) -> Iterator[Message]:
+def _emergency(od: ObjectDictionary, node: str, names: Names) -> Iterator[Message]:
     cob_id = od.number(cia.EMCY_COB_ID, absent=cia.COB_INVALID)
     if not cob_id & cia.COB_INVALID:
         signals = [
-            Signal("Error_code", 0, 16),
+            Signal("Error_code", 0, 16, conversion=_choices(names.emergencies)),
             Signal("Error_register", 16, 8),
             Signal("Manufacturer_specific", 24, 40),
         ]
@@ -143,12 +209,11 @@ def _emergency(od: ObjectDictionary, node: str) -> Iterator[Message]:
 
 def _heartbeat(od: ObjectDictionary, node: str) -> Iterator[Message]:
     if od.get(cia.HEARTBEAT_PRODUCER) is not None:
-        states = BaseConversion.factory(choices=OrderedDict(_STATES))
         yield Message(
             cia.HEARTBEAT_ID + od.node_id,
             f"{node}_Heartbeat",
             1,
-            [Signal("NMT_state", 0, 7, conversion=states)],
+            [Signal("NMT_state", 0, 7, conversion=_choices(_STATES))],
             senders=[node],
             cycle_time=od.number(cia.HEARTBEAT_PRODUCER) or None,
         )

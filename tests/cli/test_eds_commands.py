@@ -115,6 +115,13 @@ def test_dbc(tmp_path: Path) -> None:
     assert path.read_text() == run("dbc", RICH, "--node-id", "5").stdout
 
 
+def test_dbc_of_our_nodes_alone_has_names_of_states_and_emergencies() -> None:
+    ours = run("dbc", "stimulator", "--node-id", "32").stdout
+    assert '3 "running"' in ours
+    assert '"measurement lost"' in ours
+    assert "measurement lost" not in run("dbc", RICH, "--node-id", "5").stdout
+
+
 def test_dbc_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules["smarttac_can.cli.eds"], "find_spec", lambda name: None)
     assert "pip install 'smarttac-can[dbc]'" in refusal("dbc", RICH)

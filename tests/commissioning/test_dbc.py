@@ -10,12 +10,15 @@ from cantools.database.can import Database
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.bench.traces import read_csv
-from smarttac_can.commissioning.dbc import identifier, make_dbc
+from smarttac_can.commissioning.dbc import Names, identifier, make_dbc
 from smarttac_can.host.candump import read_candump
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.eds import load_eds
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.reproduce import CANDUMP, TRACES, reproduce
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
+from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
 
 RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text()
 
@@ -120,3 +123,34 @@ def test_a_mapping_that_makes_no_sense(value: str, message: str) -> None:
 def test_identifiers() -> None:
     assert identifier("Contact.Normal force") == "Contact_Normal_force"
     assert identifier("3 phases (µ)") == "_3_phases"
+
+
+def named() -> Database:
+    return load(make_dbc(stimulator_od(), Names(FIELDS, EMERGENCIES)))
+
+
+def test_mode_state_and_statusword_have_names() -> None:
+    """Live, driving, touching and running in mode friction, by the layout of the EDS."""
+    word = Status.LIVE | Status.DRIVING | Status.TOUCHING | State.RUNNING << STATE_SHIFT
+    decoded = named().decode_message(0x1A0, word.to_bytes(2, "little") + b"\x04")
+    assert decoded == {
+        "Statusword_live": 1, "Statusword_driving": 1, "Statusword_touching": 1,
+        "Statusword_limited": 0, "Statusword_saturated": 0, "Statusword_fault": 0,
+        "Statusword_state": "running", "Mode_display": "friction",
+    }  # fmt: skip
+
+
+def test_what_drives_is_encoded_by_name() -> None:
+    database = named()
+    arm = dict.fromkeys(("run", "quick_stop", "fault_reset"), 0) | {"arm": 1}
+    words = {f"Controlword_{name}": bit for name, bit in arm.items()}
+    data = database.encode_message("SMARTTAC_stimulator_32_RPDO1", words | {"Mode": "amplitude"})
+    assert data == bytes((1, 0, 2))
+
+
+def test_emergencies_have_the_names_of_their_codes() -> None:
+    decoded = named().decode_message(0xA0, bytes.fromhex("2052110000000000"))
+    assert decoded["Error_code"] == 0x5220  # no such code
+    stuck = FaultCode.SENSOR_STUCK.to_bytes(2, "little") + bytes(6)
+    assert named().decode_message(0xA0, stuck)["Error_code"] == "sensor stuck"
+    assert named().decode_message(0xA0, bytes(8))["Error_code"] == "reset"

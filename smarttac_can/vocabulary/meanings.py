@@ -1,0 +1,64 @@
+"""What the numbers of words, modes and emergencies are called, for tools that show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+from smarttac_can.od.cia import EmergencyCode
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+from smarttac_can.vocabulary.states import STATE_SHIFT, Control, State, Status
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS
+
+
+class BitField(NamedTuple):
+    """Some bits of an object that mean something of their own."""
+
+    name: str
+    """Name beside that of the object; empty for all of the object."""
+    start: int
+    """Lowest of its bits, counted from 0."""
+    length: int
+    """Number of its bits."""
+    values: Mapping[int, str]
+    """What its values are called; empty for a flag."""
+
+
+def spoken(member: IntEnum) -> str:
+    """Return the name of a member of an enumeration as a person writes it."""
+    return member.name.lower().replace("_", " ")
+
+
+def _names(members: Iterable[IntEnum]) -> dict[int, str]:
+    return {int(member): spoken(member) for member in members}
+
+
+def _flags(flags: Iterable[Status | Control]) -> tuple[BitField, ...]:
+    return tuple(
+        BitField((flag.name or "").lower(), flag.bit_length() - 1, 1, {}) for flag in flags
+    )
+
+
+FIELDS: Final[Mapping[str, tuple[BitField, ...]]] = {
+    "Statusword": (*_flags(Status), BitField("state", STATE_SHIFT, 3, _names(State))),
+    "Controlword": _flags(Control),
+    "Mode": (BitField("", 0, 8, _names(Mode)),),
+    "Mode display": (BitField("", 0, 8, _names(Mode)),),
+    "Friction law": (BitField("", 0, 8, _names(Law)),),
+    "Controller.Vibration law": (BitField("", 0, 8, _names(VibrationLaw)),),
+}
+"""Objects of stimulator and plate whose numbers have names."""
+EMERGENCIES: Final[Mapping[int, str]] = _names(EmergencyCode) | _names(FaultCode)
+"""Emergency error codes of stimulator and plate by what they are called."""
+
+
+def emergency_text(code: int) -> str:
+    """Say what an emergency error code of stimulator or plate tells."""
+    for row in WATCHDOGS.values():
+        if row.code == code:
+            return row.text.partition(":")[0]
+    if code == EmergencyCode.RESET:
+        return "an error is gone"
+    return EMERGENCIES.get(code, "a code that is not known")
