@@ -61,8 +61,8 @@ class HostedNode(Node, Protocol):
         ...
 
 
-class ConnectedNode(Node, Protocol):
-    """A node whose connection to the bus may fail, and come back."""
+class Connected(Protocol):
+    """Somebody whose connection to the bus may fail, and come back."""
 
     def bus_off(self) -> list[Frame]:
         """Take note that there is no bus; what is returned reaches nobody."""
@@ -71,6 +71,10 @@ class ConnectedNode(Node, Protocol):
     def bus_recovered(self) -> list[Frame]:
         """Take note that the bus is there again; return what the node sends for it."""
         ...
+
+
+class ConnectedNode(Node, Connected, Protocol):
+    """A node whose connection to the bus may fail, and come back."""
 
 
 def without_queue(node: Node) -> Callable[[Frame], list[Frame]]:

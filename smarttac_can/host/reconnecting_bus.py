@@ -9,7 +9,7 @@ from time import monotonic, sleep
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
-from smarttac_can.host.node import ConnectedNode
+from smarttac_can.host.node import Connected
 
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 5.0
@@ -39,7 +39,7 @@ class ReconnectingBus:
     def __init__(
         self,
         open_bus: Callable[[], Bus],
-        node: ConnectedNode,
+        node: Connected,
         *,
         lost: Callable[[BusError], None],
         back: Callable[[], None],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from typing import Final, NamedTuple
 
 from smarttac_can.od.cia import EmergencyCode
@@ -26,9 +26,9 @@ class BitField(NamedTuple):
     """What its values are called; empty for a flag."""
 
 
-def spoken(member: IntEnum) -> str:
+def spoken(member: IntEnum | IntFlag) -> str:
     """Return the name of a member of an enumeration as a person writes it."""
-    return member.name.lower().replace("_", " ")
+    return (member.name or "").lower().replace("_", " ")
 
 
 def _names(members: Iterable[IntEnum]) -> dict[int, str]:
@@ -36,9 +36,7 @@ def _names(members: Iterable[IntEnum]) -> dict[int, str]:
 
 
 def _flags(flags: Iterable[Status | Control]) -> tuple[BitField, ...]:
-    return tuple(
-        BitField((flag.name or "").lower(), flag.bit_length() - 1, 1, {}) for flag in flags
-    )
+    return tuple(BitField(spoken(flag), flag.bit_length() - 1, 1, {}) for flag in flags)
 
 
 FIELDS: Final[Mapping[str, tuple[BitField, ...]]] = {

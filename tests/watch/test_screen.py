@@ -1,0 +1,205 @@
+"""The screen, headless, against a simulated node on a bus of its own."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
+from typing import Any
+
+import can
+import pytest
+from nodes_on_a_bus import GUARD_S, processes
+from textual.pilot import Pilot
+from textual.widgets import Input, Static
+
+from smarttac_can.bench import BenchError, Stimulator
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.host.bus import BusError
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.watch.listener import Listener
+from smarttac_can.watch.screen import WatchScreen
+from smarttac_can.watch.watcher import Watcher
+
+BUSY_MACHINE = 50
+"""Percent of a second that a node may miss where other work takes its processor."""
+
+Script = Callable[[Pilot[None], WatchScreen], Awaitable[None]]
+
+
+def shown(screen: WatchScreen) -> str:
+    return "\n".join(str(part.render()) for part in screen.query(Static))
+
+
+async def until(pilot: Pilot[None], screen: WatchScreen, text: str) -> None:
+    """Return once the screen shows a text; the bound is a guard."""
+    guard = time.monotonic() + GUARD_S
+    while text not in shown(screen):
+        assert time.monotonic() < guard, shown(screen)
+        await pilot.pause(0.05)
+
+
+def play(
+    bus: dict[str, Any], script: Script, *, drive: bool = False, size: tuple[int, int] = (80, 24)
+) -> None:
+    async def run(screen: WatchScreen) -> None:
+        async with screen.run_test(size=size) as pilot:
+            await script(pilot, screen)
+
+    with ExitStack() as stack:
+        listener = stack.enter_context(Listener(lambda: PythonCanBus(**bus)))
+        stimulator = stack.enter_context(Stimulator.connect(**bus)) if drive else None
+        if stimulator is not None:
+            stimulator.set("Limit.Missed ticks", BUSY_MACHINE)
+        asyncio.run(run(WatchScreen(Watcher(stimulator_od()), listener, "a bus", stimulator)))
+
+
+def test_it_looks_on_while_another_bench_drives(multicast: dict[str, Any]) -> None:
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        await until(pilot, screen, "mode amplitude ")
+        await until(pilot, screen, "set to    1.000 um")
+        assert "state running" in shown(screen)
+        await pilot.press("escape")  # a watch that only reads has no stop
+        await pilot.pause(0.5)
+        assert "state running" in shown(screen)
+        assert not screen.query(Input)
+        await pilot.press("q")
+
+    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
+        bench.set("Limit.Missed ticks", BUSY_MACHINE)
+        bench.amplitude = 1.0
+        bench.mode = "amplitude"
+        play(multicast, script)
+
+
+def test_it_drives_and_stops(multicast: dict[str, Any]) -> None:
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        async def enter(line: str) -> None:
+            screen.query_one(Input).value = line
+            await pilot.press("enter")
+
+        await until(pilot, screen, "state ready")
+        await enter("amplitude 1.2")
+        await until(pilot, screen, "done: amplitude 1.2")
+        await enter("mode amplitude")
+        await until(pilot, screen, "done: mode amplitude")
+        await until(pilot, screen, "state running")
+        await enter("amplitude 99")
+        await until(pilot, screen, "cannot write 99000 nm")
+        await enter("dance")
+        await until(pilot, screen, "'dance' is none of: mode NAME")
+        await enter("cof x")
+        await until(pilot, screen, "'x' is not a number")
+        await enter("cof 0.2 0.3")
+        await until(pilot, screen, "COF 0.200 left, 0.300 right")
+        await pilot.press("escape")
+        await until(pilot, screen, "mode off")
+        await until(pilot, screen, "state ready")
+        await pilot.press("ctrl+c")
+
+    with processes(multicast, "node") as (node,):
+        play(multicast, script, drive=True)
+        _, said, complaints = node.end()
+    assert complaints == ""
+    assert said.index("stimulator 32 mode amplitude") < said.index("stimulator 32 mode off")
+
+
+def drive_late(screen: WatchScreen, begin: threading.Event) -> str:
+    assert begin.wait(GUARD_S)
+    assert screen._stimulator is not None
+    try:
+        screen._stimulator.mode = "amplitude"
+    except BenchError as error:
+        return f"late: {error}"
+    return "late: done"
+
+
+def test_the_stop_does_not_wait_for_what_is_being_done(multicast: dict[str, Any]) -> None:
+    """While the one worker hangs the stop goes out, and what it does afterwards is undone."""
+
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        await until(pilot, screen, "state ready")
+        screen.query_one(Input).value = "mode amplitude"
+        await pilot.press("enter")
+        await until(pilot, screen, "state running")
+        hanging = threading.Event()
+        assert screen._worker is not None
+        screen._doing = screen._worker.submit(drive_late, screen, hanging)
+        await pilot.press("escape")
+        await until(pilot, screen, "mode off")
+        hanging.set()
+        await until(pilot, screen, "late: ")
+        guard = time.monotonic() + GUARD_S
+        while screen._watcher.stopping:
+            assert time.monotonic() < guard
+            await pilot.pause(0.05)
+        await until(pilot, screen, "mode off")
+        assert "state ready" in shown(screen)
+
+    with processes(multicast, "node"):
+        play(multicast, script, drive=True)
+
+
+def test_nobody_there_is_told(virtual: dict[str, Any]) -> None:
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        await until(pilot, screen, "nothing has been heard of node 32")
+
+    play(virtual, script)
+
+
+def test_a_bus_that_is_unplugged_is_told_and_comes_back(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugged = True
+
+    class Pulled(PythonCanBus):
+        def __init__(self, **options: Any) -> None:
+            if not plugged:
+                raise BusError("there is no such adapter")
+            super().__init__(**options)
+
+        def receive(self, timeout: float, patience: float = 0.0) -> Any:
+            if not plugged:
+                raise BusError("cannot receive: the adapter is gone")
+            return super().receive(timeout, patience)
+
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        nonlocal plugged
+        plugged = False
+        await until(pilot, screen, "the bus is lost (cannot receive: the adapter is gone)")
+        plugged = True
+        await until(pilot, screen, "COF ")
+        guard = time.monotonic() + GUARD_S
+        while "the bus is lost" in shown(screen):
+            assert time.monotonic() < guard
+            await pilot.pause(0.05)
+
+    async def run(screen: WatchScreen) -> None:
+        async with screen.run_test(size=(80, 24)) as pilot:
+            await script(pilot, screen)
+
+    with Listener(lambda: Pulled(**virtual)) as listener:
+        asyncio.run(run(WatchScreen(Watcher(stimulator_od()), listener, "a bus")))
+
+
+def test_a_small_terminal_is_told(virtual: dict[str, Any]) -> None:
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        await until(pilot, screen, "the terminal has 50 x 10 characters")
+        await pilot.resize_terminal(100, 30)
+        await until(pilot, screen, "state -")
+
+    play(virtual, script, size=(50, 12))
+
+
+def test_a_frame_that_cannot_go_out_ends_nothing(virtual: dict[str, Any]) -> None:
+    def refuse(*_: Any) -> None:
+        raise can.CanOperationError("the queue is full", 105)
+
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        await until(pilot, screen, "state -")
+        await pilot.pause(0.7)
+        assert "bus is lost" not in shown(screen)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("can.interfaces.virtual.VirtualBus.send", refuse)
+        play(virtual, script)

@@ -1,0 +1,288 @@
+"""A listener on a simulated bus: what it shows is what the node has, and what it sends is reads."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.master.local_master import LocalMaster
+from smarttac_can.master.requests import nmt
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import NMTCommand
+from smarttac_can.watch.layout import LEAST_COLUMNS, LEAST_LINES, lines
+from smarttac_can.watch.view import View
+from smarttac_can.watch.watcher import Watcher
+
+OD = stimulator_od()
+SDO_REQUESTS = 0x620
+UPLOAD = 0x40
+
+
+class Scene:
+    """A stimulator with the plate inside, a master, and a watcher, on one clock."""
+
+    def __init__(self, *, reads: bool = True) -> None:
+        self.bus = LocalBus()
+        self.watcher = Watcher(stimulator_od(), reads=reads)
+        self.sent: list[Frame] = []
+        self.cut = False  # what the watcher sends is lost
+        self._port = self.bus.connect(
+            lambda frame: self.watcher.receive(self.bus.time * 1e-6, frame)
+        )
+        self.master = LocalMaster(self.bus, lambda frame: None)
+        self.node = StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
+        self.plug = self.bus.attach(self.node, lockstep=False)
+
+    def start(self) -> None:
+        self.node.block.write("Drive unwatched", 1)
+        self.master.send(nmt(NMTCommand.START, 32))
+
+    def press(self) -> None:
+        """Have a finger slide over the plate, in a run that begins anew."""
+        self.write("Finger.Motion", 1)
+        self.write("Simulation.Start run", 1)
+        self.watch(1.0)
+
+    def write(self, name: str, raw: int) -> None:
+        self.master.write(32, OD[name], raw)
+
+    def drive(self, mode: int) -> None:
+        for name, raw in (
+            ("Controlword", 0),
+            ("Controlword", 1),
+            ("Mode", mode),
+            ("Controlword", 3),
+        ):
+            self.write(name, raw)
+
+    def watch(self, seconds: float) -> View:
+        for _ in range(round(seconds / 0.01)):
+            self.bus.advance(10_000)
+            for frame in self.watcher.advance(self.bus.time * 1e-6):
+                self.sent.append(frame)
+                if not self.cut:
+                    self._port.send(frame)
+        return self.watcher.view(self.bus.time * 1e-6)
+
+    def value(self, name: str, unit: str) -> float:
+        return self.node.od[name].read() * OD[name].unit.in_unit(unit)
+
+
+@pytest.fixture
+def scene() -> Iterator[Scene]:
+    made = Scene()
+    yield made
+    made.bus.shutdown()
+
+
+def test_what_is_shown_is_what_the_node_has(scene: Scene) -> None:
+    scene.start()
+    scene.press()
+    scene.write("Setpoint.COF left", 2500)
+    scene.write("Setpoint.COF right", 2500)
+    scene.drive(4)
+    view = scene.watch(4.0)
+    assert (view.state, view.mode, view.latched, view.notes) == ("running", "friction", (), ())
+    assert view.flags == ("live", "driving", "touching")
+    assert view.cof_reference == 0.25
+    assert view.cof == pytest.approx(0.25, abs=0.05)
+    # The TPDOs are up to an event time of 0.1 s old.
+    assert view.normal_n == pytest.approx(scene.value("Contact.Normal force", "N"), abs=0.05)
+    assert view.voltage_v == pytest.approx(scene.value("Vibration.Voltage", "V"), rel=0.3)
+    assert view.frequency_hz == pytest.approx(scene.value("Vibration.Frequency", "Hz"), abs=5)
+    assert view.position_mm is not None
+    assert view.position_mm == pytest.approx(scene.value("Contact.Position", "mm"), abs=6.0)
+    assert view.read["Setpoint.COF left"] == 0.25
+    assert view.read["Cycle.Lost cycles"] == 0
+    assert view.cycle_rate == pytest.approx(1000, abs=30)
+    assert view.peers[0].nmt == "operational"
+    shown = [cof for cof, _ in view.history if cof is not None]
+    assert len(shown) > 5
+
+
+def test_it_sends_reads_of_single_objects_alone_and_seldom(scene: Scene) -> None:
+    scene.start()
+    scene.watch(3.0)
+    assert {frame.can_id for frame in scene.sent} == {SDO_REQUESTS}
+    assert {frame.data[0] for frame in scene.sent} == {UPLOAD}
+    assert 40 < len(scene.sent) <= 61
+
+
+def test_without_sdo_it_sends_nothing_and_shows_the_rest() -> None:
+    scene = Scene(reads=False)
+    scene.start()
+    view = scene.watch(3.0)
+    assert scene.sent == []
+    assert view.state == "ready"
+    assert view.normal_n is not None
+    assert (view.read, view.cycle_rate) == ({}, None)
+    scene.bus.shutdown()
+
+
+def test_another_mapping_is_found_out(scene: Scene) -> None:
+    scene.start()
+    scene.watch(1.0)
+    scene.node.od.entry(0x1A02, 1).value = 0x20300810  # speed where the reference was
+    scene.write("Setpoint.Boundary", 100)
+    scene.master.send(nmt(NMTCommand.RESET_NODE, 32))
+    # A reset puts the mapping back; a master maps anew before it starts the node.
+    master, od = scene.master, OD
+    master.write(32, od.entry(0x1802, 1), 0x800003A0)
+    master.write(32, od.entry(0x1A02, 0), 0)
+    master.write(32, od.entry(0x1A02, 1), 0x20300810)
+    master.write(32, od.entry(0x1A02, 0), 2)
+    master.write(32, od.entry(0x1802, 1), 0x3A0)
+    scene.start()
+    at_once = scene.watch(0.3)
+    assert "TPDO 3 is not as long as its mapping: it is not decoded" in at_once.notes
+    later = scene.watch(4.0)
+    assert later.notes == ()
+    assert later.cof_reference is None  # in no TPDO any more
+    assert later.normal_n is not None
+
+
+def test_an_emergency_has_its_text_and_the_fault_stays(scene: Scene) -> None:
+    scene.start()
+    scene.watch(1.0)
+    scene.drive(2)
+    scene.watch(0.2)
+    scene.write("Fault.Sensor", 3)
+    scene.write("Fault.Kind", 1)
+    view = scene.watch(2.0)
+    assert view.state == "fault"
+    (emergency,) = view.emergencies
+    assert (emergency.node_id, emergency.code) == (32, 0x5211)
+    assert emergency.text == "a sensor is stuck"
+    assert 1.5 < emergency.ago < 2.0
+    assert view.latched == ("a sensor is stuck",)
+
+
+def test_a_node_that_nothing_is_heard_of() -> None:
+    watcher = Watcher(OD)
+    watcher.advance(10.0)
+    assert watcher.view(12.9).notes == ()
+    watcher.advance(13.0)
+    (note,) = watcher.view(14.0).notes
+    assert note.startswith("nothing has been heard of node 32 (stimulator) for 4 s: is it running")
+
+
+def test_a_node_that_falls_silent_and_comes_back(scene: Scene) -> None:
+    scene.start()
+    scene.watch(1.0)
+    scene.plug.close()
+    view = scene.watch(4.0)
+    assert view.notes == (
+        "node 32 (stimulator) has been silent for 4 s: it has stopped or left the bus",
+    )
+    assert (view.state, view.cof, view.normal_n) == ("", None, None)
+    scene.plug = scene.bus.attach(scene.node, lockstep=False)
+    assert not any("silent" in note for note in scene.watch(0.5).notes)
+
+
+def test_a_node_that_is_not_started(scene: Scene) -> None:
+    (note,) = scene.watch(2.5).notes
+    assert note == (
+        "node 32 (stimulator) is pre-operational: it publishes nothing until a master starts it"
+    )
+
+
+def test_another_client_is_left_alone(scene: Scene) -> None:
+    """A segmented transfer of another client lasts 30 ms a segment, and is not broken."""
+    scene.start()
+    scene.watch(1.0)
+    before = len(scene.sent)
+    for _ in range(50):
+        scene.master.send(Frame(SDO_REQUESTS, bytes((UPLOAD, 0x08, 0x10, 0, 0, 0, 0, 0))))
+        scene.watch(0.03)
+    assert len(scene.sent) - before <= 1
+    scene.watch(1.0)
+    assert len(scene.sent) - before > 10
+
+
+def test_a_stop_is_written_until_the_node_rests(scene: Scene) -> None:
+    scene.start()
+    scene.watch(1.0)
+    scene.drive(2)
+    scene.watch(0.5)
+    scene.cut = True
+    scene.watcher.stop()
+    assert scene.watch(0.5).state == "running"
+    assert scene.watcher.stopping
+    assert "stop: written again and again" in scene.watcher.view(scene.bus.time * 1e-6).notes[-1]
+    scene.cut = False
+    view = scene.watch(0.5)
+    assert not scene.watcher.stopping
+    assert scene.node.od["Mode"].value == 0
+    assert view.state == "ready"
+
+
+def test_a_stop_ends_with_a_node_that_was_reset(scene: Scene) -> None:
+    scene.start()
+    scene.watch(1.0)
+    scene.drive(2)
+    scene.cut = True
+    scene.watcher.stop()
+    scene.watch(0.3)
+    assert scene.watcher.stopping
+    scene.master.send(nmt(NMTCommand.RESET_NODE, 32))
+    scene.watch(0.3)
+    assert not scene.watcher.stopping
+
+
+def test_the_load_is_that_of_the_frames() -> None:
+    """100 frames of 8 bytes, 135 bits each at the longest, in 0.5 s at 125 kbit/s."""
+    watcher = Watcher(OD, bit_rate=125_000)
+    for number in range(100):
+        watcher.receive(1.0 + number * 5e-3, Frame(0x700, bytes(8)))
+    view = watcher.view(1.5)
+    assert view.bus_load == pytest.approx(100 * 135 / 125_000)
+    assert view.frame_rate == 100
+    assert watcher.view(9.0).bus_load == 0.0
+
+
+def test_numbers_of_a_newer_node_are_shown_as_numbers() -> None:
+    watcher = Watcher(OD)
+    watcher.receive(0.0, Frame(0x1A0, bytes((1, 7, 99))))
+    view = watcher.view(0.1)
+    assert (view.state, view.mode) == ("unknown", "number 99")
+
+
+def test_the_same_frames_make_the_same_view() -> None:
+    def view() -> Any:
+        scene = Scene()
+        scene.start()
+        made = scene.watch(1.5)
+        scene.bus.shutdown()
+        return made
+
+    assert view() == view()
+
+
+def test_a_view_fits_a_terminal_of_80_by_24(scene: Scene) -> None:
+    scene.start()
+    scene.press()
+    scene.drive(4)
+    view = scene.watch(2.0)
+    laid = lines(view, "socketcan:can0", 80, 24)
+    assert len(laid) <= 24
+    assert max(len(line.text) for line in laid) <= 80
+    text = "\n".join(line.text for line in laid)
+    assert "state running      mode friction" in text
+    assert f"COF     {view.cof:.3f} #" in text
+    assert laid[6].text.count("O") + laid[7].text.count("O") == 1
+
+
+@pytest.mark.parametrize(
+    "size", [(LEAST_COLUMNS - 1, LEAST_LINES), (LEAST_COLUMNS, LEAST_LINES - 1)]
+)
+def test_a_terminal_that_is_too_small_is_told(size: tuple[int, int]) -> None:
+    laid = lines(Watcher(OD).view(0.0), "virtual:x", *size)
+    text = " ".join(line.text for line in laid)
+    assert text == (
+        f"the terminal has {size[0]} x {size[1]} characters, watch needs 72 x 20: make it larger"
+    )
+    assert lines(Watcher(OD).view(0.0), "virtual:x", 5, 2)
