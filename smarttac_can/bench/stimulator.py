@@ -20,7 +20,7 @@ from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, UNWATCHED, ZERO
+from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
 from smarttac_can.vocabulary.states import Control, IdentificationState, State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
@@ -281,7 +281,7 @@ class Stimulator(SetPoints):
         if present:
             return ", ".join(WATCHDOGS[watchdog].text for watchdog in present)
         message = self.message
-        if message.startswith(UNWATCHED):
+        if message.startswith((UNWATCHED, NOT_TARED)):
             return message
         return "it has to be tared, and its nodes have to be operational and give cycles"
 
@@ -354,11 +354,18 @@ class Stimulator(SetPoints):
         Raises
         ------
         RefusedError
-            While armed or running: `disarm` first.
+            While armed or running: `disarm` first. If a gauge is further from its null than
+            ``Gauge null.Window``: something rests on the plate.
         """
         self._link.drive()
         self._link.run(TARE_SAMPLES)
-        self._write(AUTO_ZERO[0], ZERO)
+        try:
+            self._write(AUTO_ZERO[0], ZERO)
+        except RefusedError as error:
+            message = self.message
+            if message.startswith(NOT_TARED):
+                raise RefusedError(message, error.code) from error
+            raise
 
     def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:
         """Identify the unloaded plate and have the controllers designed for it.

@@ -171,7 +171,12 @@ class Tribometer:
         self._filter = PositionFilter()
 
     def tare(self) -> Forces:
-        """Take the mean of the last 64 raw samples as the zero of S1..S6, and return it in N.
+        """Take the `null` as the zero of S1..S6, and return it in N; raises as that does."""
+        self.offsets = self.null()
+        return self._offsets
+
+    def null(self) -> Forces:
+        """Return the mean of the last 64 raw samples of S1..S6 in N.
 
         Raises
         ------
@@ -183,8 +188,7 @@ class Tribometer:
         s1, s2, s3, s4, s5, s6 = (
             math.fsum(gauge) / TARE_SAMPLES for gauge in zip(*self._ring, strict=True)
         )
-        self.offsets = (s1, s2, s3, s4, s5, s6)
-        return self._offsets
+        return (s1, s2, s3, s4, s5, s6)
 
     def update(self, gauges: Forces) -> Contact:
         """Return the contact for finite raw gauge forces in N; to be called once a tick."""

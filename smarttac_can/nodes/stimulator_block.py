@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.tribometer import Forces
 from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
 from smarttac_can.nodes.drive_output import DriveOutput
 from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps, require_choices
@@ -18,6 +19,7 @@ from smarttac_can.nodes.loop_frames import (
 from smarttac_can.nodes.loop_period import deadlines
 from smarttac_can.nodes.loop_watchdogs import WATCHED
 from smarttac_can.nodes.model_sheet import ModelSheet
+from smarttac_can.nodes.null_window import NullWindow
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import (
@@ -36,7 +38,14 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, FAULT_KIND, SIMULATION, START_RUN, ZERO
+from smarttac_can.vocabulary.objects import (
+    AUTO_ZERO,
+    FAULT_KIND,
+    NOT_TARED,
+    SIMULATION,
+    START_RUN,
+    ZERO,
+)
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, Drive
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
@@ -86,6 +95,7 @@ class StimulatorBlock:
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
         self._zeros = [od[f"{GAUGE_ZERO}.Zero of S{number}"] for number in range(1, 7)]
+        self._null_window = NullWindow(od)
         self._tare_at_power_on = od["Tare at power-on"]
         self._unwatched = od["Drive unwatched"]
         self._cycles = od["Cycle.Cycles"]
@@ -133,6 +143,7 @@ class StimulatorBlock:
         self._begun = False
         tared = self.cascade.tribometer.tared
         self._awaits_tare = bool(self._tare_at_power_on.value) and not tared
+        self._tare_from = TARE_SAMPLES
         self._read_back.reset()
         self._cut()
         supervisor.start_run(tared)
@@ -188,9 +199,13 @@ class StimulatorBlock:
         return mode, asked
 
     def _tare_when_due(self) -> None:
-        due = self._awaits_tare and self._cycles.value >= TARE_SAMPLES
+        due = self._awaits_tare and self._cycles.value >= self._tare_from
         if due and not self.supervisor.tare_barred:
-            self._tare()
+            try:
+                self._tare()
+            except ValueError:
+                # Its Message says why; the next samples may be without a finger.
+                self._tare_from += TARE_SAMPLES
 
     def _follow(self) -> None:
         """Show another state; what was driven before is off then."""
@@ -285,10 +300,10 @@ class StimulatorBlock:
         ------
         Abort
             STATE for what makes a limit or a watch laxer while armed or running, an auto-zero
-            without 64 samples, zeros and calibration that would hide a force that has latched a
-            fault, simulation objects without the plate inside, or an illegal controlword; VALUE
-            for a wrong signature, unknown bits of the controlword, or limits that contradict each
-            other.
+            without 64 samples or with a null outside its window, zeros and calibration that would
+            hide a force that has latched a fault, simulation objects without the plate inside, or
+            an illegal controlword; VALUE for a wrong signature, unknown bits of the controlword, or
+            limits that contradict each other.
         """
         if self.supervisor.sharp:
             self._stricter.require(entry, value)
@@ -323,11 +338,14 @@ class StimulatorBlock:
             raise Abort(AbortCode.STATE)
         try:
             self._tare()
-        except RuntimeError as error:
+        except (RuntimeError, ValueError) as error:
             raise Abort(AbortCode.STATE) from error
 
     def _tare(self) -> None:
-        zeros = self.cascade.tribometer.tare()
+        tribometer = self.cascade.tribometer
+        zeros = tribometer.null()
+        self._require_null(zeros)
+        tribometer.offsets = zeros
         self._awaits_tare = False
         for entry, zero in zip(self._zeros, zeros, strict=True):
             entry.value = entry.quantise(zero)
@@ -335,6 +353,18 @@ class StimulatorBlock:
         self._restore_zeros()
         self.supervisor.note_zero()
         self._follow()
+
+    def _require_null(self, zeros: Forces) -> None:
+        """Refuse zeros outside the window by ValueError; the Message says so, unless of a fault."""
+        message = self._message
+        try:
+            self._null_window.require(zeros)
+        except ValueError as error:
+            if not self.supervisor.latched:
+                message.value = str(error)
+            raise
+        if message.value.startswith(NOT_TARED):
+            message.value = ""
 
     def _restore_zeros(self) -> None:
         s1, s2, s3, s4, s5, s6 = [entry.si_value for entry in self._zeros]

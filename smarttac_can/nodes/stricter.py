@@ -14,6 +14,7 @@ from smarttac_can.nodes.loop_frames import (
     MEASUREMENT_RPDOS,
     MEASUREMENT_TPDOS,
 )
+from smarttac_can.nodes.null_window import NULL
 from smarttac_can.nodes.settings import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL
 from smarttac_can.od.cia import (
     EMCY_COB_ID,
@@ -115,6 +116,7 @@ OF_STIMULATOR: Final = Table(
         f"{LIMIT}.Lowest frequency": LOWER,
         CALIBRATION: OTHER,
         GAUGE_ZERO: OTHER,
+        NULL: OTHER,
         MODEL: OTHER,
         "Drive unwatched": HIGHER,
     },

@@ -16,5 +16,7 @@ AUTO_ZERO: Final = tuple(
     f"AI auto-zero.AI auto-zero {channel}" for channel in ("force x", "force y", "normal force")
 )
 """Objects that take it, one for each channel that can be tared."""
+NOT_TARED: Final = "not tared: "
+"""How the Message begins of a tare that is refused for a null outside its window."""
 UNWATCHED: Final = "not armed, as nobody would be missed: "
 """How the Message begins of an arming that is refused for want of a watch; what to do follows."""

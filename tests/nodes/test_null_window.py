@@ -1,0 +1,102 @@
+"""A tare refuses a null outside its window: zeros of a finger that rests would hide it."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from smarttac_can.bench import FaultError, NotReadyError, RefusedError, State, Stimulator
+from smarttac_can.vocabulary.faults import FaultKind
+
+DRIFT_MN = 60
+
+
+@pytest.fixture
+def bench() -> Iterator[Stimulator]:
+    with Stimulator.simulate("local") as made:
+        made.start_run()
+        made.tare()
+        for gauge in range(1, 7):
+            zero = made.get(f"Gauge zero.Zero of S{gauge}")
+            made.set(f"Gauge null.Null of S{gauge}", zero)
+        made.set("Gauge null.Window", DRIFT_MN)
+        yield made
+
+
+def zeros(bench: Stimulator) -> list[float]:
+    return [bench.get(f"Gauge zero.Zero of S{gauge}") for gauge in range(1, 7)]
+
+
+def rest(bench: Stimulator, force: float) -> None:
+    """Have a finger press at the left turning point; it has slid 1 mm at most when it is tared."""
+    bench.finger.stroke(1, force=force, speed=5)
+    bench.start_run()
+    bench.run(0.4)
+
+
+def test_a_plate_without_a_finger_is_tared_again(bench: Stimulator) -> None:
+    bench.finger.surroundings(seed=9, temperature=20.0)
+    bench.start_run()
+    before = zeros(bench)
+    bench.tare()
+    assert zeros(bench) != before
+    assert bench.message == ""
+
+
+def test_a_finger_that_rests_is_no_null(bench: Stimulator) -> None:
+    rest(bench, 0.5)
+    before = zeros(bench)
+    with pytest.raises(
+        RefusedError, match=r"not tared: S[35] reads -?\d+ mN, more than 60 mN from"
+    ):
+        bench.tare()
+    assert zeros(bench) == before
+    assert bench.message.endswith("lift what rests on the plate, and tare")
+    bench.finger.lift()
+    bench.start_run()
+    bench.tare()
+    assert bench.message == ""
+
+
+def test_the_default_is_what_the_data_sheet_allows() -> None:
+    """1.2 N and a drift over 60 K, 1.364 N; a gauge that reads 1.6 N more is broken."""
+    with Stimulator.simulate("local") as bench:
+        assert bench.get("Gauge null.Window") == 1500
+        bench.tare()
+        bench.set("Fault.Sensor", 4)
+        bench.set("Fault.Value", 2800)
+        bench.set("Fault.Kind", FaultKind.OFFSET)
+        with pytest.raises(RefusedError, match="not tared: S4 reads"):
+            bench.tare()
+
+
+def test_a_tare_at_power_on_waits_until_the_finger_is_gone() -> None:
+    with Stimulator.simulate("local", presets={"Gauge null.Window": 10}) as bench:
+        bench.run(0.3)
+        assert bench.state is State.NOT_READY
+        with pytest.raises(NotReadyError, match=r"not ready: not tared: S\d reads"):
+            bench.arm()
+        bench.set("Gauge null.Window", 1500)
+        bench.run(0.2)
+        assert bench.state is State.READY
+        assert bench.message == ""
+
+
+def test_the_window_stays_while_armed(bench: Stimulator) -> None:
+    bench.arm()
+    for name in ("Gauge null.Window", "Gauge null.Null of S1"):
+        with pytest.raises(RefusedError, match="armed or running"):
+            bench.set(name, 100)
+
+
+def test_a_fault_keeps_its_message(bench: Stimulator) -> None:
+    bench.arm()
+    bench.set("Fault.Sensor", 3)
+    bench.set("Fault.Value", 500)
+    bench.set("Fault.Kind", FaultKind.STUCK)
+    with pytest.raises(FaultError):
+        bench.run(0.1)
+    assert bench.message == "a sensor is stuck"
+    bench.set("Fault.Kind", FaultKind.OFFSET)
+    with pytest.raises(RefusedError):
+        bench.tare()
+    assert bench.message == "a sensor is stuck"
