@@ -15,6 +15,7 @@ from smarttac_can.cli.lss import lss
 from smarttac_can.cli.nodes import node, plate
 from smarttac_can.cli.reproduction import demo, report, reproduce
 from smarttac_can.cli.scan import scan
+from smarttac_can.cli.selftest import selftest
 from smarttac_can.cli.watch import watch
 
 EXAMPLE = """\b
@@ -32,6 +33,6 @@ def main() -> None:
 
 for command in (
     demo, reproduce, report, node, plate, device, conform, scan, lss, eds, jitter, faults,
-    soak, hostile, watch,
+    soak, hostile, watch, selftest,
 ):  # fmt: skip
     main.add_command(command)
