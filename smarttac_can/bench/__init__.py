@@ -1,10 +1,13 @@
 """The bench: a stimulator as a person handles it, its finger, and recordings."""
 
+from smarttac_can.bench.calibration import Calibration
 from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
 from smarttac_can.bench.reading import Reading
+from smarttac_can.bench.self_test import selftest
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace, read_csv, sha256, write_csv
+from smarttac_can.bench.weighings import Placing, Weighing, read_plan
 from smarttac_can.master.errors import (
     BenchError,
     BusLostError,
@@ -19,6 +22,7 @@ from smarttac_can.vocabulary.states import State
 __all__ = [
     "BenchError",
     "BusLostError",
+    "Calibration",
     "FaultError",
     "HeartbeatLostError",
     "Law",
@@ -26,15 +30,19 @@ __all__ = [
     "NodeNotFoundError",
     "NotReadyError",
     "NotRunningError",
+    "Placing",
     "Reading",
     "RefusedError",
     "State",
     "Stimulator",
     "Trace",
     "VibrationLaw",
+    "Weighing",
     "WrongDeviceError",
     "plate_od",
     "read_csv",
+    "read_plan",
+    "selftest",
     "sha256",
     "stimulator_od",
     "write_csv",

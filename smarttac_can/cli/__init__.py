@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from smarttac_can import __version__
+from smarttac_can.cli.calibrate import calibrate
 from smarttac_can.cli.conformance import conform
 from smarttac_can.cli.device import device
 from smarttac_can.cli.eds import eds
@@ -33,6 +34,6 @@ def main() -> None:
 
 for command in (
     demo, reproduce, report, node, plate, device, conform, scan, lss, eds, jitter, faults,
-    soak, hostile, watch, selftest,
+    soak, hostile, watch, selftest, calibrate,
 ):  # fmt: skip
     main.add_command(command)

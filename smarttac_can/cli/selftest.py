@@ -10,8 +10,8 @@ import click
 
 from smarttac_can import __version__
 from smarttac_can.bench import Stimulator
-from smarttac_can.bench.selftest import Check
-from smarttac_can.bench.selftest import selftest as judge
+from smarttac_can.bench.self_test import Check
+from smarttac_can.bench.self_test import selftest as judge
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import one_line, plain_errors

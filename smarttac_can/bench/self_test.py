@@ -10,12 +10,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.gauge_samples import GAUGES, gauge_names, sample
 from smarttac_can.bench.resonance_fit import ResonanceFit
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.master.errors import BenchError, BusLostError, HeartbeatLostError
 
-_GAUGES: Final = range(1, 7)
-_SAMPLES: Final = 64
 _TIMING_S: Final = 1.0
 _SETTLE_S: Final = 0.02
 _CYCLE_S: Final = 1e-3
@@ -142,21 +141,17 @@ def _timing(stimulator: Stimulator) -> Iterator[Check]:
 
 
 def _at_rest(stimulator: Stimulator) -> Iterator[Check]:
-    names = [*(f"Plate input.S{gauge}" for gauge in _GAUGES), "Plate input.W_d", "Plate input.W_q"]
-    rows = []
-    for _ in range(_SAMPLES):
-        stimulator.run(_CYCLE_S)
-        rows.append([stimulator.get(name) for name in names])
-    samples = np.array(rows)
-    yield from _gauges(stimulator, samples[:, : len(_GAUGES)])
-    for axis, values in zip(("d", "q"), samples.T[len(_GAUGES) :], strict=True):
+    names = [*gauge_names(), "Plate input.W_d", "Plate input.W_q"]
+    samples = sample(stimulator, names)
+    yield from _gauges(stimulator, samples[:, : len(GAUGES)])
+    for axis, values in zip(("d", "q"), samples.T[len(GAUGES) :], strict=True):
         yield Check(f"noise.W_{axis}", float(values.std(ddof=1)), "nm", *PICKUP_NOISE_NM)
         yield Check(f"null.W_{axis}", float(values.mean()), "nm", -PICKUP_REST_NM, PICKUP_REST_NM)
 
 
 def _gauges(stimulator: Stimulator, samples: npt.NDArray[np.float64]) -> Iterator[Check]:
     window = stimulator.get("Gauge null.Window", "mN")
-    for gauge, values in zip(_GAUGES, samples.T, strict=True):
+    for gauge, values in zip(GAUGES, samples.T, strict=True):
         null = stimulator.get(f"Gauge null.Null of S{gauge}", "mN")
         mean = float(values.mean())
         yield Check(f"null.S{gauge}", mean, "mN", null - window, null + window)

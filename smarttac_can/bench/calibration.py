@@ -1,0 +1,219 @@
+"""The calibration of a tribometer from weighings, by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, Final, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from smarttac_can.bench.gauge_samples import GAUGES
+from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.bench.weighings import STANDARD_GRAVITY, Weighing
+from smarttac_can.master.errors import BenchError
+
+Floats = npt.NDArray[np.float64]
+
+LATERAL: Final = ("Fx from S1", "Fx from S2", "Fy from S1", "Fy from S2")
+POSITIONS: Final = ("Position of S3", "Position of S4", "Position of S5", "Position of S6")
+WINDOW_MN: Final = 60.0
+"""Of a null from then on: 41 mN of drift over 15 K by the gauges' data sheet, and some."""
+RESIDUAL_SHARE: Final = 0.01
+"""Root mean square of the forces' residuals that passes, of the heaviest weight."""
+RESIDUAL_MM: Final = 1.0
+SCALE_SHARE: Final = 0.02
+"""How far S3 to S6 together may be from the weights: no object corrects them."""
+_INDEPENDENT: Final = 0.1
+"""Least ratio of the singular values of two lateral loads that are told apart."""
+
+
+class Calibration(NamedTuple):
+    """What weighings say of a tribometer; None for what they say nothing of."""
+
+    lateral: tuple[float, ...] | None
+    """``(Fx, Fy) = lateral (S1, S2)``, by rows."""
+    lateral_uncertainty: tuple[float, ...] | None
+    """Standard uncertainty of each; None where there are too few weighings to tell."""
+    positions_mm: tuple[float, ...] | None
+    """Of S3..S6 along x."""
+    scale: float
+    """S3 to S6 together, as a share of the weights' normal force."""
+    residuals: Floats
+    """Shape (n, 4): Fx, Fy and Fn in N and x in mm less the weights', with the fitted
+    calibration; NaN where there is none."""
+    heaviest: float
+    """Largest weight in N."""
+
+    @classmethod
+    def fit(
+        cls,
+        weighings: Sequence[Weighing],
+        positions_mm: Sequence[float],
+        gravity: float = STANDARD_GRAVITY,
+    ) -> Self:
+        """Fit the calibration.
+
+        Lateral loads come from the tilted weighings, positions from the level ones: on a tilted
+        plate the height of a weight moves its centre of pressure. A rigid plate loads its four
+        gauges in three ways at most, so the positions are changed as little as explains the
+        weighings.
+
+        Parameters
+        ----------
+        weighings
+            One or more.
+        positions_mm
+            Those of S3..S6 so far.
+        gravity
+            In m/s^2, at the place of the weighings.
+
+        Raises
+        ------
+        ValueError
+            If there are no weighings, or the tilted ones do not load two directions.
+        """
+        if not weighings:
+            raise ValueError("no weighing to fit a calibration to")
+        loads = np.array([weighing.placing.load(gravity) for weighing in weighings])
+        gauges = np.array([weighing.gauges for weighing in weighings])
+        level = np.array([weighing.placing.level for weighing in weighings])
+        x_mm = np.array([weighing.placing.x_mm for weighing in weighings])
+        normal = gauges[:, 2:].sum(axis=1)
+        residuals = np.full((len(weighings), 4), np.nan)
+        residuals[:, 2] = normal - loads[:, 2]
+        lateral = uncertainty = positions = None
+        if not level.all():
+            lateral, uncertainty = _fit_lateral(gauges[~level, :2], loads[~level, :2])
+            residuals[:, :2] = gauges[:, :2] @ np.reshape(lateral, (2, 2)).T - loads[:, :2]
+        if level.any():
+            moments = loads[level, 2] * x_mm[level]
+            positions = _fit_positions(gauges[level, 2:], moments, positions_mm)
+            residuals[level, 3] = (gauges[level, 2:] @ positions) / loads[level, 2] - x_mm[level]
+        return cls(
+            lateral=lateral,
+            lateral_uncertainty=uncertainty,
+            positions_mm=positions,
+            scale=float(normal @ loads[:, 2] / (loads[:, 2] @ loads[:, 2])),
+            residuals=residuals,
+            heaviest=float(np.linalg.norm(loads, axis=1).max()),
+        )
+
+    @property
+    def rms(self) -> tuple[float, ...]:
+        """Root mean square of the residuals: Fx, Fy, Fn in N, x in mm; NaN where there is none."""
+        columns = [column[~np.isnan(column)] for column in self.residuals.T]
+        return tuple(float(np.sqrt(np.mean(c * c))) if len(c) else np.nan for c in columns)
+
+    def shortcomings(self) -> list[str]:
+        """Say why it is not to be used, a line each; nothing if it is."""
+        said = []
+        *forces, position = self.rms
+        for name, rms in zip(("Fx", "Fy", "Fn"), forces, strict=True):
+            if rms > RESIDUAL_SHARE * self.heaviest:
+                said.append(
+                    f"{name} is left with {rms * 1e3:.1f} mN rms, above {RESIDUAL_SHARE:.0%} "
+                    f"of the heaviest weight of {self.heaviest:.3f} N"
+                )
+        if position > RESIDUAL_MM:
+            said.append(f"x is left with {position:.2f} mm rms, above {RESIDUAL_MM:g} mm")
+        if abs(self.scale - 1.0) > SCALE_SHARE:
+            said.append(
+                f"S3 to S6 show {self.scale:.4f} of the weights, outside 1 +- {SCALE_SHARE:g}: "
+                "a gauge of the wrong polarity or gain, and no object corrects it"
+            )
+        return said
+
+    def objects(self) -> dict[str, float]:
+        """Return the objects it sets, by name, in their displayed units."""
+        values: dict[str, float] = {}
+        if self.lateral is not None:
+            values |= dict(zip(LATERAL, self.lateral, strict=True))
+        if self.positions_mm is not None:
+            values |= {
+                name: 1e3 * mm for name, mm in zip(POSITIONS, self.positions_mm, strict=True)
+            }
+        return {f"Calibration.{name}": value for name, value in values.items()}
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what a certificate holds of it."""
+        fx, fy, fn, x = (None if np.isnan(rms) else rms for rms in self.rms)
+        return {
+            "objects": self.objects(),
+            "lateral_standard_uncertainty": self.lateral_uncertainty,
+            "normal_scale": self.scale,
+            "residual_rms": {"Fx_N": fx, "Fy_N": fy, "Fn_N": fn, "x_mm": x},
+            "residuals": [
+                [None if np.isnan(value) else float(value) for value in row]
+                for row in self.residuals
+            ],
+            "shortcomings": self.shortcomings(),
+        }
+
+
+def write_calibration(
+    stimulator: Stimulator, calibration: Calibration, nulls: Floats
+) -> dict[str, float]:
+    """Write a calibration, and the nulls with their window; all of it or nothing.
+
+    Parameters
+    ----------
+    stimulator
+        Neither armed nor running.
+    calibration
+        What was fitted.
+    nulls
+        Raw S1..S6 in N of the level plate without a weight.
+
+    Returns
+    -------
+    dict
+        What was written, by name, in displayed units.
+
+    Raises
+    ------
+    BenchError
+        If the stimulator refuses a value; those before are put back.
+    """
+    values = calibration.objects()
+    values |= {
+        f"Gauge null.Null of S{gauge}": 1e3 * float(null)
+        for gauge, null in zip(GAUGES, nulls, strict=True)
+    }
+    values["Gauge null.Window"] = WINDOW_MN
+    before = {name: stimulator.get(name) for name in values}
+    try:
+        for name, value in values.items():
+            stimulator.set(name, value)
+    except BenchError:
+        for name, value in before.items():
+            with suppress(BenchError):
+                stimulator.set(name, value)
+        raise
+    return values
+
+
+def _fit_lateral(
+    gauges: Floats, loads: Floats
+) -> tuple[tuple[float, ...], tuple[float, ...] | None]:
+    strengths = np.linalg.svd(loads, compute_uv=False)
+    if len(strengths) < loads.shape[1] or strengths[1] < _INDEPENDENT * strengths[0]:
+        raise ValueError("the tilted weighings load one direction only: tilt along x and along y")
+    solution, _, rank, _ = np.linalg.lstsq(gauges, loads, rcond=1e-6)
+    if rank < gauges.shape[1]:
+        raise ValueError("S1 and S2 do not tell the tilted weighings apart")
+    spare = len(loads) - gauges.shape[1]
+    uncertainty = None
+    if spare > 0:
+        variance = ((gauges @ solution - loads) ** 2).sum(axis=0) / spare
+        covariance = np.linalg.inv(gauges.T @ gauges)
+        spread = np.sqrt(np.outer(variance, np.diag(covariance)))
+        uncertainty = tuple(float(value) for value in spread.ravel())
+    return tuple(float(value) for value in solution.T.ravel()), uncertainty
+
+
+def _fit_positions(gauges: Floats, moments: Floats, before: Sequence[float]) -> tuple[float, ...]:
+    present = np.array(before, dtype=np.float64)
+    change = np.linalg.lstsq(gauges, moments - gauges @ present, rcond=1e-2)[0]
+    return tuple(float(value) for value in present + change)

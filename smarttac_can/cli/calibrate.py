@@ -1,0 +1,129 @@
+"""The command that calibrates a tribometer by known weights: ``calibrate``."""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from smarttac_can import __version__
+from smarttac_can.bench import Stimulator
+from smarttac_can.bench.calibration import POSITIONS, Calibration, write_calibration
+from smarttac_can.bench.gauge_samples import mean_gauges
+from smarttac_can.bench.simulation import STIMULATOR_ID
+from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
+from smarttac_can.cli.options import NODE_ID, BusChoice, FiniteRange, bus_options
+from smarttac_can.cli.plain_errors import one_line, plain_errors
+from smarttac_can.cli.result_file import result_file, result_path
+
+
+@click.command(
+    epilog="\b\nExample:\n  smarttac calibrate weights.csv --certificate plate-1.json"
+    " --interface socketcan --channel can0 --write"
+)
+@click.argument("plan", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--certificate", type=result_path, required=True, help="JSON file for the results.")
+@bus_options
+@click.option("--node-id", type=NODE_ID, default=STIMULATOR_ID, show_default=True)
+@click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node.")
+@click.option(
+    "--gravity",
+    type=FiniteRange(9.7, 9.9),
+    default=STANDARD_GRAVITY,
+    show_default=True,
+    help="At the place of the weighings in m/s^2.",
+)
+@click.option("--write", is_flag=True, help="Set the calibration in the stimulator, and tare.")
+def calibrate(
+    *,
+    plan: Path,
+    certificate: Path,
+    bus: BusChoice,
+    node_id: int,
+    plate_node: int | None,
+    gravity: float,
+    write: bool,
+) -> None:
+    """Calibrate the tribometer by the weights of PLAN, asking for one after the other.
+
+    PLAN is CSV with mass_g,angle_deg,azimuth_deg,x_mm: a weight, the tilt of the plate, the
+    direction in which it falls (0 along x, 90 along y), and where the weight is. A fit that leaves
+    too much ends with 1, and changes nothing in the stimulator; the certificate says what.
+    """
+    with plain_errors(), ExitStack() as stack:
+        placings = _plan(plan)
+        file = stack.enter_context(result_file(certificate))
+        stimulator = stack.enter_context(
+            Stimulator.connect(node_id=node_id, plate_node_id=plate_node, **bus.options)
+        )
+        before = [stimulator.get(f"Calibration.{name}", "mm") for name in POSITIONS]
+        weighings = [_weigh(stimulator, placing, n) for n, placing in enumerate(placings, 1)]
+        _ask("level the plate, nothing on it")
+        nulls = mean_gauges(stimulator)
+        calibration = _fit(weighings, before, gravity)
+        results: dict[str, Any] = {
+            "version": __version__,
+            "time": datetime.now(UTC).isoformat(timespec="seconds"),
+            "plate_serial_number": round(stimulator.get("Calibration.Plate serial number")),
+            "temperature_degC": stimulator.get("Plate temperature", "degC"),
+            "gravity_m_s2": gravity,
+            "weighings": [weighing.as_json() for weighing in weighings],
+            "nulls_mN": [round(float(null) * 1e3, 3) for null in nulls],
+            "calibration": calibration.as_json(),
+            "written": {},
+        }
+        shortcomings = calibration.shortcomings()
+        if write and not shortcomings:
+            results["written"] = write_calibration(stimulator, calibration, nulls)
+            stimulator.tare()
+        file.write(json.dumps(results, indent=2) + "\n")
+        _tell(calibration)
+    if shortcomings:
+        raise click.ClickException(
+            one_line(f"not to be used: {'; '.join(shortcomings)}; {certificate} has all of it")
+        )
+
+
+def _plan(path: Path) -> list[Placing]:
+    try:
+        return read_plan(path)
+    except ValueError as error:
+        raise click.ClickException(one_line(error)) from error
+
+
+def _fit(weighings: list[Weighing], positions_mm: list[float], gravity: float) -> Calibration:
+    try:
+        return Calibration.fit(weighings, positions_mm, gravity)
+    except ValueError as error:
+        raise click.ClickException(one_line(error)) from error
+
+
+def _weigh(stimulator: Stimulator, placing: Placing, number: int) -> Weighing:
+    tilt = (
+        "level the plate"
+        if placing.level
+        else f"tilt the plate by {placing.angle_deg:g} degrees towards {placing.azimuth_deg:g}"
+    )
+    _ask(f"{number}: {tilt}, nothing on it")
+    empty = mean_gauges(stimulator)
+    _ask(f"{number}: put {placing.mass_g:g} g at {placing.x_mm:g} mm")
+    return Weighing(placing, empty, mean_gauges(stimulator))
+
+
+def _ask(what: str) -> None:
+    click.prompt(f"{what}; Enter", default="", show_default=False, prompt_suffix=" ", err=True)
+
+
+def _tell(calibration: Calibration) -> None:
+    for name, value in calibration.objects().items():
+        click.echo(f"{name}: {value:.4f}")
+    names = (("Fx", "N"), ("Fy", "N"), ("Fn", "N"), ("x", "mm"))
+    for (name, unit), rms in zip(names, calibration.rms, strict=True):
+        if not np.isnan(rms):
+            click.echo(f"residual of {name}: {rms:.4f} {unit} rms")
+    click.echo(f"S3 to S6 show {calibration.scale:.4f} of the weights")
