@@ -5,17 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from smarttac_can.bench.published import published_pdos
 from smarttac_can.commissioning.scan import STATES, UNKNOWN
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.od.cia import CAN_ID_MASK, EMCY_COB_ID, HEARTBEAT_ID, SDO_TX_ID
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    EMCY_COB_ID,
+    HEARTBEAT_ID,
+    PDO_COB_ID,
+    PDO_COUNT,
+    SDO_TX_ID,
+    TPDO_COMMUNICATION,
+)
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.watch.view import Peer
 
 SILENT_S: Final = 3.0
 """Three heartbeats by default."""
-_TPDOS: Final = range(1, 6)
 _SPEAKS: Final = ("", STATES[NMTState.OPERATIONAL])
 
 
@@ -40,8 +47,11 @@ class HeardNode:
     def __init__(self, od: ObjectDictionary, name: str) -> None:
         self.node_id, self.name = od.node_id, name
         self.emergency_id = od.number(EMCY_COB_ID) & CAN_ID_MASK
-        pdos = published_pdos(od, _TPDOS, lambda entry: int(entry.default))
-        self._pdo_ids = {pdo.can_id for pdo in pdos}
+        cob_ids = [
+            od.number(TPDO_COMMUNICATION + offset, PDO_COB_ID, COB_INVALID)
+            for offset in range(PDO_COUNT)
+        ]
+        self._pdo_ids = {cob & CAN_ID_MASK for cob in cob_ids if not cob & COB_INVALID}
         self._nmt: int | None = None
         self._heard: float | None = None
         self.rested: float | None = None

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.bench.simulation import attach_nodes, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.local_master import LocalMaster
@@ -159,6 +159,30 @@ def test_an_emergency_has_its_text_and_the_fault_stays(scene: Scene) -> None:
     assert emergency.text == "a sensor is stuck"
     assert 1.5 < emergency.ago < 2.0
     assert view.latched == ("a sensor is stuck",)
+
+
+def test_a_plate_node_is_shown_beside_it() -> None:
+    """The loop over the bus, in lockstep: its PDOs show that both are operational."""
+    bus = LocalBus()
+    watcher = Watcher(stimulator_od(), plate_od())
+    bus.connect(lambda frame: watcher.receive(bus.time * 1e-6, frame))
+    master = LocalMaster(bus, lambda frame: None)
+    attach_nodes(bus, plate_inside=False, presets={})
+    for node_id in (33, 32):
+        master.send(nmt(NMTCommand.START, node_id))
+    watcher.advance(0.0)
+    for _ in range(500):
+        master.sync()
+    peers = watcher.view(bus.time * 1e-6).peers
+    assert [(peer.name, peer.node_id, peer.nmt) for peer in peers] == [
+        ("stimulator", 32, "operational"), ("plate", 33, "operational"),
+    ]  # fmt: skip
+    # SYNC, three measurements and a drive in each of 500 cycles, and the public TPDOs.
+    view = watcher.view(bus.time * 1e-6)
+    assert view.frame_rate > 2500
+    assert view.bus_load > 0.25
+    assert view.notes == ()
+    bus.shutdown()
 
 
 def test_a_node_that_nothing_is_heard_of() -> None:
