@@ -3,6 +3,8 @@
 from smarttac_can.bench.calibration import Calibration
 from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
 from smarttac_can.bench.reading import Reading
+from smarttac_can.bench.recording import Recording
+from smarttac_can.bench.recording_file import make_recording
 from smarttac_can.bench.self_test import selftest
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
@@ -32,6 +34,7 @@ __all__ = [
     "NotRunningError",
     "Placing",
     "Reading",
+    "Recording",
     "RefusedError",
     "State",
     "Stimulator",
@@ -39,6 +42,7 @@ __all__ = [
     "VibrationLaw",
     "Weighing",
     "WrongDeviceError",
+    "make_recording",
     "plate_od",
     "read_csv",
     "read_plan",

@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from operator import itemgetter
-from queue import Empty, SimpleQueue
+from queue import Empty
 from time import monotonic
 from typing import Final
 
 import can
-import canopen
 
 from smarttac_can.bench.bench_heartbeat import BenchHeartbeat, bench_id
+from smarttac_can.bench.cycle_rows import CycleRows
 from smarttac_can.bench.errors import NotRunningError
-from smarttac_can.bench.link import RECORDED, Row, Snapshot
+from smarttac_can.bench.every_cycle import EveryCycle
+from smarttac_can.bench.link import RECORDED, FrameSource, Hear, Row, Snapshot
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.node_time import wrong_time
-from smarttac_can.bench.published import PublishedPdo, published_pdos
+from smarttac_can.bench.published import commanded_pdos, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
-from smarttac_can.device.nmt import NMTState
+from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.master.errors import BenchError, BusLostError
-from smarttac_can.od.cia import (
-    EVENT_MANUFACTURER,
-    HEARTBEAT_ID,
-    PDO_TRANSMISSION,
-    SYNC_ID,
-    TPDO_COMMUNICATION,
-)
+from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID, SYNC_ID
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import SIMULATION
@@ -37,7 +31,8 @@ from smarttac_can.vocabulary.states import Control
 LOST_CYCLE_S: Final = 1.0
 """How long a cycle in lockstep may take before it counts as lost."""
 _PUBLIC_TPDOS: Final = range(1, 5)
-_TICK: Final = RECORDED.index("Contact.Tick")
+_SETPOINT_RPDOS: Final = range(1, 5)
+_STATUS_TPDO: Final = 1
 _LOST_IN_A_ROW: Final = 3
 
 
@@ -62,7 +57,7 @@ class CanLink:
 
     def __init__(
         self,
-        network: canopen.Network,
+        network: TappedNetwork,
         stimulator: ObjectDictionary,
         plate: ObjectDictionary | None,
         *,
@@ -80,22 +75,18 @@ class CanLink:
         self._stimulator = RemoteDevice(network, stimulator, where, timeout)
         self._plate = RemoteDevice(network, plate, where, timeout) if plate else None
         self._pdos = published_pdos(stimulator, _PUBLIC_TPDOS, self._stimulator.read)
-        self._rows: list[Row] = []
-        self._come: set[int] = set()
-        # At a tenth of what an event takes.
-        self._complete: SimpleQueue[None] = SimpleQueue()
-        self._columns = self._find_columns()
+        self._cycles = CycleRows(self._stimulator, self._pdos, self._clock)
+        wanted = {pdo.number for pdo in self._pdos} - {_STATUS_TPDO} | self._cycles.wanted
+        self._every_cycle = EveryCycle(network, self._stimulator, sorted(wanted))
         for pdo in self._pdos:
-            network.subscribe(pdo.can_id, self._receiver(pdo))
+            network.subscribe(pdo.can_id, self._cycles.receiver(pdo))
         # The plate first, so that its measurements await nobody.
         for device in (self._plate, self._stimulator):
             if device is not None:
                 device.start()
         # In lockstep the nodes' time stands still without the bench.
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
-        if self._threaded:
-            heartbeat = HEARTBEAT_ID + bench_id(stimulator.node_id)
-            hear_only(network.bus, {*network.subscribers, heartbeat})
+        self._listen()
 
     def drive(self) -> None:
         """Have this bench watched from now on, in real time; refused while another one drives."""
@@ -137,7 +128,7 @@ class CanLink:
             self._plate.write(self._plate.od["Simulation.Start run"], 1)
         self._stimulator.write(self._stimulator.od["Simulation.Start run"], 1)
 
-    def run(self, cycles: int) -> list[Row]:
+    def run(self, cycles: int, rows: list[Row]) -> None:
         """Let the loop run and record it from the TPDOs, sent in every cycle meanwhile.
 
         Raises
@@ -147,25 +138,63 @@ class CanLink:
         HeartbeatLostError
             If a node has fallen silent.
         """
-        if self._columns is None:
+        collected = self._cycles
+        if not collected.whole:
             raise NotRunningError(
                 f"the TPDOs of node {self._stimulator.od.node_id} do not map all of "
                 f"{', '.join(RECORDED)}: restore their default mapping"
             )
-        with self._every_cycle():
-            self._rows = []
-            if self._lockstep:
-                self._produce_sync(cycles)
-            else:
-                self._wait_for(cycles)
-            rows = self._rows[:cycles]
+        collected.learn_held(self.read)
+        with self._every_cycle.held():
+            collected.rows = rows
+            try:
+                if self._lockstep:
+                    self._produce_sync(cycles)
+                else:
+                    self._wait_for(cycles, rows)
+            finally:
+                collected.rows = None
         if not rows and cycles:
             self._check()
             raise NotRunningError(
                 self.wrong_time()
                 or "the loop gives no cycles: are all nodes operational, and does one produce SYNC?"
             )
-        return rows
+
+    def source(self) -> FrameSource:
+        """Tell what the stimulator says its PDOs carry."""
+        device = self._stimulator
+        return FrameSource(
+            published=self._pdos,
+            every_cycle=self._every_cycle.numbers,
+            commanded=commanded_pdos(device.od, _SETPOINT_RPDOS, device.read),
+            plate=None if self._plate is None else self._plate.od,
+            clocked=not self._lockstep,
+        )
+
+    @contextmanager
+    def frames(self, hear: Hear) -> Iterator[None]:
+        """Have the frames of these nodes told, and those that command them."""
+        network = self._network
+        commanded = commanded_pdos(self._stimulator.od, _SETPOINT_RPDOS, self._stimulator.read)
+        told = {pdo.can_id for pdo in (*self._pdos, *commanded)}
+        for device in (self._stimulator, self._plate):
+            if device is not None:
+                services = (EMCY_ID, SDO_TX_ID, SDO_RX_ID, HEARTBEAT_ID)
+                told |= {service + device.od.node_id for service in services}
+
+        def tap(can_id: int, data: bytes) -> None:
+            if can_id in told:
+                hear(can_id, data)
+
+        self._listen(told)
+        network.taps += (tap,)
+        try:
+            with self._every_cycle.held(), self._every_cycle.guarded():
+                yield
+        finally:
+            network.taps = tuple(other for other in network.taps if other is not tap)
+            self._listen()
 
     def wrong_time(self) -> str:
         """Say that the stimulator keeps another time than the link believes; empty if not."""
@@ -203,79 +232,14 @@ class CanLink:
                 if device is not None:
                     device.check_heartbeat()
 
-    def _find_columns(self) -> list[tuple[PublishedPdo, int]] | None:
-        """Find the TPDO and place of each recorded object; None if one is in no TPDO."""
-        columns = []
-        for name in RECORDED:
-            places = [(pdo, pdo.names.index(name)) for pdo in self._pdos if name in pdo.names]
-            if not places:
-                return None
-            columns.append(places[0])
-        return columns
-
-    @contextmanager
-    def _every_cycle(self) -> Iterator[None]:
-        """Have the recorded TPDOs sent in every cycle, and put their types back afterwards."""
-        assert self._columns is not None
-        device = self._stimulator
-        before = []
-        for number in sorted({pdo.number for pdo, _ in self._columns}):
-            entry = device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION)
-            kind = device.read(entry)
-            # A recording that was killed, or one that another bench makes, has left it so.
-            before.append((entry, entry.default if kind == EVENT_MANUFACTURER else kind))
-            device.write(entry, EVENT_MANUFACTURER)
-
-        def restore() -> None:
-            for entry, kind in before:
-                device.write(entry, kind)
-
-        try:
-            yield
-        except BaseException:
-            # The first failure is the one to report.
-            with suppress(BenchError):
-                restore()
-            raise
-        restore()
-
-    def _receiver(self, pdo: PublishedPdo) -> Callable[[int, bytearray, float], None]:
-        """Make the callback of a TPDO; that of the cycle's last one completes a row."""
-        columns = self._columns or []
-        wanted = {place.number for place, _ in columns}
-        parts, row_of = _row_maker(columns)
-        number, completes = pdo.number, pdo.number == max(wanted, default=0)
-        come, complete = self._come, self._complete
-        clock, stimulator = self._clock, self._stimulator
-        operational = NMTState.OPERATIONAL
-
-        def on_pdo(_can_id: int, data: bytearray, _timestamp: float) -> None:
-            if not pdo.take(data, clock()):
-                return
-            # PDOs are OPERATIONAL's alone; the next heartbeat may be a second away.
-            stimulator.state = operational
-            come.add(number)
-            if completes:
-                # A row with a lost frame would mix two cycles.
-                if come >= wanted:
-                    values: list[int] = []
-                    for part in parts:
-                        values += part.values
-                    self._record(row_of(values))
-                come.clear()
-                if complete.empty():
-                    complete.put(None)
-
-        return on_pdo
-
-    def _record(self, row: Row) -> None:
-        rows = self._rows
-        # When a cycle comes late, the event timers of the TPDOs repeat the one before.
-        if not rows or row[_TICK] != rows[-1][_TICK]:
-            rows.append(row)
+    def _listen(self, more: Iterable[int] = ()) -> None:
+        """Have the kernel drop what nobody here listens to."""
+        if self._threaded:
+            heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
+            hear_only(self._network.bus, {*self._network.subscribers, heartbeat, *more})
 
     def _produce_sync(self, cycles: int) -> None:
-        complete = self._complete
+        complete = self._cycles.complete
         lost = 0
         for _ in range(cycles):
             while not complete.empty():
@@ -296,20 +260,11 @@ class CanLink:
                     "operational and started with --lockstep?"
                 )
 
-    def _wait_for(self, cycles: int) -> None:
+    def _wait_for(self, cycles: int, rows: list[Row]) -> None:
         end = self._clock() + cycles * 1e-3 + LOST_CYCLE_S
-        while len(self._rows) < cycles and self._clock() < end:
+        while len(rows) < cycles and self._clock() < end:
             with suppress(Empty):
-                self._complete.get(timeout=LOST_CYCLE_S)
-
-
-def _row_maker(
-    columns: list[tuple[PublishedPdo, int]],
-) -> tuple[list[PublishedPdo], Callable[[list[int]], Row]]:
-    """Return the TPDOs of a row, and what picks the row from their values one after another."""
-    parts = list(dict.fromkeys(pdo for pdo, _ in columns))
-    places = [(pdo, at) for pdo in parts for at in range(len(pdo.names))]
-    return parts, itemgetter(*map(places.index, columns)) if columns else tuple
+                self._cycles.complete.get(timeout=LOST_CYCLE_S)
 
 
 def _drives(name: str, raw: int) -> bool:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import NamedTuple, NoReturn, Protocol
 
+from smarttac_can.bench.published import PublishedPdo
 from smarttac_can.master.errors import BenchError
+from smarttac_can.od.dictionary import ObjectDictionary
 
 RECORDED = (
     "Contact.Tick",
@@ -15,8 +19,13 @@ RECORDED = (
     "Vibration.Frequency",
     "Contact.Tangential force",
     "Contact.Normal force",
+    "Contact.Position",
+    "Statusword",
 )
-"""Objects of the stimulator that a recording holds, a column each, in the order of a trace."""
+"""Objects of the stimulator that a run records, a column each, in the order of a trace."""
+
+HELD = ("Statusword",)
+"""Those of them that are published when they change, at once, and stay as they are until then."""
 
 PUBLISHED = (
     "Statusword",
@@ -42,6 +51,25 @@ class Snapshot(NamedTuple):
     values: dict[str, int]
     age: float
     """Age in s of the oldest of them."""
+
+
+Hear = Callable[[int, bytes], None]
+"""Called with the identifier and the data of a frame."""
+
+
+class FrameSource(NamedTuple):
+    """What the frames of a link mean that `Link.frames` tells."""
+
+    published: list[PublishedPdo]
+    """Public TPDOs of the stimulator."""
+    every_cycle: list[int]
+    """Numbers of those that come in every cycle; the others come when what they carry changes."""
+    commanded: list[PublishedPdo]
+    """RPDOs by which a master commands it."""
+    plate: ObjectDictionary | None
+    """EDS of the plate node; None with the plate inside."""
+    clocked: bool
+    """Whether ticks follow the clock, and not this bench."""
 
 
 class Link(Protocol):
@@ -90,8 +118,27 @@ class Link(Protocol):
         """Put a simulated plate to rest at tick 0 and reset the controllers."""
         ...
 
-    def run(self, cycles: int) -> list[Row]:
-        """Let the loop run and record it, a row a cycle; rows of lost cycles are missing."""
+    def run(self, cycles: int, rows: list[Row]) -> None:
+        """Let the loop run and record it, a row a cycle; rows of lost cycles are missing.
+
+        Parameters
+        ----------
+        cycles
+            How many.
+        rows
+            Each row is appended as it comes, so that they are there if the run fails.
+        """
+        ...
+
+    def source(self) -> FrameSource:
+        """Tell what the frames mean that `frames` tells."""
+        ...
+
+    def frames(self, hear: Hear) -> AbstractContextManager[None]:
+        """Have the frames of all cycles told, and those of masters, while a block lasts.
+
+        They are told as they come, by whichever thread has them.
+        """
         ...
 
     def wrong_time(self) -> str:

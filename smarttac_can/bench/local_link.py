@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from smarttac_can.bench.link import PUBLISHED, RECORDED, Row, Snapshot
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from smarttac_can.bench.link import PUBLISHED, RECORDED, FrameSource, Hear, Row, Snapshot
+from smarttac_can.bench.published import published_pdos
 from smarttac_can.bench.refused import refused_write
 from smarttac_can.master.errors import RefusedError
+from smarttac_can.master.requests import download, downloaded
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
+
+_PUBLIC_TPDOS: Final = range(1, 5)
+_STATUS_TPDO: Final = 1
 
 
 class LocalLink:
@@ -24,6 +33,10 @@ class LocalLink:
     def __init__(self, block: StimulatorBlock) -> None:
         self._block = block
         self._recorded = [block.od[name].reader for name in RECORDED]
+        self._pdos = published_pdos(block.od, _PUBLIC_TPDOS, lambda entry: int(entry.default))
+        self._readers = [[block.od[name].reader for name in pdo.names] for pdo in self._pdos]
+        self._hear: Hear | None = None
+        self._status = b""
 
     @property
     def where(self) -> str:
@@ -71,6 +84,10 @@ class LocalLink:
             self._block.write(name, raw)
         except Abort as error:
             raise refused_write(entry, raw, error) from error
+        if self._hear is not None:
+            node_id = self._block.od.node_id
+            for frame in (download(node_id, entry, raw), downloaded(node_id, entry)):
+                self._hear(frame.can_id, frame.data)
 
     def snapshot(self) -> Snapshot:
         """Return the present values of the published objects; their age is 0 s."""
@@ -80,15 +97,34 @@ class LocalLink:
         """Put the simulated plate to rest at tick 0 and reset the controllers."""
         self.write("Simulation.Start run", 1)
 
-    def run(self, cycles: int) -> list[Row]:
-        """Let so many cycles pass, and return a row of recorded values for each."""
+    def run(self, cycles: int, rows: list[Row]) -> None:
+        """Let so many cycles pass, and append a row of recorded values for each."""
         tick = self._block.tick
         recorded = self._recorded
-        rows = []
         for _ in range(cycles):
             tick()
             rows.append(tuple([read() for read in recorded]))
-        return rows
+            if self._hear is not None:
+                self._tell_cycle(self._hear)
+
+    def source(self) -> FrameSource:
+        """Tell what the PDOs of a stimulator with the default mapping would carry."""
+        return FrameSource(
+            published=self._pdos,
+            every_cycle=[pdo.number for pdo in self._pdos if pdo.number != _STATUS_TPDO],
+            commanded=[],
+            plate=None,
+            clocked=False,
+        )
+
+    @contextmanager
+    def frames(self, hear: Hear) -> Iterator[None]:
+        """Have the frames told that there would be with a bus."""
+        self._hear = hear
+        try:
+            yield
+        finally:
+            self._hear = None
 
     def wrong_time(self) -> str:
         """Return nothing: time passes in `run` alone."""
@@ -96,3 +132,13 @@ class LocalLink:
 
     def close(self) -> None:
         """Do nothing: there is no bus to leave."""
+
+    def _tell_cycle(self, hear: Hear) -> None:
+        """Tell the TPDOs of a cycle; the one with the status if it has changed."""
+        for pdo, readers in zip(self._pdos, self._readers, strict=True):
+            data = pdo.layout.pack(*[read() for read in readers])
+            if pdo.number == _STATUS_TPDO:
+                if data == self._status:
+                    continue
+                self._status = data
+            hear(pdo.can_id, data)

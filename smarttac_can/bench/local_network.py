@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import canopen
-
+from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 
 
-class LocalNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
+class LocalNetwork(TappedNetwork):
     """A network without threads: what a sent frame causes has happened when sending returns.
 
     Parameters
@@ -28,7 +27,11 @@ class LocalNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is 
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame; all that it causes has happened on return."""
-        self._port.send(Frame(can_id, bytes(data), remote))
+        frame = Frame(can_id, bytes(data), remote)
+        if not remote:
+            for tap in self.taps:
+                tap(can_id, frame.data)
+        self._port.send(frame)
 
     def disconnect(self) -> None:
         """Shut the nodes down and leave the bus."""
@@ -38,5 +41,7 @@ class LocalNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is 
     def _on_frame(self, frame: Frame) -> None:
         can_id, data, rtr = frame
         if not rtr:
+            for tap in self.taps:
+                tap(can_id, data)
             for callback in self.subscribers.get(can_id, ()):
                 callback(can_id, bytearray(data), self._local_bus.time * 1e-6)

@@ -29,7 +29,7 @@ from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 
 if TYPE_CHECKING:
-    import canopen
+    from smarttac_can.bench.tapped_network import TappedNetwork
 
 LinkName = Literal["local", "bus"]
 
@@ -65,11 +65,11 @@ def open_can_link(
     TypeError
         If an option is a misspelt argument: some interfaces ignore what they do not know.
     """
-    from canopen import Network  # noqa: PLC0415 - only over CAN
+    from smarttac_can.bench.tapped_network import TappedNetwork  # noqa: PLC0415 - only over CAN
 
     _refuse_misspelt(options)
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
-    network = Network()
+    network = TappedNetwork()
     # How long closing the bus may take; python-canopen waits for up to 1 s.
     network.NOTIFIER_CYCLE = _CLOSING_S
     try:
@@ -134,7 +134,7 @@ def _require_presets(presets: Mapping[str, int]) -> None:
 
 
 def _over_can(
-    network: canopen.Network,
+    network: TappedNetwork,
     node_id: int,
     plate_node_id: int | None,
     *,

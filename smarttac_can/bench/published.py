@@ -1,4 +1,4 @@
-"""What the TPDOs of a node carry, as the node itself says over SDO."""
+"""What the PDOs of a node carry, as the node itself says over SDO."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
     PDO_COB_ID,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
     DataType,
@@ -28,12 +30,12 @@ _FORMATS: Final = {
 
 
 class PublishedPdo:
-    """A valid TPDO of a node: its CAN-ID, what it maps, and the data that came last.
+    """A valid PDO of a node: its CAN-ID, what it maps, and the data that came last.
 
     Parameters
     ----------
     number
-        Number of the TPDO from 1.
+        Number of the PDO from 1.
     can_id
         CAN-ID it is sent with.
     entries
@@ -41,6 +43,8 @@ class PublishedPdo:
 
     Attributes
     ----------
+    layout
+        Of its data.
     received
         Time in s at which data came last; None before.
     """
@@ -49,8 +53,8 @@ class PublishedPdo:
         self.number = number
         self.can_id = can_id
         self.names = [entry.name for entry in entries]
-        layout = struct.Struct("<" + "".join(_FORMATS[entry.data_type] for entry in entries))
-        self._size, self._unpack = layout.size, layout.unpack
+        self.layout = struct.Struct("<" + "".join(_FORMATS[entry.data_type] for entry in entries))
+        self._size, self._unpack = self.layout.size, self.layout.unpack
         self.values: tuple[int, ...] = ()
         self.received: float | None = None
 
@@ -82,14 +86,31 @@ def published_pdos(
     list of PublishedPdo
         The valid ones that map only integers the EDS knows, by number.
     """
+    return _pdos(od, numbers, read, TPDO_COMMUNICATION, TPDO_MAPPING)
+
+
+def commanded_pdos(
+    od: ObjectDictionary, numbers: range, read: Callable[[Entry], int]
+) -> list[PublishedPdo]:
+    """Ask a node what its RPDOs carry, as `published_pdos` does of its TPDOs."""
+    return _pdos(od, numbers, read, RPDO_COMMUNICATION, RPDO_MAPPING)
+
+
+def _pdos(
+    od: ObjectDictionary,
+    numbers: range,
+    read: Callable[[Entry], int],
+    communication: int,
+    mapping: int,
+) -> list[PublishedPdo]:
     pdos = []
     for number in numbers:
-        cob_id = read(od.entry(TPDO_COMMUNICATION + number - 1, PDO_COB_ID))
+        cob_id = read(od.entry(communication + number - 1, PDO_COB_ID))
         if cob_id & COB_INVALID:
             continue
-        mapping = TPDO_MAPPING + number - 1
-        count = read(od.entry(mapping, 0))
-        mapped = [read(od.entry(mapping, position)) for position in range(1, count + 1)]
+        record = mapping + number - 1
+        count = read(od.entry(record, 0))
+        mapped = [read(od.entry(record, position)) for position in range(1, count + 1)]
         entries = [od.get(value >> 16, value >> 8 & 0xFF) for value in mapped]
         known = [entry for entry in entries if entry is not None and entry.data_type in _FORMATS]
         if known and len(known) == count:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, cast
 
@@ -12,6 +14,7 @@ from smarttac_can.bench.link import ClosedLink, Link, Row
 from smarttac_can.bench.named_objects import finite
 from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
 from smarttac_can.bench.reading import Reading
+from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.set_points import SetPoints, by_name
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.traces import Trace, require_labels
@@ -52,12 +55,13 @@ class Stimulator(SetPoints):
         The finger of a simulated plate.
     """
 
-    __slots__ = ("_knows_fault", "finger")
+    __slots__ = ("_knows_fault", "_recording", "finger")
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         super().__init__(link, od)
         self.finger = SimulatedFinger(self.set)
         self._knows_fault = False
+        self._recording: Recording | None = None
 
     @classmethod
     def connect(
@@ -169,6 +173,12 @@ class Stimulator(SetPoints):
             self._link = cast("Link", ClosedLink(link.where))
             link.close()
 
+    def _stop_driving(self) -> None:
+        """Disarm, unless this bench only read, as far as that can be done."""
+        with suppress(BenchError):
+            if not self._link.only_read:
+                self.disarm()
+
     def __repr__(self) -> str:
         return f"<Stimulator over {self._link.where}>"
 
@@ -224,7 +234,7 @@ class Stimulator(SetPoints):
         self._require_no_fault(state)
         self._link.write(_CONTROLWORD, 0)
         if self.state is State.NOT_READY:
-            self._link.run(_READY_CYCLES)
+            self._link.run(_READY_CYCLES, [])
         if self.state is not State.READY:
             raise self._not_ready()
         try:
@@ -331,17 +341,59 @@ class Stimulator(SetPoints):
         cycles = round(finite("seconds", seconds) * CYCLES_PER_SECOND)
         if cycles < 1:
             raise ValueError(f"seconds {seconds} is below 0.001")
-        rows = self._link.run(cycles)
+        rows: list[Row] = []
+        self._link.run(cycles, rows)
         if len(rows) < cycles * _LEAST_RECORDED:
             raise NotRunningError(
                 f"{cycles - len(rows)} of {cycles} cycles were lost: does another bench script "
                 "record, or is the bus too slow for it?"
             )
-        trace = Trace.from_rows(experiment, subject, _unwrapped(rows))
+        trace = Trace.from_rows(experiment, subject, _unwrapped(rows[:cycles]))
         state = self.state
         if not knew_fault:
             self._require_no_fault(state, trace)
         return trace
+
+    def record(self, path: Path | str) -> Recording:
+        """Record in the background, whatever else is done, while a ``with`` block lasts.
+
+        Every cycle that comes, with what is set meanwhile, from here or by others, goes into a log;
+        at the end of the block an HDF5 file is made of it. A process that is killed leaves the log,
+        which lacks a second at most: ``smarttac record --recover``. An error that ends the block,
+        Ctrl-C too, disarms first.
+
+        Parameters
+        ----------
+        path
+            The file, which does not exist yet.
+
+        Raises
+        ------
+        BenchError
+            If another recording of this bench goes on; as the block begins, if the file exists or
+            cannot be written, h5py is missing, or the TPDOs do not carry the tick.
+        """
+        if self._recording is not None and self._recording.goes_on:
+            raise BenchError(f"{self._recording.path} is being recorded: one file at a time")
+        self._recording = Recording(self._link, self._od, Path(path), self._stop_driving)
+        return self._recording
+
+    def mark(self, text: str) -> None:
+        """Put a marker into the recording that goes on.
+
+        Parameters
+        ----------
+        text
+            1 to 1000 characters.
+
+        Raises
+        ------
+        BenchError
+            If none goes on.
+        """
+        if self._recording is None:
+            raise BenchError("nothing is being recorded: markers go into a recording")
+        self._recording.mark(text)
 
     def start_run(self) -> None:
         """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
@@ -358,7 +410,7 @@ class Stimulator(SetPoints):
             ``Gauge null.Window``: something rests on the plate.
         """
         self._link.drive()
-        self._link.run(TARE_SAMPLES)
+        self._link.run(TARE_SAMPLES, [])
         try:
             self._write(AUTO_ZERO[0], ZERO)
         except RefusedError as error:
@@ -384,7 +436,7 @@ class Stimulator(SetPoints):
         """
         self.mode = Mode.IDENTIFY
         for _ in range(_IDENTIFY_LIMIT):
-            self._link.run(_IDENTIFY_CYCLES)
+            self._link.run(_IDENTIFY_CYCLES, [])
             if progress is not None:
                 progress(self._link.read("Model.Progress"))
             found = self._link.read("Model.State")

@@ -45,6 +45,8 @@ COLUMNS = (
     Column("Ft", 3, "N"),
     Column("Fn", 3, "N"),
 )
+WITH_STATUS = (*COLUMNS, Column("position", 2, "mm"), Column("status", 0, "1"))
+"""Columns of a trace as it was recorded; the CSV file of `write_csv` has `COLUMNS`."""
 HEADER = ("experiment", "subject", *(column.name for column in COLUMNS))
 _LONGEST_LINE = 1000
 _LONGEST_LABEL = 100
@@ -85,11 +87,18 @@ class Trace:
     """Tangential force in mN."""
     Fn: Integers
     """Normal force in mN."""
+    position: Integers | None = None
+    """Position of the finger in 0.01 mm from the middle; None of a trace that was read from CSV."""
+    status: Integers | None = None
+    """Statusword; None of a trace that was read from CSV."""
 
     def __post_init__(self) -> None:
         require_labels(self.experiment, self.subject)
-        for column in COLUMNS:
-            values = np.array(getattr(self, column.name))
+        for column in WITH_STATUS:
+            given = getattr(self, column.name)
+            if given is None and column not in COLUMNS:
+                continue
+            values = np.array(given)
             if values.ndim != 1 or values.dtype.kind not in "iu":
                 raise ValueError(f"column {column.name} is not a list of integers")
             if not 0 < len(values) == len(self.tick):
@@ -102,10 +111,16 @@ class Trace:
 
     @classmethod
     def from_rows(cls, experiment: str, subject: int, rows: Sequence[Sequence[int]]) -> Trace:
-        """Make a trace from rows (tick, mu, mu_ref, W, V, f, Ft, Fn) of scaled integers."""
-        if any(len(row) != len(COLUMNS) for row in rows):
-            raise ValueError(f"a row of {experiment} does not have {len(COLUMNS)} values")
-        return cls(experiment, subject, *np.array(rows).reshape(-1, len(COLUMNS)).T)
+        """Make a trace from rows (tick, mu, mu_ref, W, V, f, Ft, Fn) of scaled integers.
+
+        They may go on with position and status.
+        """
+        widths = {len(row) for row in rows} or {len(COLUMNS)}
+        if len(widths) > 1 or not widths <= {len(COLUMNS), len(WITH_STATUS)}:
+            raise ValueError(
+                f"a row of {experiment} does not have {len(COLUMNS)} or {len(WITH_STATUS)} values"
+            )
+        return cls(experiment, subject, *np.array(rows).reshape(-1, *widths).T)
 
     def __len__(self) -> int:
         return len(self.tick)

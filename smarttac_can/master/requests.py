@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
@@ -26,6 +26,8 @@ ABORT: Final = 0x80
 """Command of an abort, of either side."""
 INITIATES: Final = (1, 2)
 """Command specifiers of requests that begin a transfer, and name the object."""
+_EXPEDITED: Final = 0b11
+"""Bits of a download that carries its data, and says how many bytes."""
 _ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
 """Command specifier of the server's answer, by that of the client's request."""
 
@@ -69,6 +71,43 @@ def answers(frame: Frame, request: Frame) -> bool:
     if asked not in _ANSWERS or answered not in (_ANSWERS[asked], ABORT >> 5):
         return False
     return asked not in INITIATES or frame.data[1:4] == request.data[1:4]
+
+
+class Written(NamedTuple):
+    """What an SDO request asks to write."""
+
+    address: tuple[int, int]
+    """Index and sub-index."""
+    data: bytes
+
+
+def written(frame: Frame, node_id: int) -> Written | None:
+    """Return what a frame asks to write to a node; None if it is no download of 1 to 4 bytes."""
+    data = frame.data
+    if frame.can_id != SDO_RX_ID + node_id or len(data) != FRAME_BYTES:
+        return None
+    command = data[0]
+    if command >> 5 != _DOWNLOAD >> 5 or command & _EXPEDITED != _EXPEDITED:
+        return None
+    size = EXPEDITED_BYTES - (command >> 2 & 3)
+    return Written((data[1] | data[2] << 8, data[3]), data[4 : 4 + size])
+
+
+def downloaded(node_id: int, entry: Entry) -> Frame:
+    """Make the answer of a node that has taken what was written to an entry."""
+    address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
+    return Frame(SDO_TX_ID + node_id, bytes((_DOWNLOADED, *address, 0, 0, 0, 0)))
+
+
+def takes(frame: Frame, node_id: int, entry: Entry) -> bool:
+    """Tell whether a node says that it has taken what was written to an entry."""
+    return frame == downloaded(node_id, entry)
+
+
+def refuses(frame: Frame, node_id: int, entry: Entry) -> bool:
+    """Tell whether a node says that it has refused an access to an entry."""
+    address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
+    return frame.can_id == SDO_TX_ID + node_id and frame.data[:4] == bytes((ABORT,)) + address
 
 
 def value(answer: Frame, entry: Entry) -> Any:

@@ -413,8 +413,8 @@ class ScriptedLink:
     def __init__(self, ticks: list[int]) -> None:
         self._rows: list[Row] = [(tick, 0, 0, 0, 0, 0, 0, 0) for tick in ticks]
 
-    def run(self, cycles: int) -> list[Row]:
-        return self._rows
+    def run(self, cycles: int, rows: list[Row]) -> None:
+        rows += self._rows
 
     def read(self, name: str) -> int:
         return 0
@@ -515,7 +515,7 @@ def stick(bench: Stimulator, delay: int = 0) -> None:
 def drive(bench: Stimulator) -> None:
     """Drive at 20 V; time for a sensor to move again, and no fault that is known, go before."""
     bench.set("Fault.Kind", FaultKind.NONE)
-    bench._link.run(100)
+    bench._link.run(100, [])
     bench.reset_fault()
     bench.voltage = 20.0
     bench.mode = "open_loop"
@@ -539,7 +539,7 @@ def test_a_run_says_that_it_ended_in_a_fault(bench: Stimulator) -> None:
 def test_who_has_read_the_state_has_been_told(bench: Stimulator) -> None:
     drive(bench)
     stick(bench)
-    bench._link.run(20)
+    bench._link.run(20, [])
     assert bench.state is State.FAULT
     bench.run(0.01)
     bench.run(0.01)
@@ -548,7 +548,7 @@ def test_who_has_read_the_state_has_been_told(bench: Stimulator) -> None:
 def test_who_was_refused_to_arm_has_been_told(bench: Stimulator) -> None:
     drive(bench)
     stick(bench)
-    bench._link.run(20)
+    bench._link.run(20, [])
     with pytest.raises(FaultError) as e:
         bench.mode = "amplitude"
     assert e.value.trace is None
@@ -567,7 +567,7 @@ def test_another_fault_has_to_be_told_again(
 ) -> None:
     drive(bench)
     stick(bench)
-    bench._link.run(20)
+    bench._link.run(20, [])
     assert bench.state is State.FAULT
     bench.set("Fault.Kind", FaultKind.NONE)
     bench.run(0.1)

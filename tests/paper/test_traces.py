@@ -92,7 +92,7 @@ def test_columns_are_copies_nobody_can_write_to():
     [
         ("Fig 5", 0, [(0,) * 8], "'Fig 5' is not made of"),
         ("fig5", -1, [(0,) * 8], "subject -1 is below 0"),
-        ("fig5", 0, [(0,) * 7], "does not have 8 values"),
+        ("fig5", 0, [(0,) * 7], "does not have 8 or 10 values"),
         ("fig5", 0, [(0,) * 7 + (0.5,)], "tick is not a list of integers"),
         ("fig5", 0, [(1,) + (0,) * 7, (1,) + (0,) * 7], "do not increase"),
         ("fig5", 0, [], "not a list of integers"),

@@ -1,0 +1,220 @@
+"""A recording that goes on in the background while a script, or somebody else, drives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from smarttac_can import __version__
+from smarttac_can.bench.link import Link
+from smarttac_can.bench.published import PublishedPdo
+from smarttac_can.bench.recorded_rows import TICK
+from smarttac_can.bench.recording_file import Summary, make_recording, require_h5py
+from smarttac_can.host.frame_log import FrameLog
+from smarttac_can.master.errors import BenchError, RefusedError
+from smarttac_can.od.cia import IDENTITY, MANUFACTURER_FIRST, PROFILE_FIRST
+from smarttac_can.od.dictionary import ObjectDictionary
+
+_LONGEST_MARKER: Final = 1000
+_INPUT: Final = "Plate input."
+"""Record that a plate node writes in every cycle: no setting."""
+_NAMES: Final = (
+    "Manufacturer device name",
+    "Manufacturer hardware version",
+    "Manufacturer software version",
+)
+
+
+class Recording:
+    """Records a stimulator while a ``with`` lasts; `Stimulator.record` makes one.
+
+    Parameters
+    ----------
+    link
+        How the stimulator is reached.
+    od
+        Its EDS.
+    path
+        The HDF5 file, which does not exist yet. While the recording lasts its log stands beside
+        it, with ``.log`` after the name.
+    stop
+        Called when an error ends the block, before the file is made.
+
+    Attributes
+    ----------
+    summary
+        What it holds, when it is over; None before.
+    """
+
+    def __init__(
+        self, link: Link, od: ObjectDictionary, path: Path, stop: Callable[[], None]
+    ) -> None:
+        self._link = link
+        self._od = od
+        self.path = path
+        self._stop = stop
+        self.summary: Summary | None = None
+        self._log: FrameLog | None = None
+        self._stack = ExitStack()
+        self._cycles = 0
+
+    @property
+    def log_path(self) -> Path:
+        """The log beside the file."""
+        return self.path.with_name(f"{self.path.name}.log")
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it has begun and is not over."""
+        return self._log is not None
+
+    @property
+    def cycles(self) -> int:
+        """How many cycles came so far."""
+        return self._cycles
+
+    def mark(self, text: str) -> None:
+        """Put a marker with a text of 1 to 1000 characters where the recording is.
+
+        Raises
+        ------
+        ValueError
+            If the text is none, or too long.
+        BenchError
+            If the recording has not begun, or is over.
+        """
+        if not isinstance(text, str) or not 1 <= len(text) <= _LONGEST_MARKER:
+            raise ValueError(f"marker {text!r:.60} is no text of 1 to {_LONGEST_MARKER} characters")
+        if self._log is None:
+            raise BenchError(f"{self.path} is not being recorded: markers go into a recording")
+        self._log.mark(text)
+
+    def check(self) -> None:
+        """Raise BenchError if nothing is written any more, such as on a full disk."""
+        if self._log is not None and self._log.error is not None:
+            reason = self._log.error.strerror or self._log.error
+            raise BenchError(f"{self.log_path} takes no more: {reason}")
+
+    def __enter__(self) -> Self:
+        require_h5py()
+        if self.path.exists():
+            raise BenchError(f"{self.path} exists: give the recording another name")
+        head = self._head()
+        try:
+            log = FrameLog(self.log_path, head)
+        except FileExistsError as error:
+            raise BenchError(
+                f"{self.log_path} is the log of a recording that goes on, or was killed: in that "
+                f"case smarttac record --recover {self.log_path} {self.path} makes its file"
+            ) from error
+        except OSError as error:
+            raise BenchError(f"cannot write {self.log_path}: {error.strerror or error}") from error
+        with ExitStack() as stack:
+            stack.enter_context(log)
+            last = [pdo["can_id"] for pdo in head["published"] if pdo["every_cycle"]][-1]
+            stack.enter_context(self._link.frames(self._hearing(log, last)))
+            self._stack = stack.pop_all()
+        self._log = log
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        log, self._log = self._log, None
+        assert log is not None
+        if error is not None:
+            self._stop()
+        # What ends the block, or else the loss of the bus, is the error to report; the file is
+        # made all the same.
+        try:
+            self._stack.close()
+        except BenchError as lost:
+            self._make_file(log)
+            if error is None:
+                lost.add_note(f"{self.path} holds what was recorded until then")
+                raise
+        else:
+            self._make_file(log)
+        if error is not None:
+            error.add_note(f"{self.path} holds what was recorded until then")
+
+    def _make_file(self, log: FrameLog) -> None:
+        try:
+            if log.error is not None:
+                raise log.error
+            self.summary = make_recording(self.log_path, self.path)
+            self.log_path.unlink()
+        except OSError as error:
+            raise BenchError(
+                f"{self.path} could not be made: {error.strerror or error}; what was recorded is "
+                f"in {self.log_path}, for smarttac record --recover"
+            ) from error
+
+    def _hearing(self, log: FrameLog, last: int) -> Callable[[int, bytes], None]:
+        """Return what takes the frames; those with the identifier `last` end a cycle."""
+        write = log.frame
+
+        def hear(can_id: int, data: bytes) -> None:
+            write(can_id, data)
+            if can_id == last:
+                self._cycles += 1
+
+        return hear
+
+    def _head(self) -> dict[str, Any]:
+        """Ask for what is to be known of the frames."""
+        source, own = self._link.source(), self._od
+        every_cycle = source.every_cycle
+        carried = {n for pdo in source.published if pdo.number in every_cycle for n in pdo.names}
+        if TICK not in carried:
+            raise BenchError(
+                f"the TPDOs 2 to 4 of node {own.node_id} do not map {TICK}, without which nobody "
+                "can tell what was lost: restore their default mapping"
+            )
+        ods = [own] if source.plate is None else [own, source.plate]
+        held = [n for p in source.published if p.number not in every_cycle for n in p.names]
+        return {
+            "version": __version__,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "where": self._link.where,
+            "node_id": own.node_id,
+            "nodes": [{"node_id": od.node_id, "eds": od.text} for od in ods],
+            "identity": self._identity(),
+            "clocked": source.clocked,
+            "published": [_pdo(pdo, pdo.number in every_cycle) for pdo in source.published],
+            "commanded": [_pdo(pdo, False) for pdo in source.commanded],
+            "held": {name: self._link.read(name) for name in held},
+            "settings": self._settings(),
+        }
+
+    def _identity(self) -> dict[str, Any]:
+        numbers = [e for e in self._od.objects[IDENTITY].entries.values() if e.subindex]
+        identity: dict[str, Any] = {e.name: self._link.read(e.name) for e in numbers}
+        return identity | {name: self._link.text(name) for name in _NAMES}
+
+    def _settings(self) -> dict[str, int]:
+        """Read what can be set, as far as the device has it: calibration, limits, set-points."""
+        settings = {}
+        for entry in self._od:
+            settable = entry.readable and entry.writable and isinstance(entry.default, int)
+            manufacturers = MANUFACTURER_FIRST <= entry.index < PROFILE_FIRST
+            if settable and manufacturers and not entry.name.startswith(_INPUT):
+                with suppress(RefusedError):
+                    settings[entry.name] = self._link.read(entry.name)
+        return settings
+
+
+def _pdo(pdo: PublishedPdo, every_cycle: bool) -> dict[str, Any]:
+    return {
+        "number": pdo.number,
+        "can_id": pdo.can_id,
+        "names": pdo.names,
+        "every_cycle": every_cycle,
+    }

@@ -1,0 +1,406 @@
+"""A recording holds every cycle and what was set, over every link, and survives what ends it."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import h5py
+import numpy as np
+import pytest
+from nodes_on_a_bus import in_threads, stimulator_with_plate
+
+from smarttac_can.bench import (
+    BenchError,
+    FaultError,
+    NotRunningError,
+    Recording,
+    State,
+    Stimulator,
+    make_recording,
+)
+from smarttac_can.host.frame_log import FrameLog, FrameLogReader
+from smarttac_can.vocabulary.faults import FaultKind
+
+CHANNELS = {
+    "Contact.COF": ("1", "cof"),
+    "Contact.COF reference": ("1", "cof_reference"),
+    "Vibration.Amplitude": ("0.1 nm", "amplitude_um"),
+    "Vibration.Voltage": ("10 mV", "voltage_v"),
+    "Vibration.Frequency": ("Hz", "frequency_hz"),
+    "Contact.Tangential force": ("mN", "tangential_force_n"),
+    "Contact.Normal force": ("mN", "normal_force_n"),
+}
+ALIEN = """
+import sys
+import h5py, pandas
+
+with h5py.File(sys.argv[1]) as file:
+    frame = pandas.DataFrame({name: data[:] for name, data in file["channels"].items()})
+    frame["tick"] = file["tick"][:]
+    units = {name: data.attrs["units"] for name, data in file["channels"].items()}
+    markers = pandas.DataFrame(file["markers"][:])
+    changes = pandas.DataFrame(file["set_points"][:])
+    gaps = pandas.DataFrame(file["gaps"][:])
+    eds = file["object_dictionaries/node_32"].asstr()[()]
+assert "smarttac_can" not in sys.modules
+print(len(frame), units["Vibration.Voltage"], markers["text"][0].decode(), len(gaps))
+print(round(frame["Contact.COF"].mean(), 2), frame["Contact.COF"].isna().sum() > 0)
+named = changes["name"].str.decode("ascii") == "Setpoint.Voltage"
+print(changes["value"][named].tolist(), "ParameterName=Statusword" in eds)
+"""
+
+
+@pytest.fixture(params=["local", "bus", "inside", "virtual"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Stimulator]:
+    if request.param == "virtual":
+        yield request.getfixturevalue("stimulator")
+        return
+    link = "local" if request.param == "local" else "bus"
+    with Stimulator.simulate(link, plate_inside=request.param == "inside") as made:
+        yield made
+
+
+def play(bench: Stimulator, path: Path) -> Recording:
+    bench.finger.stroke(2)
+    bench.start_run()
+    bench.tare()
+    bench.voltage = 20
+    with bench.record(path) as recording:
+        bench.mode = "open_loop"
+        bench.run(0.5)
+        bench.mark("trial 3: Fläche")
+        bench.voltage = 40
+        bench.run(0.3)
+        bench.amplitude = 1.0
+        bench.mode = "amplitude"
+        bench.run(0.2)
+    return recording
+
+
+def content(path: Path) -> dict[str, Any]:
+    """Everything but the host's time."""
+    with h5py.File(path) as file:
+        found = {name: data[:] for name, data in file["channels"].items()}
+        found |= {name: file[name][:] for name in ("tick", "run", "gaps")}
+        found["markers"] = [tuple(row)[1:] for row in file["markers"][:]]
+        plain = [tuple(row)[1:] for row in file["set_points"][:]]
+        # Simulation and finger are the plate node's, if there is one.
+        found["set_points"] = [row[:2] + row[3:] for row in plain]
+        return found
+
+
+def test_the_same_over_every_link(bench: Stimulator, tmp_path: Path) -> None:
+    recording = play(bench, tmp_path / "run.h5")
+    assert recording.summary is not None
+    assert (recording.summary.rows, recording.summary.lost) == (1000, 0)
+    with Stimulator.simulate("local") as other:
+        play(other, tmp_path / "local.h5")
+    found, expected = content(tmp_path / "run.h5"), content(tmp_path / "local.h5")
+    assert found.keys() == expected.keys()
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+    assert not (tmp_path / "run.h5.log").exists()
+
+
+def test_channels_are_what_a_run_records(bench: Stimulator, tmp_path: Path) -> None:
+    bench.finger.stroke(2)
+    bench.start_run()
+    bench.tare()
+    bench.amplitude = 1.0
+    bench.mode = "friction"
+    with bench.record(tmp_path / "run.h5"):
+        trace = bench.run(0.8)
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert file["tick"][:].tolist() == trace.tick.tolist()
+        for name, (_, attribute) in CHANNELS.items():
+            data = file["channels"][name]
+            scale = {"nm": 1e3, "mV": 1e3, "mN": 1e3}.get(data.attrs["units"], 1.0)
+            np.testing.assert_allclose(data[:], getattr(trace, attribute) * scale, err_msg=name)
+            assert data.attrs["sampling"] == "every cycle"
+        status = file["channels/Statusword"]
+        assert trace.status is not None and trace.position is not None
+        assert status[:].tolist() == trace.status.tolist()
+        assert status.attrs["sampling"] == "on change, held"
+        assert "bits 8 to 10 the state" in status.attrs["meaning"]
+        position = file["channels/Contact.Position"]
+        assert position.attrs["units"] == "um"
+        np.testing.assert_allclose(position[:], trace.position * 10)
+        assert len(set(trace.position.tolist())) > 100
+
+
+def test_what_it_says_of_the_instrument(bench: Stimulator, tmp_path: Path) -> None:
+    play(bench, tmp_path / "run.h5")
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert file.attrs["format"] == "SMARTTAC recording 1"
+        assert file.attrs["version"]
+        assert file.attrs["Identity object.Product code"] == 0x534D5401
+        assert file.attrs["Manufacturer device name"] == "SMARTTAC stimulator"
+        settings = {row["name"].decode(): row["value"] for row in file["settings"][:]}
+        assert settings["Calibration.Fx from S1"] == pytest.approx(0.9988)
+        assert settings["Setpoint.Voltage"] == 20_000
+        assert "[1A00]" in file["object_dictionaries/node_32"].asstr()[()]
+
+
+def test_a_script_that_knows_nothing_of_this_package(tmp_path: Path) -> None:
+    with Stimulator.simulate() as bench:
+        play(bench, tmp_path / "run.h5")
+    command = [sys.executable, "-W", "error", "-c", ALIEN, str(tmp_path / "run.h5")]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert said[0] == "1000 mV trial 3: Fläche 0"
+    assert said[1].endswith(" True")
+    assert 0.2 < float(said[1].split()[0]) < 1.5
+    assert said[2] == "[40000.0] True"
+
+
+def test_a_simulation_that_starts_again_begins_a_run(bench: Stimulator, tmp_path: Path) -> None:
+    with bench.record(tmp_path / "run.h5") as recording:
+        bench.run(0.3)
+        bench.start_run()
+        bench.run(0.2)
+    assert recording.summary is not None
+    assert recording.summary.runs == 2
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert np.diff(file["tick"][:][file["run"][:] == 1]).tolist() == [1] * 199
+        assert file["gaps"].shape == (0,)
+
+
+def test_a_fault_is_in_it_and_disarms(bench: Stimulator, tmp_path: Path) -> None:
+    bench.voltage = 10
+    with pytest.raises(FaultError) as caught, bench.record(tmp_path / "run.h5"):
+        bench.mode = "open_loop"
+        bench.run(0.1)
+        bench.set("Fault.Sensor", 1)
+        bench.set("Fault.Kind", FaultKind.STUCK)
+        bench.run(0.2)
+    assert caught.value.__notes__ == [f"{tmp_path / 'run.h5'} holds what was recorded until then"]
+    assert bench.get("Mode") == 0
+    with h5py.File(tmp_path / "run.h5") as file:
+        # The arming waits 0.1 s for the tare.
+        assert len(file["tick"]) == 400
+        told = [(row["node_id"], row["code"], row["text"]) for row in file["emergencies"][:]]
+        status = file["channels/Statusword"][-1]
+    assert status >> 8 & 7 == State.FAULT
+    # Function calls send no emergency messages.
+    assert told in ([], [(32, 0x5211, b"a sensor is stuck")])
+
+
+def test_any_error_puts_the_plate_at_0_v_before_the_file_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Stimulator.simulate("local") as bench:
+        made = []
+
+        def make(log: Path, path: Path) -> None:
+            made.append(bench.get("Mode"))
+            make_recording(log, path)
+
+        monkeypatch.setattr("smarttac_can.bench.recording.make_recording", make)
+        bench.voltage = 10
+        with pytest.raises(KeyboardInterrupt), bench.record(tmp_path / "run.h5"):
+            bench.mode = "open_loop"
+            bench.run(0.1)
+            raise KeyboardInterrupt
+        assert made == [0]
+
+
+def test_refusals(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    with Stimulator.simulate("local") as bench:
+        with pytest.raises(BenchError, match="nothing is being recorded"):
+            bench.mark("x")
+        with bench.record(path):
+            with pytest.raises(BenchError, match=r"run\.h5 is being recorded: one file at a time"):
+                bench.record(tmp_path / "other.h5")
+            for text in ("", "x" * 1001, None):
+                with pytest.raises(ValueError, match="is no text of 1 to 1000 characters"):
+                    bench.mark(text)  # type: ignore[arg-type]
+            bench.run(0.01)
+        with pytest.raises(BenchError, match=r"run\.h5 is not being recorded"):
+            bench.mark("x")
+        with pytest.raises(BenchError, match=r"run\.h5 exists"), bench.record(path):
+            pass
+        (tmp_path / "b.h5.log").touch()
+        with (
+            pytest.raises(BenchError, match=r"--recover .*b\.h5\.log"),
+            bench.record(tmp_path / "b.h5"),
+        ):
+            pass
+        missing = tmp_path / "no" / "run.h5"
+        with pytest.raises(BenchError, match=r"cannot write .*No such file"), bench.record(missing):
+            pass
+    with pytest.raises(BenchError, match=r"run\.h5 exists"):
+        make_recording(tmp_path / "b.h5.log", path)
+    with pytest.raises(BenchError, match=r"b\.h5\.log is no log of a recording"):
+        make_recording(tmp_path / "b.h5.log", tmp_path / "c.h5")
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_without_the_tick_there_is_no_recording(virtual: dict[str, Any], tmp_path: Path) -> None:
+    node = stimulator_with_plate()
+    cob_id = node.od.entry(0x1802, 1)
+    with in_threads(virtual, node):
+        with Stimulator.connect(**virtual, lockstep=True) as bench:
+            device = bench._link._stimulator  # type: ignore[attr-defined]
+            device.write(cob_id, cob_id.default | 1 << 31)
+        with (
+            Stimulator.connect(**virtual, lockstep=True) as bench,
+            pytest.raises(BenchError, match=r"2 to 4 of node 32 do not map Contact\.Tick, without"),
+            bench.record(tmp_path / "run.h5"),
+        ):
+            pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_log: FrameLog) -> None:
+        raise OSError(28, "No space left on device")
+
+    with Stimulator.simulate("local") as bench:
+        with (
+            pytest.raises(BenchError, match=r"run\.h5 could not be made: No space left on device"),
+            bench.record(tmp_path / "run.h5") as recording,
+        ):
+            monkeypatch.setattr(FrameLog, "_sync", full)
+            bench.run(0.1)
+            with pytest.raises(BenchError, match=r"takes no more: No space left"):
+                while True:
+                    recording.check()
+        assert (tmp_path / "run.h5.log").exists()
+
+
+def until(true: Any) -> None:
+    guard = time.monotonic() + 30
+    while not true():
+        assert time.monotonic() < guard
+        time.sleep(0.01)
+
+
+def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path: Path) -> None:
+    """Another script's run puts the types back as it ends; the recording goes on all the same."""
+    node = stimulator_with_plate(lockstep=False)
+    with in_threads(virtual, node, lockstep=False):
+        with (
+            Stimulator.connect(**virtual) as reader,
+            reader.record(tmp_path / "run.h5") as recording,
+            Stimulator.connect(**virtual) as driver,
+        ):
+            driver.voltage = 20
+            for _ in range(3):
+                driver.run(0.2)
+            before = recording.cycles
+            until(lambda: recording.cycles > before + 300)
+            driver.voltage = 10
+        types = [node.od.entry(0x1800 + n, 2).value for n in range(4)]
+    assert types == [255] * 4
+    assert recording.summary is not None
+    with h5py.File(tmp_path / "run.h5") as file:
+        ticks, gaps = file["tick"][:], file["gaps"][:]
+        voltages = [row["value"] for row in file["set_points"][:] if row["name"].endswith(b"age")]
+        every = set(range(int(ticks[0]), int(ticks[-1]) + 1))
+    named = {t for gap in gaps for t in range(gap["first_tick"], gap["last_tick"] + 1)}
+    assert named == every - set(ticks.tolist())
+    # With the event timer's 100 ms nine tenths would be missing.
+    assert len(ticks) > 0.7 * len(every)
+    assert voltages == [20_000, 10_000]
+
+
+def test_a_node_that_is_reset_is_recorded_on(virtual: dict[str, Any], tmp_path: Path) -> None:
+    node = stimulator_with_plate(lockstep=False)
+    with (
+        in_threads(virtual, node, lockstep=False),
+        can.Bus(**virtual) as master,
+        Stimulator.connect(**virtual) as bench,
+        bench.record(tmp_path / "run.h5") as recording,
+    ):
+        until(lambda: recording.cycles > 100)
+        master.send(can.Message(data=[0x81, 32], is_extended_id=False))
+        until(lambda: bench._link._stimulator.state == 0x7F)  # type: ignore[attr-defined]
+        master.send(can.Message(data=[0x01, 32], is_extended_id=False))
+        before = recording.cycles
+        until(lambda: recording.cycles > before + 300)
+    assert recording.summary is not None
+    assert recording.summary.runs == 2
+
+
+def test_what_a_master_sets_by_pdo_is_in_it(virtual: dict[str, Any], tmp_path: Path) -> None:
+    with (
+        in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
+        can.Bus(**virtual) as master,
+        Stimulator.connect(**virtual) as bench,
+        bench.record(tmp_path / "run.h5") as recording,
+    ):
+        for amplitude in (1000, 1000, 1500):
+            data = b"".join(n.to_bytes(2, "little") for n in (amplitude, 3000, 3000))
+            master.send(can.Message(arbitration_id=0x420, data=data, is_extended_id=False))
+            before = recording.cycles
+            until(lambda: recording.cycles > before + 20)  # noqa: B023
+    with h5py.File(tmp_path / "run.h5") as file:
+        changes = [(row["name"], row["value"]) for row in file["set_points"][:]]
+    assert changes == [(b"Setpoint.Amplitude", 1000.0), (b"Setpoint.Amplitude", 1500.0)]
+
+
+def test_refused_values_are_no_changes(tmp_path: Path) -> None:
+    with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5"):
+        with pytest.raises(BenchError):
+            bench.set("Setpoint.Voltage", 1e6)
+        with pytest.raises(BenchError):
+            bench.set("Setpoint.Amplitude", 9000)
+        bench.run(0.01)
+        bench.amplitude = 1.0
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert [row["name"] for row in file["set_points"][:]] == [b"Setpoint.Amplitude"]
+
+
+def test_a_copy_of_the_log_at_any_moment_is_a_recording(tmp_path: Path) -> None:
+    """What a killed process leaves is what stands in the file: all but the last quarter second."""
+    with Stimulator.simulate("local") as bench, bench.record(tmp_path / "run.h5") as recording:
+        bench.run(0.5)
+        size = recording.log_path.stat().st_size
+        until(lambda: recording.log_path.stat().st_size > size)
+        bench.run(0.5)
+        left = recording.log_path.read_bytes()
+    for cut in range(0, 100, 7):
+        log = tmp_path / f"{cut}.log"
+        log.write_bytes(left[: len(left) - cut])
+        summary = make_recording(log, tmp_path / f"{cut}.h5")
+        assert 490 <= summary.rows <= 1000
+        assert summary.lost == 0
+        assert log.exists()
+
+
+def test_a_plate_node_that_leaves_ends_the_run_not_the_file(tmp_path: Path) -> None:
+    bus_bench = Stimulator.simulate()
+    with pytest.raises(NotRunningError), bus_bench as bench, bench.record(tmp_path / "run.h5"):
+        bench.run(0.1)
+        link: Any = bench._link
+        plate = next(p for p in link._network._local_bus._ports if "Plate" in repr(p._node))
+        plate.close()
+        bench.run(1.0)
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert len(file["tick"]) >= 99
+
+
+def test_threads_may_mark(tmp_path: Path) -> None:
+    with Stimulator.simulate("local") as bench, bench.record(tmp_path / "run.h5"):
+        threads = [
+            threading.Thread(target=bench.mark, args=(f"{'marker ' * 9}{n}",)) for n in range(8)
+        ]
+        for thread in threads:
+            thread.start()
+        bench.run(0.1)
+        for thread in threads:
+            thread.join()
+    with h5py.File(tmp_path / "run.h5") as file:
+        texts = sorted(row["text"].decode() for row in file["markers"][:])
+    assert texts == [f"{'marker ' * 9}{n}" for n in range(8)]
+
+
+def test_both_nodes_are_described(tmp_path: Path) -> None:
+    with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5") as recording:
+        bench.run(0.01)
+        assert [n["node_id"] for n in FrameLogReader(recording.log_path).head["nodes"]] == [32, 33]
