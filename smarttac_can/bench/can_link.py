@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from queue import Empty
 from time import monotonic
 from typing import Final
@@ -22,7 +23,7 @@ from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.master.errors import BenchError, BusLostError
-from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID, SYNC_ID
+from smarttac_can.od.cia import CAN_ID_MASK, EMCY_ID, HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID, SYNC_ID
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import SIMULATION
@@ -86,6 +87,7 @@ class CanLink:
                 device.start()
         # In lockstep the nodes' time stands still without the bench.
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
+        self._heard: frozenset[int] = frozenset()
         self._listen()
 
     def drive(self) -> None:
@@ -187,14 +189,34 @@ class CanLink:
             if can_id in told:
                 hear(can_id, data)
 
-        self._listen(told)
-        network.taps += (tap,)
-        try:
-            with self._every_cycle.held(), self._every_cycle.guarded():
+        with self._hearing(told):
+            network.taps += (tap,)
+            try:
+                with self._every_cycle.held(), self._every_cycle.guarded():
+                    yield
+            finally:
+                network.taps = tuple(other for other in network.taps if other is not tap)
+
+    @contextmanager
+    def raw(self, path: Path) -> Iterator[None]:
+        """Log all frames on the bus, and those of this bench, in a format of python-can."""
+        from smarttac_can.bench.raw_log import RawLog  # noqa: PLC0415 - its formats take long
+
+        network = self._network
+        with RawLog(path) as log, self._hearing(range(CAN_ID_MASK + 1)):
+            if self._threaded:
+                network.own_taps += (log.data_frame,)
+                network.notifier.add_listener(log.message)
+            else:
+                network.taps += (log.data_frame,)
+            try:
                 yield
-        finally:
-            network.taps = tuple(other for other in network.taps if other is not tap)
-            self._listen()
+            finally:
+                # Each access makes another bound method, which is equal.
+                network.taps = tuple(t for t in network.taps if t != log.data_frame)
+                network.own_taps = tuple(t for t in network.own_taps if t != log.data_frame)
+                if self._threaded:
+                    network.notifier.remove_listener(log.message)
 
     def wrong_time(self) -> str:
         """Say that the stimulator keeps another time than the link believes; empty if not."""
@@ -232,11 +254,22 @@ class CanLink:
                 if device is not None:
                     device.check_heartbeat()
 
-    def _listen(self, more: Iterable[int] = ()) -> None:
+    @contextmanager
+    def _hearing(self, can_ids: Iterable[int]) -> Iterator[None]:
+        """Have the kernel let more frames pass while a block lasts."""
+        before, self._heard = self._heard, self._heard | frozenset(can_ids)
+        self._listen()
+        try:
+            yield
+        finally:
+            self._heard = before
+            self._listen()
+
+    def _listen(self) -> None:
         """Have the kernel drop what nobody here listens to."""
         if self._threaded:
             heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
-            hear_only(self._network.bus, {*self._network.subscribers, heartbeat, *more})
+            hear_only(self._network.bus, {*self._network.subscribers, heartbeat, *self._heard})
 
     def _produce_sync(self, cycles: int) -> None:
         complete = self._cycles.complete

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import NamedTuple, NoReturn, Protocol
 
 from smarttac_can.bench.published import PublishedPdo
@@ -139,6 +140,10 @@ class Link(Protocol):
 
         They are told as they come, by whichever thread has them.
         """
+        ...
+
+    def raw(self, path: Path) -> AbstractContextManager[None]:
+        """Log all frames of the bus, in a format of python-can, while a block lasts."""
         ...
 
     def wrong_time(self) -> str:

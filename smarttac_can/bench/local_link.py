@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
+from pathlib import Path
+from typing import Final, NoReturn
 
 from smarttac_can.bench.link import PUBLISHED, RECORDED, FrameSource, Hear, Row, Snapshot
 from smarttac_can.bench.published import published_pdos
 from smarttac_can.bench.refused import refused_write
-from smarttac_can.master.errors import RefusedError
+from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.master.requests import download, downloaded
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
@@ -125,6 +126,10 @@ class LocalLink:
             yield
         finally:
             self._hear = None
+
+    def raw(self, path: Path) -> NoReturn:
+        """Refuse: without a bus there is nothing to log."""
+        raise BenchError(f"there is no bus whose frames could go to {path}: simulate('bus')")
 
     def wrong_time(self) -> str:
         """Return nothing: time passes in `run` alone."""

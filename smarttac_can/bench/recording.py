@@ -41,6 +41,8 @@ class Recording:
     path
         The HDF5 file, which does not exist yet. While the recording lasts its log stands beside
         it, with ``.log`` after the name.
+    raw
+        File for all frames of the bus in a format of python-can; None for none.
     stop
         Called when an error ends the block, before the file is made.
 
@@ -51,11 +53,17 @@ class Recording:
     """
 
     def __init__(
-        self, link: Link, od: ObjectDictionary, path: Path, stop: Callable[[], None]
+        self,
+        link: Link,
+        od: ObjectDictionary,
+        path: Path,
+        raw: Path | None,
+        stop: Callable[[], None],
     ) -> None:
         self._link = link
         self._od = od
         self.path = path
+        self._raw = raw
         self._stop = stop
         self.summary: Summary | None = None
         self._log: FrameLog | None = None
@@ -104,19 +112,16 @@ class Recording:
         if self.path.exists():
             raise BenchError(f"{self.path} exists: give the recording another name")
         head = self._head()
-        try:
-            log = FrameLog(self.log_path, head)
-        except FileExistsError as error:
-            raise BenchError(
-                f"{self.log_path} is the log of a recording that goes on, or was killed: in that "
-                f"case smarttac record --recover {self.log_path} {self.path} makes its file"
-            ) from error
-        except OSError as error:
-            raise BenchError(f"cannot write {self.log_path}: {error.strerror or error}") from error
+        last = [pdo["can_id"] for pdo in head["published"] if pdo["every_cycle"]][-1]
         with ExitStack() as stack:
-            stack.enter_context(log)
-            last = [pdo["can_id"] for pdo in head["published"] if pdo["every_cycle"]][-1]
-            stack.enter_context(self._link.frames(self._hearing(log, last)))
+            if self._raw is not None:
+                stack.enter_context(self._link.raw(self._raw))
+            log = stack.enter_context(self._new_log(head))
+            try:
+                stack.enter_context(self._link.frames(self._hearing(log, last)))
+            except BenchError:
+                self.log_path.unlink()
+                raise
             self._stack = stack.pop_all()
         self._log = log
         return self
@@ -144,6 +149,17 @@ class Recording:
             self._make_file(log)
         if error is not None:
             error.add_note(f"{self.path} holds what was recorded until then")
+
+    def _new_log(self, head: dict[str, Any]) -> FrameLog:
+        try:
+            return FrameLog(self.log_path, head)
+        except FileExistsError as error:
+            raise BenchError(
+                f"{self.log_path} is the log of a recording that goes on, or was killed: in that "
+                f"case smarttac record --recover {self.log_path} {self.path} makes its file"
+            ) from error
+        except OSError as error:
+            raise BenchError(f"cannot write {self.log_path}: {error.strerror or error}") from error
 
     def _make_file(self, log: FrameLog) -> None:
         try:

@@ -354,7 +354,7 @@ class Stimulator(SetPoints):
             self._require_no_fault(state, trace)
         return trace
 
-    def record(self, path: Path | str) -> Recording:
+    def record(self, path: Path | str, *, raw: Path | str | None = None) -> Recording:
         """Record in the background, whatever else is done, while a ``with`` block lasts.
 
         Every cycle that comes, with what is set meanwhile, from here or by others, goes into a log;
@@ -366,16 +366,26 @@ class Stimulator(SetPoints):
         ----------
         path
             The file, which does not exist yet.
+        raw
+            File for all frames on the bus besides, in the format of python-can that its suffix
+            stands for; it does not exist yet.
 
         Raises
         ------
         BenchError
             If another recording of this bench goes on; as the block begins, if the file exists or
-            cannot be written, h5py is missing, or the TPDOs do not carry the tick.
+            cannot be written, h5py is missing, the TPDOs do not carry the tick, or there is no
+            such format or no bus.
         """
         if self._recording is not None and self._recording.goes_on:
             raise BenchError(f"{self._recording.path} is being recorded: one file at a time")
-        self._recording = Recording(self._link, self._od, Path(path), self._stop_driving)
+        self._recording = Recording(
+            self._link,
+            self._od,
+            Path(path),
+            None if raw is None else Path(raw),
+            self._stop_driving,
+        )
         return self._recording
 
     def mark(self, text: str) -> None:

@@ -15,16 +15,19 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
     taps
         Each is called with the identifier and the data of a frame, before who subscribes to it; in
         the thread that sends or receives.
+    own_taps
+        These are told of sent frames alone.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.taps: tuple[Hear, ...] = ()
+        self.own_taps: tuple[Hear, ...] = ()
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""
         if not remote:
-            for tap in self.taps:
+            for tap in (*self.taps, *self.own_taps):
                 tap(can_id, bytes(data))
         super().send_message(can_id, data, remote)
 

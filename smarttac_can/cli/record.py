@@ -1,0 +1,152 @@
+"""The command that records a stimulator while others drive it: ``record``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from time import monotonic, sleep
+
+import click
+
+from smarttac_can.bench.recording import Recording
+from smarttac_can.bench.recording_file import Summary, make_recording, require_h5py
+from smarttac_can.bench.simulation import STIMULATOR_ID
+from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.cli.options import (
+    NODE_ID,
+    BusChoice,
+    FiniteRange,
+    bus_options,
+    timeout_option,
+)
+from smarttac_can.cli.plain_errors import plain_errors
+from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.host.process_signals import stop_on_signals
+
+_LONGEST_S = 7 * 24 * 3600.0
+_LOOK_S = 0.1
+_SILENT_S = 1.0
+
+_new_file = click.Path(dir_okay=False, path_type=Path)
+_old_file = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac record run.h5 --interface socketcan --channel can0\n"
+    "  smarttac record run.h5 --interface socketcan --channel can0 --seconds 60 --raw run.blf\n"
+    "  smarttac record --recover run.h5.log run.h5"
+)
+@click.argument("file", type=_new_file)
+@bus_options
+@click.option(
+    "--node-id",
+    type=NODE_ID,
+    default=STIMULATOR_ID,
+    show_default=True,
+    help="Node-ID of the stimulator.",
+)
+@click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate node, if there is one.")
+@click.option(
+    "--seconds",
+    type=FiniteRange(min=0.1, max=_LONGEST_S),
+    help="How long; without, until Ctrl-C or SIGTERM.",
+)
+@click.option(
+    "--raw",
+    type=_new_file,
+    help="File for all frames on the bus besides: .asc, .blf, .csv, .log, .trc and so on.",
+)
+@click.option(
+    "--recover",
+    "log",
+    type=_old_file,
+    metavar="LOG",
+    help="Make FILE of the log that a killed recording has left, FILE.log; no bus is needed.",
+)
+@timeout_option
+@json_file_option
+def record(
+    *,
+    file: Path,
+    bus: BusChoice,
+    node_id: int,
+    plate_node: int | None,
+    seconds: float | None,
+    raw: Path | None,
+    log: Path | None,
+    timeout: float,
+    json_file: Path | None,
+) -> None:
+    """Record every cycle of a stimulator into the HDF5 file FILE, whoever drives it.
+
+    It starts the nodes and only reads: set-points, modes and voltage stay others' business, and
+    Ctrl-C ends the recording, not the drive.
+    """
+    with plain_errors(), ExitStack() as stack:
+        results = opened_results(stack, json_file)
+        if log is not None:
+            _refuse_bus(bus, seconds=seconds, raw=raw)
+            summary = make_recording(log, file)
+        else:
+            summary = _record(
+                file,
+                lambda: Stimulator.connect(
+                    **bus.options, node_id=node_id, plate_node_id=plate_node, timeout=timeout
+                ),
+                seconds,
+                raw,
+            )
+        report_results({"file": str(file), **summary._asdict()}, _lines(file, summary), results)
+
+
+def _refuse_bus(bus: BusChoice, *, seconds: float | None, raw: Path | None) -> None:
+    if bus.options or seconds is not None or raw is not None:
+        raise click.UsageError("--recover needs a log and no bus: leave out the other options")
+
+
+def _record(
+    file: Path, connect: Callable[[], Stimulator], seconds: float | None, raw: Path | None
+) -> Summary:
+    require_h5py()
+    with stop_on_signals() as stopped, connect() as bench:
+        with bench.record(file, raw=raw) as recording:
+            _wait(recording, stopped, seconds)
+        assert recording.summary is not None
+        return recording.summary
+
+
+def _wait(recording: Recording, stopped: Callable[[], bool], seconds: float | None) -> None:
+    """Wait until the recording is to end, and say on stderr how it goes."""
+    begun = said = monotonic()
+    cycles = recording.cycles
+    silent = False
+    while not stopped() and (seconds is None or monotonic() < begun + seconds):
+        sleep(_LOOK_S)
+        recording.check()
+        now = monotonic()
+        if now < said + _SILENT_S:
+            continue
+        said, before, cycles = now, cycles, recording.cycles
+        if sys.stderr.isatty():
+            click.echo(f"\r{now - begun:.0f} s, {cycles} cycles", err=True, nl=False)
+        if (cycles == before) is not silent:
+            silent = not silent
+            words = "no cycle comes; it goes on when one does" if silent else "cycles come again"
+            click.echo(f"{now - begun:.0f} s: {words}", err=True)
+
+
+def _lines(file: Path, summary: Summary) -> list[str]:
+    counts = [
+        f"{summary.rows} rows",
+        f"{summary.lost} lost ticks in {summary.gaps} gaps",
+        f"{summary.runs} runs",
+        f"{summary.markers} markers",
+        f"{summary.set_points} changes of set-points",
+        f"{summary.emergencies} emergencies",
+    ]
+    lines = [f"{file}: {', '.join(counts)}"]
+    if summary.damaged:
+        lines.append(f"{summary.damaged} records of the log were cut or damaged, and left out")
+    return lines
