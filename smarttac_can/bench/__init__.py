@@ -1,7 +1,12 @@
 """The bench: a stimulator as a person handles it, its finger, and recordings."""
 
 from smarttac_can.bench.calibration import Calibration
-from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
+from smarttac_can.bench.errors import (
+    FaultError,
+    NotReadyError,
+    NotRunningError,
+    RunInterruptedError,
+)
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import make_recording
@@ -36,6 +41,7 @@ __all__ = [
     "Reading",
     "Recording",
     "RefusedError",
+    "RunInterruptedError",
     "State",
     "Stimulator",
     "Trace",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import Empty
@@ -15,7 +15,7 @@ from smarttac_can.bench.bench_heartbeat import BenchHeartbeat, bench_id
 from smarttac_can.bench.cycle_rows import CycleRows
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.every_cycle import EveryCycle
-from smarttac_can.bench.link import RECORDED, FrameSource, Hear, Row, Snapshot
+from smarttac_can.bench.link import RECORDED, FrameSource, Hear, Row, Snapshot, never
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.node_time import wrong_time
 from smarttac_can.bench.published import commanded_pdos, published_pdos
@@ -130,7 +130,7 @@ class CanLink:
             self._plate.write(self._plate.od["Simulation.Start run"], 1)
         self._stimulator.write(self._stimulator.od["Simulation.Start run"], 1)
 
-    def run(self, cycles: int, rows: list[Row]) -> None:
+    def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
         """Let the loop run and record it from the TPDOs, sent in every cycle meanwhile.
 
         Raises
@@ -151,12 +151,12 @@ class CanLink:
             collected.rows = rows
             try:
                 if self._lockstep:
-                    self._produce_sync(cycles)
+                    self._produce_sync(cycles, interrupted)
                 else:
-                    self._wait_for(cycles, rows)
+                    self._wait_for(cycles, rows, interrupted)
             finally:
                 collected.rows = None
-        if not rows and cycles:
+        if not rows and not interrupted():
             self._check()
             raise NotRunningError(
                 self.wrong_time()
@@ -271,10 +271,12 @@ class CanLink:
             heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
             hear_only(self._network.bus, {*self._network.subscribers, heartbeat, *self._heard})
 
-    def _produce_sync(self, cycles: int) -> None:
+    def _produce_sync(self, cycles: int, interrupted: Callable[[], bool]) -> None:
         complete = self._cycles.complete
         lost = 0
         for _ in range(cycles):
+            if interrupted():
+                return
             while not complete.empty():
                 complete.get()
             try:
@@ -293,11 +295,13 @@ class CanLink:
                     "operational and started with --lockstep?"
                 )
 
-    def _wait_for(self, cycles: int, rows: list[Row]) -> None:
+    def _wait_for(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool]) -> None:
         end = self._clock() + cycles * 1e-3 + LOST_CYCLE_S
-        while len(rows) < cycles and self._clock() < end:
-            with suppress(Empty):
+        while len(rows) < cycles and self._clock() < end and not interrupted():
+            try:
                 self._cycles.complete.get(timeout=LOST_CYCLE_S)
+            except Empty:
+                self._check()
 
 
 def _drives(name: str, raw: int) -> bool:

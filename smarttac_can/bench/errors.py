@@ -26,3 +26,13 @@ class FaultError(BenchError):
     def __init__(self, text: str, trace: Trace | None = None) -> None:
         super().__init__(text)
         self.trace = trace
+
+
+class RunInterruptedError(BenchError, KeyboardInterrupt):
+    """Ctrl-C has ended a run; who catches neither errors of the bench nor Ctrl-C is ended by it.
+
+    Attributes
+    ----------
+    trace
+        What was recorded until then; None if nothing was.
+    """

@@ -58,6 +58,11 @@ Hear = Callable[[int, bytes], None]
 """Called with the identifier and the data of a frame."""
 
 
+def never() -> bool:
+    """Return that nobody interrupts."""
+    return False
+
+
 class FrameSource(NamedTuple):
     """What the frames of a link mean that `Link.frames` tells."""
 
@@ -119,7 +124,7 @@ class Link(Protocol):
         """Put a simulated plate to rest at tick 0 and reset the controllers."""
         ...
 
-    def run(self, cycles: int, rows: list[Row]) -> None:
+    def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
         """Let the loop run and record it, a row a cycle; rows of lost cycles are missing.
 
         Parameters
@@ -128,6 +133,8 @@ class Link(Protocol):
             How many.
         rows
             Each row is appended as it comes, so that they are there if the run fails.
+        interrupted
+            Asked after each cycle whether to end at once.
         """
         ...
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NoReturn
 
-from smarttac_can.bench.link import PUBLISHED, RECORDED, FrameSource, Hear, Row, Snapshot
+from smarttac_can.bench.link import PUBLISHED, RECORDED, FrameSource, Hear, Row, Snapshot, never
 from smarttac_can.bench.published import published_pdos
 from smarttac_can.bench.refused import refused_write
 from smarttac_can.master.errors import BenchError, RefusedError
@@ -98,11 +98,13 @@ class LocalLink:
         """Put the simulated plate to rest at tick 0 and reset the controllers."""
         self.write("Simulation.Start run", 1)
 
-    def run(self, cycles: int, rows: list[Row]) -> None:
+    def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
         """Let so many cycles pass, and append a row of recorded values for each."""
         tick = self._block.tick
         recorded = self._recorded
         for _ in range(cycles):
+            if interrupted():
+                return
             tick()
             rows.append(tuple([read() for read in recorded]))
             if self._hear is not None:

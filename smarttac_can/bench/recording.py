@@ -58,7 +58,7 @@ class Recording:
         od: ObjectDictionary,
         path: Path,
         raw: Path | None,
-        stop: Callable[[], None],
+        stop: Callable[[], object],
     ) -> None:
         self._link = link
         self._od = od

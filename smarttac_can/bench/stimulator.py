@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, cast
 
-from smarttac_can.bench.errors import FaultError, NotReadyError, NotRunningError
+from smarttac_can.bench.errors import (
+    FaultError,
+    NotReadyError,
+    NotRunningError,
+    RunInterruptedError,
+)
 from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import ClosedLink, Link, Row
 from smarttac_can.bench.named_objects import finite
@@ -19,6 +23,7 @@ from smarttac_can.bench.set_points import SetPoints, by_name
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.bus import LogHook
+from smarttac_can.host.process_signals import interrupt_waits
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.model import PlateModel
@@ -173,11 +178,14 @@ class Stimulator(SetPoints):
             self._link = cast("Link", ClosedLink(link.where))
             link.close()
 
-    def _stop_driving(self) -> None:
-        """Disarm, unless this bench only read, as far as that can be done."""
-        with suppress(BenchError):
+    def _stop_driving(self) -> bool:
+        """Disarm, unless this bench only reads; tell whether that was possible."""
+        try:
             if not self._link.only_read:
                 self.disarm()
+        except BenchError:
+            return False
+        return True
 
     def __repr__(self) -> str:
         return f"<Stimulator over {self._link.where}>"
@@ -335,6 +343,12 @@ class Stimulator(SetPoints):
             error is what was recorded.
         NotRunningError
             If the loop gives no cycles, or most of them were lost.
+        HeartbeatLostError
+            If a node falls silent.
+        RunInterruptedError
+            At Ctrl-C, between two cycles.
+
+        The last three disarm, and their `trace` is what was recorded until then.
         """
         require_labels(experiment, subject)
         knew_fault = self._knows_fault
@@ -342,17 +356,36 @@ class Stimulator(SetPoints):
         if cycles < 1:
             raise ValueError(f"seconds {seconds} is below 0.001")
         rows: list[Row] = []
-        self._link.run(cycles, rows)
-        if len(rows) < cycles * _LEAST_RECORDED:
-            raise NotRunningError(
-                f"{cycles - len(rows)} of {cycles} cycles were lost: does another bench script "
-                "record, or is the bus too slow for it?"
-            )
+        with interrupt_waits() as interrupted:
+            try:
+                self._link.run(cycles, rows, interrupted)
+                if interrupted():
+                    raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
+                if len(rows) < cycles * _LEAST_RECORDED:
+                    raise NotRunningError(
+                        f"{cycles - len(rows)} of {cycles} cycles were lost: does another bench "
+                        "script record, or is the bus too slow for it?"
+                    )
+                state = self.state
+            except BenchError as error:
+                self._end_run(error, rows, experiment, subject)
+                raise
         trace = Trace.from_rows(experiment, subject, _unwrapped(rows[:cycles]))
-        state = self.state
         if not knew_fault:
             self._require_no_fault(state, trace)
         return trace
+
+    def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
+        """Keep what a run has recorded that an error ends, and disarm."""
+        if rows:
+            error.trace = Trace.from_rows(experiment, subject, _unwrapped(rows))
+            error.add_note(f".trace holds the {len(rows)} cycles until then")
+        if not self._link.only_read:
+            error.add_note(
+                "the stimulator was disarmed"
+                if self._stop_driving()
+                else "it could not be disarmed: it stops when it misses the heartbeat of this bench"
+            )
 
     def record(self, path: Path | str, *, raw: Path | str | None = None) -> Recording:
         """Record in the background, whatever else is done, while a ``with`` block lasts.

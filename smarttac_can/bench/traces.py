@@ -15,13 +15,17 @@ from decimal import Decimal
 from io import TextIOWrapper
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.tidy import to_dataframe, write_tidy_csv
 from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.od.units import Quantity
+
+if TYPE_CHECKING:
+    import pandas
 
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -176,6 +180,22 @@ class Trace:
     def normal_force_n(self) -> Floats:
         """Normal force in N."""
         return self._in_unit("Fn", "N")
+
+    @property
+    def position_mm(self) -> Floats | None:
+        """Position of the finger in mm from the middle; None of a trace from `read_csv`."""
+        return None if self.position is None else np.asarray(self.position / 100)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a table with a row a tick and units in the names of its columns.
+
+        Without contact the COF is NaN. Raises BenchError if pandas is missing.
+        """
+        return to_dataframe(self)
+
+    def to_csv(self, path: Path | str) -> None:
+        """Write the same table as CSV, with ``# key: value`` before it; no contact is no number."""
+        write_tidy_csv(path, self)
 
     def _in_unit(self, name: str, unit: str) -> Floats:
         (column,) = (column for column in COLUMNS if column.name == name)

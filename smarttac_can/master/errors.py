@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class BenchError(Exception):
-    """Anything the bench cannot do; the message says what to do about it."""
+    """Anything the bench cannot do; the message says what to do about it.
+
+    Attributes
+    ----------
+    trace
+        What was recorded until then, if it ended a run of the bench; None otherwise.
+    """
+
+    trace: Any = None
 
 
 class NodeNotFoundError(BenchError):
