@@ -189,34 +189,21 @@ class CanLink:
             if can_id in told:
                 hear(can_id, data)
 
-        with self._hearing(told):
+        # Before all types are set there is no whole cycle, and after the first is put back none.
+        with self._hearing(told), self._every_cycle.held(), self._every_cycle.guarded():
             network.taps += (tap,)
             try:
-                with self._every_cycle.held(), self._every_cycle.guarded():
-                    yield
+                yield
             finally:
                 network.taps = tuple(other for other in network.taps if other is not tap)
 
     @contextmanager
     def raw(self, path: Path) -> Iterator[None]:
         """Log all frames on the bus, and those of this bench, in a format of python-can."""
-        from smarttac_can.bench.raw_log import RawLog  # noqa: PLC0415 - its formats take long
+        from smarttac_can.bench.raw_log import raw_log  # noqa: PLC0415 - its formats take long
 
-        network = self._network
-        with RawLog(path) as log, self._hearing(range(CAN_ID_MASK + 1)):
-            if self._threaded:
-                network.own_taps += (log.data_frame,)
-                network.notifier.add_listener(log.message)
-            else:
-                network.taps += (log.data_frame,)
-            try:
-                yield
-            finally:
-                # Each access makes another bound method, which is equal.
-                network.taps = tuple(t for t in network.taps if t != log.data_frame)
-                network.own_taps = tuple(t for t in network.own_taps if t != log.data_frame)
-                if self._threaded:
-                    network.notifier.remove_listener(log.message)
+        with self._hearing(range(CAN_ID_MASK + 1)), raw_log(self._network, path):
+            yield
 
     def wrong_time(self) -> str:
         """Say that the stimulator keeps another time than the link believes; empty if not."""

@@ -3,69 +3,69 @@
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import time
-from types import TracebackType
-from typing import Self
 
 import can
 
+from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.master.errors import BenchError
 
 
-class RawLog:
-    """A log by python-can: ASC, BLF, CSV, candump (``.log``), SQLite, TRC by the file's suffix.
+@contextmanager
+def raw_log(network: TappedNetwork, path: Path) -> Iterator[None]:
+    """Log what a network sends and receives while a block lasts.
 
     Parameters
     ----------
+    network
+        Connected, or on a local bus.
     path
-        A file that does not exist yet.
+        A file that does not exist yet: ASC, BLF, CSV, candump (``.log``), SQLite, TRC and so on by
+        its suffix.
 
     Raises
     ------
     BenchError
         If it exists, cannot be written, or python-can has no such format.
     """
+    logger = _open(path)
+    # python-can's notifier receives in one thread, and a bench sends in others.
+    lock = threading.Lock()
 
-    def __init__(self, path: Path) -> None:
-        if path.exists():
-            raise BenchError(f"{path} exists: give the raw log another name")
-        try:
-            self._logger = can.Logger(path)
-        except Exception as error:  # the formats raise what they like
-            with suppress(OSError):
-                if path.exists() and not path.stat().st_size:
-                    path.unlink()
-            raise BenchError(f"cannot log to {path}: {error}") from error
-        # python-can's notifier receives in one thread, and a bench sends in others.
-        self._lock = threading.Lock()
+    def log(message: can.Message) -> None:
+        with lock:
+            logger.on_message_received(message)
 
-    def __enter__(self) -> Self:
-        return self
+    def log_data(can_id: int, data: bytes) -> None:
+        log(can.Message(time(), can_id, is_extended_id=False, data=data))
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        with self._lock:
-            self._logger.stop()
+    receiving = network.notifier
+    if receiving is None:
+        network.taps += (log_data,)
+    else:
+        network.own_taps += (log_data,)
+        receiving.add_listener(log)
+    try:
+        yield
+    finally:
+        network.taps = tuple(tap for tap in network.taps if tap is not log_data)
+        network.own_taps = tuple(tap for tap in network.own_taps if tap is not log_data)
+        if receiving is not None:
+            receiving.remove_listener(log)
+        with lock:
+            logger.stop()
 
-    def message(self, message: can.Message) -> None:
-        """Log a message that was received."""
-        with self._lock:
-            self._logger.on_message_received(message)
 
-    def data_frame(self, can_id: int, data: bytes) -> None:
-        """Log a data frame, with the present time."""
-        self.message(
-            can.Message(
-                timestamp=time(),
-                arbitration_id=can_id,
-                data=data,
-                is_extended_id=False,
-                is_rx=False,
-            )
-        )
+def _open(path: Path) -> can.Listener:
+    if path.exists():
+        raise BenchError(f"{path} exists: give the raw log another name")
+    try:
+        return can.Logger(path)
+    except Exception as error:  # the formats raise what they like
+        with suppress(OSError):
+            if not path.stat().st_size:
+                path.unlink()
+        raise BenchError(f"cannot log to {path}: {error}") from error

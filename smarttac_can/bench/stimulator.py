@@ -8,8 +8,6 @@ from types import TracebackType
 from typing import Any, Final, Self, cast
 
 from smarttac_can.bench.errors import (
-    FaultError,
-    NotReadyError,
     NotRunningError,
     RunInterruptedError,
 )
@@ -19,30 +17,26 @@ from smarttac_can.bench.named_objects import finite
 from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.recording import Recording
-from smarttac_can.bench.set_points import SetPoints, by_name
 from smarttac_can.bench.simulation import STIMULATOR_ID
+from smarttac_can.bench.state_control import StateControl
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.process_signals import interrupt_waits
-from smarttac_can.master.errors import BenchError, RefusedError
+from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
+from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
-from smarttac_can.vocabulary.states import Control, IdentificationState, State
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
+from smarttac_can.vocabulary.states import IdentificationState, State
 
 CYCLES_PER_SECOND: Final = 1000
-_READY_CYCLES: Final = 100
-"""What the tare at power-on takes, and some lost cycles."""
-_CONTROLWORD: Final = "Controlword"
 _IDENTIFY_CYCLES: Final = 100
 _IDENTIFY_LIMIT: Final = 100
 _LEAST_RECORDED: Final = 0.5
 
 
-class Stimulator(SetPoints):
+class Stimulator(StateControl):
     """A SMARTTAC stimulator at the bench; a context manager that leaves it at 0 V.
 
     `connect` and `simulate` make one.
@@ -60,12 +54,11 @@ class Stimulator(SetPoints):
         The finger of a simulated plate.
     """
 
-    __slots__ = ("_knows_fault", "_recording", "finger")
+    __slots__ = ("_recording", "finger")
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         super().__init__(link, od)
         self.finger = SimulatedFinger(self.set)
-        self._knows_fault = False
         self._recording: Recording | None = None
 
     @classmethod
@@ -189,124 +182,6 @@ class Stimulator(SetPoints):
 
     def __repr__(self) -> str:
         return f"<Stimulator over {self._link.where}>"
-
-    @property
-    def mode(self) -> Mode:
-        """Mode asked for; setting one arms the stimulator and runs it, OFF disarms it.
-
-        Setting raises `FaultError` and `NotReadyError` as `arm` does.
-        """
-        return Mode(self._link.read("Mode"))
-
-    @mode.setter
-    def mode(self, mode: Mode | str) -> None:
-        number = by_name(Mode, mode)
-        if number == Mode.OFF:
-            self.disarm()
-            return
-        running = self.state is State.RUNNING
-        if not running:
-            self.arm()
-        try:
-            self._link.write("Mode", number)
-            if not running:
-                self._link.write(_CONTROLWORD, Control.ARM | Control.RUN)
-        except RefusedError:
-            # A watchdog that trips in between is the reason, not the state that it leads to.
-            self._require_no_fault(self.state)
-            raise
-
-    @property
-    def state(self) -> State:
-        """State of the device; who has read FAULT here gets no `FaultError` of `run` for it."""
-        state = self._state()
-        self._knows_fault = state is State.FAULT
-        return state
-
-    def arm(self) -> None:
-        """Make the watchdogs sharp, at 0 V; a loop that has just begun gets the time for its tare.
-
-        Raises
-        ------
-        FaultError
-            If a fault is latched.
-        NotReadyError
-            If something is missing, or a fault is present.
-        """
-        # The heartbeat that a killed bench leaves missing is a fault that is present; this one's
-        # ends it.
-        self._link.drive()
-        state = self.state
-        if state is State.ARMED:
-            return
-        self._require_no_fault(state)
-        self._link.write(_CONTROLWORD, 0)
-        if self.state is State.NOT_READY:
-            self._link.run(_READY_CYCLES, [])
-        if self.state is not State.READY:
-            raise self._not_ready()
-        try:
-            self._link.write(_CONTROLWORD, Control.ARM)
-        except RefusedError as error:
-            raise self._not_ready() from error
-
-    def disarm(self) -> None:
-        """Go to 0 V and mode OFF; allowed in every state."""
-        self._link.write(_CONTROLWORD, 0)
-        self._link.write("Mode", Mode.OFF)
-
-    def quick_stop(self) -> None:
-        """Go to 0 V at once, and stay there until `disarm` or `arm`."""
-        if self.state in (State.ARMED, State.RUNNING):
-            self._link.write(_CONTROLWORD, Control.QUICK_STOP)
-
-    def reset_fault(self) -> None:
-        """Reset a latched fault; nothing happens if there is none.
-
-        Raises
-        ------
-        FaultError
-            If its cause is still there.
-        """
-        self._link.drive()
-        if self.state is not State.FAULT:
-            return
-        self._link.write(_CONTROLWORD, 0)
-        try:
-            self._link.write(_CONTROLWORD, Control.FAULT_RESET)
-        except RefusedError as error:
-            raise FaultError(f"the fault cannot be reset: {self._lack()}") from error
-        self._link.write(_CONTROLWORD, 0)
-        self._knows_fault = False
-
-    def _require_no_fault(self, state: State, trace: Trace | None = None) -> None:
-        if state is State.FAULT:
-            recorded = "; .trace holds the recording" if trace is not None else ""
-            raise FaultError(
-                f"a fault is latched ({self.message}): remove the cause, then reset_fault()"
-                f"{recorded}",
-                trace,
-            )
-
-    def _not_ready(self) -> NotReadyError:
-        return NotReadyError(f"the stimulator is not ready: {self._lack()}")
-
-    def _lack(self) -> str:
-        wrong_time = self._link.wrong_time()
-        if wrong_time:
-            return wrong_time
-        present = watchdogs_in(self._link.read("Diagnosis.Present"))
-        if present:
-            return ", ".join(WATCHDOGS[watchdog].text for watchdog in present)
-        message = self.message
-        if message.startswith((UNWATCHED, NOT_TARED)):
-            return message
-        return "it has to be tared, and its nodes have to be operational and give cycles"
-
-    @property
-    def message(self) -> str:
-        """Why the stimulator turned itself off; empty if it did not."""
-        return self._link.text("Message")
 
     def read(self) -> Reading:
         """Return what the stimulator published last, with its age.

@@ -405,3 +405,38 @@ def test_both_nodes_are_described(tmp_path: Path) -> None:
     with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5") as recording:
         bench.run(0.01)
         assert [n["node_id"] for n in FrameLogReader(recording.log_path).head["nodes"]] == [32, 33]
+
+
+@pytest.mark.parametrize("suffix", ["asc", "blf", "log", "trc", "csv"])
+def test_the_raw_bus_beside_it(tmp_path: Path, suffix: str) -> None:
+    raw = tmp_path / f"raw.{suffix}"
+    with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5", raw=raw):
+        bench.run(0.05)
+        bench.voltage = 12
+    frames = [message.arbitration_id for message in can.LogReader(raw)]
+    # SYNC, drive and public TPDOs of each cycle, and the write with its answer.
+    for can_id in (0x080, 0x221, 0x2A0, 0x3A0, 0x4A0):
+        assert frames.count(can_id) == 50, hex(can_id)
+    assert frames.index(0x620) < frames.index(0x5A0)
+
+
+def test_refused_raw_logs_leave_nothing(tmp_path: Path) -> None:
+    (tmp_path / "there.asc").touch()
+    with Stimulator.simulate() as bench:
+        for raw, words in (
+            ("raw.xyz", r"cannot log to .*raw\.xyz"),
+            ("no/raw.asc", r"cannot log to .*No such file"),
+            ("there.asc", r"there\.asc exists: give the raw log another name"),
+        ):
+            with (
+                pytest.raises(BenchError, match=words),
+                bench.record(tmp_path / "run.h5", raw=tmp_path / raw),
+            ):
+                pass
+    with (
+        Stimulator.simulate("local") as bench,
+        pytest.raises(BenchError, match=r"there is no bus whose frames could go to raw\.asc"),
+        bench.record(tmp_path / "run.h5", raw="raw.asc"),
+    ):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["there.asc"]
