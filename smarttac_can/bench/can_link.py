@@ -21,7 +21,7 @@ from smarttac_can.bench.node_time import wrong_time
 from smarttac_can.bench.published import commanded_pdos, published_pdos
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.bench.tapped_network import TappedNetwork
-from smarttac_can.host.kernel_filter import hear_only
+from smarttac_can.host.kernel_filter import hear_only, hold_more
 from smarttac_can.master.errors import BenchError, BusLostError
 from smarttac_can.od.cia import CAN_ID_MASK, EMCY_ID, HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID, SYNC_ID
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -189,6 +189,8 @@ class CanLink:
             if can_id in told:
                 hear(can_id, data)
 
+        if self._threaded:
+            hold_more(network.bus)
         # Before all types are set there is no whole cycle, and after the first is put back none.
         with self._hearing(told), self._every_cycle.held(), self._every_cycle.guarded():
             network.taps += (tap,)

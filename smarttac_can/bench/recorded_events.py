@@ -11,7 +11,7 @@ import numpy as np
 from smarttac_can.bench.recorded_rows import RecordedPdo
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_log import FRAME, MARK, MARK_END, Records
-from smarttac_can.master.requests import refuses, takes, written
+from smarttac_can.master.requests import takes, written
 from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, MANUFACTURER_FIRST
 from smarttac_can.od.data_types import unpack
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
@@ -127,9 +127,7 @@ class EventReader:
         else:
             asked = [entry for entry in self._asked if od.get(entry.index, entry.subindex) is entry]
             for entry in asked:
-                if refuses(frame, node_id, entry):
-                    del self._asked[entry]
-                elif takes(frame, node_id, entry):
+                if takes(frame, node_id, entry):
                     yield from self._taken(at, time_ns, node_id, entry)
 
     def _taken(self, at: int, time_ns: int, node_id: int, entry: Entry) -> Iterable[Event]:

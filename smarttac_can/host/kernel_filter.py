@@ -1,4 +1,4 @@
-"""Frames that nobody here listens to, dropped by the kernel before they cost anything."""
+"""Which frames the kernel drops before they cost anything, and how many it holds."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ UINT8, UINT16, PLAIN_END = 0xCC, 0xCD, 0x80
 _MOST_IDS: Final = 200
 """A jump in such a program goes no farther than 255 instructions."""
 _SO_ATTACH_FILTER: Final = 26
+_SO_RCVBUFFORCE: Final = 33
+_MOST_HELD: Final = 8 << 20
 _UDP_HEADER: Final = 8
 _LOAD_WORD, _LOAD_HALF, _LOAD_BYTE = 0x20, 0x28, 0x30
 _JUMP, _JUMP_IF_EQUAL, _JUMP_IF_NOT_BELOW, _RETURN = 0x05, 0x15, 0x35, 0x06
@@ -54,6 +56,19 @@ def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
     elif isinstance(bus, UdpMulticastBus) and sys.platform == "linux":
         with socket.socket(fileno=os.dup(bus.fileno())) as same, suppress(OSError):
             _attach(same, [_ACCEPT] if many else _program(wanted))
+
+
+def hold_more(bus: can.BusABC) -> None:
+    """Have the kernel hold as many frames for a bus of python-can as it allows.
+
+    What a process does not take in time, as on a machine that is busy, is lost beyond that; the
+    default holds some 70 ms of a loop on udp_multicast. Privileged processes may have more.
+    """
+    if isinstance(bus, SocketcanBus | UdpMulticastBus) and sys.platform == "linux":
+        with socket.socket(fileno=os.dup(bus.fileno())) as same:
+            for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):
+                with suppress(OSError):
+                    same.setsockopt(socket.SOL_SOCKET, option, _MOST_HELD)
 
 
 def _program(can_ids: list[int]) -> list[tuple[int, int, int, int]]:

@@ -104,12 +104,6 @@ def takes(frame: Frame, node_id: int, entry: Entry) -> bool:
     return frame == downloaded(node_id, entry)
 
 
-def refuses(frame: Frame, node_id: int, entry: Entry) -> bool:
-    """Tell whether a node says that it has refused an access to an entry."""
-    address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
-    return frame.can_id == SDO_TX_ID + node_id and frame.data[:4] == bytes((ABORT,)) + address
-
-
 def value(answer: Frame, entry: Entry) -> Any:
     """Return the raw value in the answer to an upload, None in that to a download.
 

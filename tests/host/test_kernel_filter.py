@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import sys
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 from conftest import GUARD_S
 from test_can_socket import KernelFilters
 
-from smarttac_can.host.kernel_filter import hear_only
+from smarttac_can.host.kernel_filter import hear_only, hold_more
 
 WIDTHS = (0x000, 0x001, 0x07F, 0x080, 0x0CC, 0x0CD, 0x0FF, 0x100, 0x7CC, 0x7FF)
 """Identifiers at the ends of what MessagePack writes in one, two and three bytes."""
@@ -86,3 +87,20 @@ def test_elsewhere_nothing_happens() -> None:
         hear_only(bus, {1})
         other.send(can.Message(arbitration_id=2, is_extended_id=False))
         assert bus.recv(GUARD_S) is not None
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the buffer is one of Linux")
+def test_the_kernel_holds_more(multicast: dict[str, Any]) -> None:
+    def room(bus: can.BusABC) -> int:
+        with socket.socket(fileno=os.dup(bus.fileno())) as same:
+            return same.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+    with can.Bus(**multicast) as bus:
+        before = room(bus)
+        hold_more(bus)
+        assert room(bus) > before
+
+
+def test_another_bus_holds_what_it_holds(virtual: dict[str, Any]) -> None:
+    with can.Bus(**virtual) as bus:
+        hold_more(bus)
