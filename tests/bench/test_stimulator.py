@@ -410,10 +410,12 @@ def test_the_age_of_a_reading_is_that_of_its_oldest_value(inside: bool) -> None:
 class ScriptedLink:
     """A link that plays rows."""
 
+    only_read = False
+
     def __init__(self, ticks: list[int]) -> None:
         self._rows: list[Row] = [(tick, 0, 0, 0, 0, 0, 0, 0) for tick in ticks]
 
-    def run(self, cycles: int, rows: list[Row]) -> None:
+    def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool]) -> None:
         rows += self._rows
 
     def read(self, name: str) -> int:
