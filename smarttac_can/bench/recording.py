@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
@@ -136,19 +137,22 @@ class Recording:
         assert log is not None
         if error is not None:
             self._stop()
-        # What ends the block, or else the loss of the bus, is the error to report; the file is
-        # made all the same.
-        try:
-            self._stack.close()
-        except BenchError as lost:
-            self._make_file(log)
-            if error is None:
-                lost.add_note(f"{self.path} holds what was recorded until then")
-                raise
-        else:
-            self._make_file(log)
-        if error is not None:
-            error.add_note(f"{self.path} holds what was recorded until then")
+        failures = []
+        for step in (self._stack.close, partial(self._make_file, log)):
+            try:
+                step()
+            except BenchError as failure:
+                failures.append(failure)
+        # The first failure is the one to report, with a note of the others.
+        first = error or (failures[0] if failures else None)
+        if first is not None:
+            others = [str(failure) for failure in failures if failure is not first]
+            if self.summary is not None:
+                others.append(f"{self.path} holds what was recorded until then")
+            for text in others:
+                first.add_note(text)
+            if first is not error:
+                raise first
 
     def _new_log(self, head: dict[str, Any]) -> FrameLog:
         try:

@@ -73,15 +73,18 @@ def make_recording(log: Path, path: Path) -> Summary:
 
     if path.exists():
         raise BenchError(f"{path} exists: give the recording another name")
-    part = path.with_name(f"{path.name}.part")
     try:
         reader = FrameLogReader(log)
+    except ValueError as error:
+        raise BenchError(str(error)) from error
+    part = path.with_name(f"{path.name}.part")
+    try:
         frames = RecordedFrames(reader.head)
         with h5py.File(part, "w") as file:
             summary = _write(file, reader, frames)
         part.rename(path)
     except (KeyError, TypeError, ValueError, EDSError) as error:
-        raise BenchError(f"{log} is no log of a recording: {error}") from error
+        raise BenchError(f"{log} cannot be understood: {error}") from error
     finally:
         part.unlink(missing_ok=True)
     return summary

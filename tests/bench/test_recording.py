@@ -266,12 +266,18 @@ def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
             pytest.raises(BenchError, match=r"run\.h5 could not be made: No space left on device"),
             bench.record(tmp_path / "run.h5") as recording,
         ):
-            monkeypatch.setattr(FrameLog, "_sync", full)
+            monkeypatch.setattr(FrameLog, "_write", full)
             bench.run(0.1)
             with pytest.raises(BenchError, match=r"takes no more: No space left"):
                 while True:
                     recording.check()
         assert (tmp_path / "run.h5.log").exists()
+        # The error that ends the block is the one to hear of.
+        with pytest.raises(ZeroDivisionError) as caught, bench.record(tmp_path / "b.h5"):
+            bench.run(0.1)
+            raise ZeroDivisionError
+        (note,) = caught.value.__notes__
+        assert "b.h5 could not be made: No space left on device" in note
 
 
 def until(true: Any) -> None:
