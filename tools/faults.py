@@ -73,7 +73,7 @@ loop, 1 ms.
 Every watchdog trips in every mode; that of the resonance only where the resonance is tracked.
 Missed time has no row: without SYNC others are sooner, and a process without time is no fault of
 the bus. The heartbeat of the master comes each 100 ms and is missed after 1000 ms, that of the
-plate each 1000 ms and is missed after 2000 ms: as the bench has it, and a stimulator by default. An
+plate each 500 ms and is missed after 2000 ms: as the bench has it, and a stimulator by default. An
 identification is over by then. A process that goes on after a pause has its time first, then the
 frames that waited.
 """

@@ -13,7 +13,7 @@ _SETTLE_S: Final = 0.1
 """What still comes of the last SYNC has come by then."""
 _EVENT_S: Final = 0.25
 """In real time the event timers of the TPDOs, 0.1 s by default, send within it."""
-_HEARTBEATS: Final = 1.5
+_HEARTBEATS: Final = 3
 _POLL_S: Final = 0.01
 
 

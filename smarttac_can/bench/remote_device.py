@@ -36,7 +36,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 
-_HEARTBEATS_MISSED: Final = 3
+_HEARTBEATS_MISSED: Final = 6
 _PRODUCT_CODE: Final = 2
 
 

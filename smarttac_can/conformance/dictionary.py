@@ -171,11 +171,18 @@ def limits(examiner: Examiner) -> None:
 
 @case(
     "OD-07",
-    "A master that writes each rw entry back with its own value gets no abort.",
+    "A master that writes each rw entry back with its own value gets no abort, mappings apart.",
 )
 def write_back(examiner: Examiner) -> None:
     """Write-back."""
-    entries = [e for e in _readable(examiner) if e.writable and e.data_type != DataType.DOMAIN]
+    mappings = [p.mapping for p in examiner.sheet.tpdos + examiner.sheet.rpdos]
+    entries = [
+        e
+        for e in _readable(examiner)
+        if e.writable
+        and e.data_type != DataType.DOMAIN
+        and not (e.index in mappings and e.subindex)
+    ]
     faults = []
     for entry in entries:
         try:

@@ -24,6 +24,7 @@ from smarttac_can.od.dictionary import Entry
 _BITS = 64
 _PROCEDURE = "7.5.2.38: disable, number 0, entries, number, enable"
 _REFUSED = (AbortCode.NOT_MAPPABLE,)
+_PROTECTED = (AbortCode.ACCESS, AbortCode.NOT_MAPPABLE)
 _TOO_MUCH = (AbortCode.PDO_LENGTH, AbortCode.NOT_MAPPABLE, AbortCode.VALUE, AbortCode.TOO_HIGH)
 
 
@@ -123,7 +124,7 @@ def remap(examiner: Examiner) -> None:
 
 @case(
     "PDO-28",
-    f"{_PROCEDURE}; a valid PDO, or one whose number is not 0, refuses.",
+    f"{_PROCEDURE}; a valid PDO, or one whose number is not 0, refuses also what is there.",
     needs_mapping,
 )
 def remap_out_of_order(examiner: Examiner) -> None:
@@ -141,13 +142,15 @@ def remap_out_of_order(examiner: Examiner) -> None:
     if other is None:
         raise NotApplicable("the EDS has one mappable entry only")
 
-    def write() -> None:
-        write_number(examiner, pdo.mapping, 1, other)
+    def write(parameter: int) -> None:
+        write_number(examiner, pdo.mapping, 1, parameter)
 
+    present = number(examiner, pdo.mapping, 1)
     examiner.refuse(lambda: write_number(examiner, pdo.mapping, 0, 0), "number 0 of a valid PDO")
-    examiner.refuse(write, "new entry of a valid PDO")
+    examiner.refuse(lambda: write(other), "new entry of a valid PDO")
     disable(examiner, pdo)
-    examiner.refuse(write, "new entry while the number is not 0")
+    for parameter, what in ((other, "new entry"), (present, "entry written back")):
+        examiner.refuse(partial(write, parameter), f"{what} while the number is not 0", *_PROTECTED)
 
 
 @case("PDO-29", "7.5.2.38: a number beyond the sub-indices.", needs_mapping)

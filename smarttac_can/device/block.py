@@ -13,6 +13,9 @@ from smarttac_can.od.dictionary import MAX_BYTES, Entry
 BLOCK_SIZE: Final = 127
 """Most segments in a sub-block, and what the server asks for."""
 
+MOST_UNHEARD: Final = 16
+"""Sub-blocks of an upload in a row, of which a client may have got nothing."""
+
 _LAST: Final = 0x80
 _SEQUENCE: Final = 0x7F
 
@@ -153,6 +156,7 @@ class BlockUpload:
         self._position = 0
         self._count = 0
         self._sent = 0
+        self._unheard = 0
         self.ended = False
         self._block_size = _checked(block_size)
 
@@ -187,13 +191,16 @@ class BlockUpload:
         ------
         Abort
             SEQUENCE if more is confirmed than was sent, BLOCK_SIZE, COMMAND if nothing is to be
-            confirmed.
+            confirmed, TIME_OUT if nothing of `MOST_UNHEARD` sub-blocks was.
         """
         if not self._count or self.ended:
             raise Abort(AbortCode.COMMAND)
         if request[1] > self._sent:
             raise Abort(AbortCode.SEQUENCE)
         self._block_size = _checked(request[2])
+        self._unheard = 0 if request[1] else self._unheard + 1
+        if self._unheard == MOST_UNHEARD:
+            raise Abort(AbortCode.TIME_OUT)
         begin = self._position
         self._position += SEGMENT * request[1]
         if self._with_crc:

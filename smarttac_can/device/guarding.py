@@ -77,11 +77,12 @@ class Guarding(Service):
         super().enter(state)
 
     def apply(self, entry: Entry) -> None:
-        """Take new parameters; a master whose remote frames came is waited for that long."""
-        watched = self.timer.running
-        super().apply(entry)
-        if watched and self._active and self._life_time:
-            self.timer.start(self._life_time)
+        """Take new parameters; another life time counts from the last remote frame that came."""
+        self.configure()
+        if self.timer.running and self._active and self._life_time:
+            self.timer.follow(self._life_time)
+        else:
+            super().apply(entry)
 
     def cease(self) -> None:
         """Wait for a first remote frame again."""

@@ -27,7 +27,10 @@ _STATE: Final = 0x7F
 
 
 class HeartbeatProducer(Service):
-    """Sends the NMT state every producer time; the boot-up message counts as the first one."""
+    """Sends the NMT state every producer time, at once when that is written.
+
+    After a reset the boot-up message counts as the first one.
+    """
 
     states: ClassVar = ALL_STATES
 
@@ -51,6 +54,12 @@ class HeartbeatProducer(Service):
         if state is not None:
             self._state = state
         super().enter(state)
+
+    def apply(self, entry: Entry) -> None:
+        """Begin anew with another producer time, by a heartbeat at once."""
+        super().apply(entry)
+        if self._period:
+            self._send()
 
     def configure(self) -> None:
         """Read the producer time in ms; 0 is no heartbeat."""
@@ -106,10 +115,9 @@ class Monitor:
         self.timer.stop()
 
     def follow(self, parameter: int) -> None:
-        """Watch the same node with another consumer time, from now on if it was heard already."""
+        """Watch the same node with another consumer time, which counts from its last heartbeat."""
         self.parameter = parameter
-        if self.timer.running:
-            self.timer.start(self.period)
+        self.timer.follow(self.period)
 
     def receive(self, frame: Frame) -> None:
         """Take a heartbeat or boot-up message of the node."""

@@ -187,20 +187,22 @@ def check_mapping(
     """Hold the writer of a mapping record to the procedure.
 
     The PDO is disabled, the number of objects set to 0, objects entered, their number set, the PDO
-    enabled. What changes nothing is let through, for masters that write back what they read.
+    enabled. A number of objects that changes nothing is let through, and so is an object where the
+    number is 0, for masters that write back what they read.
 
     Raises
     ------
     Abort
-        STATE out of order; else as `compile_mapping`.
+        ACCESS for an object while their number is not 0, also the one that is there; STATE
+        while the PDO is valid; else as `compile_mapping`.
     """
+    if entry.subindex and od.number(entry.index):
+        raise Abort(AbortCode.ACCESS)
     if value == entry.value:
         return
     if valid:
         raise Abort(AbortCode.STATE)
     if entry.subindex == 0:
         compile_mapping(od, entry.index, direction, value)
-    elif od.number(entry.index):
-        raise Abort(AbortCode.STATE)
     elif value:
         mapped_entry(od, value, direction)

@@ -23,7 +23,7 @@ _FIRST_SERIAL: Final = 1
 """That of the packaged EDS files."""
 _FIRST_NODE_ID: Final = 33
 _PLATE_HEARTBEAT_MS: Final = 2000
-"""Two heartbeats of a plate that has not been configured."""
+"""Four heartbeats of a plate that has not been configured."""
 
 
 def plate_serial(entry: Entry, node_id: int) -> int:

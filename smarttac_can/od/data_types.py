@@ -55,6 +55,11 @@ def bounds(data_type: DataType) -> tuple[float, float]:
     return (0, 1) if data_type == DataType.BOOLEAN else (0, 0)
 
 
+def is_visible(text: str) -> bool:
+    """Tell whether a VISIBLE_STRING can hold a text."""
+    return not text.encode().translate(None, _VISIBLE)
+
+
 def zero(data_type: DataType) -> Any:
     """Return the value of an entry whose EDS names no default."""
     if data_type in TEXT:

@@ -10,7 +10,7 @@ import re
 from typing import Any, Final, TypeVar
 
 from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, DataType, ObjectType
-from smarttac_can.od.data_types import TEXT, bounds, zero
+from smarttac_can.od.data_types import TEXT, bounds, is_visible, zero
 from smarttac_can.od.dictionary import ACCESS, Entry, Object, ObjectDictionary
 from smarttac_can.od.eds_values import parse_integer, parse_value
 from smarttac_can.od.entry_rules import LONGEST_NAME
@@ -59,6 +59,7 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
         raise ValueError(f"node_id {node_id} is outside 1..127")
     warnings: list[str] = []
     sections = read_sections(text, warnings)
+    _warn_about_characters(text, warnings)
     reader = _Reader(sections, node_id, warnings)
     objects = [
         item
@@ -235,7 +236,17 @@ class _Reader:
         return value
 
     def _value(self, section: str, data_type: DataType, text: str) -> Any:
+        if data_type is DataType.VISIBLE_STRING and not is_visible(text):
+            self.warnings.append(f"[{section}] value {text!r} is no VISIBLE_STRING: none is taken")
         return parse_value(data_type, text, self.node_id, f"[{section}] value {text!r}")
+
+
+def _warn_about_characters(text: str, warnings: list[str]) -> None:
+    lines = text.removeprefix("\ufeff").splitlines()
+    odd = [number for number, line in enumerate(lines, 1) if not line.isascii()]
+    if odd:
+        more = f" and of {len(odd) - 1} more" if len(odd) > 1 else ""
+        warnings.append(f"line {odd[0]}{more}: not all characters are ASCII")
 
 
 def _require_short(name: str, what: str) -> None:

@@ -12,7 +12,7 @@ from smarttac_can.device.collision import GONE_AFTER_US
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_faults import Disturbance, FrameFault
 from smarttac_can.od.cia import HEARTBEAT_ID, PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS
-from smarttac_can.trials.rig import MASTER_ID, PLATE_LOST_MS, Rig
+from smarttac_can.trials.rig import MASTER_ID, PLATE_HEARTBEAT_MS, Rig
 from smarttac_can.trials.stage_hardware import StageHardware
 from smarttac_can.vocabulary.signals import TICK_US, Drive, Measurement, Setpoint
 
@@ -103,9 +103,10 @@ def pause_stimulator(rig: Rig) -> None:
 
 
 def resume_stimulator(rig: Rig) -> None:
-    """Let the process of the stimulator go on, 2 s later."""
+    """Let the process of the stimulator go on, 2 s later, until it has heard the plate again."""
     rig.cycle(_PAUSE_CYCLES)
     rig.bus.resume(rig.stimulator_port)
+    hear_plate(rig)
 
 
 def pause_plate(rig: Rig) -> None:
@@ -235,7 +236,7 @@ def boot_again(rig: Rig) -> None:
 def hear_plate(rig: Rig) -> None:
     """Let no frames get lost, until a heartbeat of the plate has come."""
     calm(rig)
-    rig.cycle(PLATE_LOST_MS // 2 + 1)
+    rig.cycle(PLATE_HEARTBEAT_MS + 1)
 
 
 def connect_hardware(rig: Rig) -> None:

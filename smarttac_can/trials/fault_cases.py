@@ -249,7 +249,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
               plate_inside=True, forgets=True),
     FaultCase("plate restarts", AT_ONCE, Watchdog.MEASUREMENT, restart_plate, nothing),
     FaultCase("clock of the stimulator jumps", AT_ONCE, Watchdog.SYNC_LOST,
-              jump(plate=False), nothing),
+              jump(plate=False), hear_plate),
     FaultCase("clock of the plate jumps", AT_ONCE, Watchdog.PLATE, jump(plate=True), nothing),
     FaultCase("clock of the stimulator stops", SYNC_IRREGULAR_CYCLES, Watchdog.SYNC_IRREGULAR,
               stop_clock, start_clock),

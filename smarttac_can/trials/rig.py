@@ -42,8 +42,10 @@ HEARTBEAT_CYCLES: Final = 100
 """Cycles between two heartbeats of the master, as of the bench and in the docs."""
 MASTER_LOST_MS: Final = 1000
 """After how long without one the stimulator counts the master as lost, as the bench has it."""
+PLATE_HEARTBEAT_MS: Final = 500
+"""Time between two heartbeats of the plate, that of its EDS."""
 PLATE_LOST_MS: Final = 2000
-"""The same of the plate, two of its heartbeats: as the stimulator does by default."""
+"""After how long without one it counts as lost, as the stimulator does by default."""
 _STAGE: Final = TPDO_COMMUNICATION + 3
 """TPDO 4: what the power stage does, be it of the plate node or of the plate inside."""
 TARE_CYCLES: Final = TARE_SAMPLES + 6

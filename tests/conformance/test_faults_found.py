@@ -131,6 +131,7 @@ OUTWARDS = {
     "abort 05040004": (_general(0x05040004), "SDO-28"),
     "abort 06020000": (_general(0x06020000), "SDO-14"),
     "abort 06090011": (_general(0x06090011), "SDO-15"),
+    "abort 06010000": (_general(0x06010000), "PDO-28"),
     "abort 06010002": (_general(0x06010002), "SDO-16 OD-04"),
     "abort 06010001": (_general(0x06010001), "SDO-17 OD-05"),
     "abort 06070012": (_general(0x06070012), "SDO-18"),

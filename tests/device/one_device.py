@@ -59,8 +59,8 @@ def download(device: Device, index: int, subindex: int, value: int, size: int) -
     command = 0x23 | (4 - size) << 2
     data = (value & (1 << 8 * size) - 1).to_bytes(size, "little").ljust(4, b"\0")
     address = index.to_bytes(2, "little") + bytes((subindex,))
-    answer, *_ = device.receive(Frame(0x600 + NODE_ID, bytes((command,)) + address + data))
-    assert answer.can_id == 0x580 + NODE_ID
+    sent = device.receive(Frame(0x600 + NODE_ID, bytes((command,)) + address + data))
+    (answer,) = [frame for frame in sent if frame.can_id == 0x580 + NODE_ID]
     assert answer.data[1:4] == address
     if answer.data[0] == 0x80:
         return int.from_bytes(answer.data[4:], "little")

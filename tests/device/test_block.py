@@ -181,6 +181,28 @@ def test_lost_segments_are_sent_again(
     assert read_block(device, block_size, lost=up) == TEXT[:size]
 
 
+@pytest.mark.parametrize("block_size", [1, 127])
+def test_a_client_that_acknowledges_nothing_again_and_again_is_aborted(block_size: int) -> None:
+    device = started()
+    assert write_block(device, TEXT[:1000]) == 0
+
+    def request(*data: int) -> list[Frame]:
+        return receive(device, Frame(0x620, bytes(data).ljust(8, b"\0")))
+
+    def begin() -> None:
+        assert request(0xA0, 0x00, 0x23, 0, block_size)[0].data[0] == 0xC6
+        assert len(request(0xA3)) == block_size
+
+    begin()
+    for _ in range(15):
+        assert len(request(0xA2, 0, block_size)) == block_size
+    (answer,) = request(0xA2, 0, block_size)
+    assert answer.data == bytes.fromhex("80 00 23 00 00 00 04 05")
+    begin()
+    for heard in (0, 1, 0) * 9:
+        assert request(0xA2, heard, block_size)[0].data[0] != 0x80, "nothing in two of three"
+
+
 def test_no_frame_has_more_than_a_sub_block_summed_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """The checksum of 1 MiB takes longer than a cycle of the loop."""
     summed: list[int] = []

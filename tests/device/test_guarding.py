@@ -44,6 +44,7 @@ def test_heartbeat_and_guarding_exclude_each_other() -> None:
         > 720 rtr
         < 720 05
         > 620 2B 17 10 00 32 00 00 00   # heartbeat on
+        < 720 05
         < 5A0 60 17 10 00 00 00 00 00
         > 720 rtr
         + 49ms                          # nor is the master missed

@@ -1,6 +1,7 @@
 import pytest
 from one_device import download, make_device, play, started
 
+from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 
 WATCH_NODE_5_FOR_20_MS = "> 620 23 16 10 01 14 00 05 00\n< 5A0 60 16 10 01 00 00 00 00\n"
@@ -13,7 +14,8 @@ def test_producer_sends_the_state_every_period_and_nothing_between() -> None:
         """
         power
         < 720 00
-        > 620 2B 17 10 00 03 00 00 00     # 3 ms
+        > 620 2B 17 10 00 03 00 00 00     # 3 ms, and the first at once
+        < 720 7F
         < 5A0 60 17 10 00 00 00 00 00
         + 2999us
         + 1us
@@ -44,6 +46,24 @@ def test_writing_the_same_period_back_does_not_restart_it() -> None:
     device.advance(9000)
     download(device, 0x1017, 0, 10, 2)
     play(device, "+ 1ms\n< 720 05")
+
+
+def test_another_period_begins_at_once() -> None:
+    play(
+        started(),
+        """
+        > 620 2B 17 10 00 0A 00 00 00     # 10 ms
+        < 720 05
+        < 5A0 60 17 10 00 00 00 00 00
+        + 6ms
+        > 620 2B 17 10 00 14 00 00 00     # 20 ms
+        < 720 05
+        < 5A0 60 17 10 00 00 00 00 00
+        + 19ms
+        + 1ms
+        < 720 05
+        """,
+    )
 
 
 def test_consumer_reports_loss_and_return() -> None:
@@ -120,7 +140,7 @@ def test_switching_the_watch_off_takes_the_error_back() -> None:
     )
 
 
-def test_another_time_for_the_same_node_does_not_end_its_watch() -> None:
+def test_another_time_for_the_same_node_counts_from_its_last_heartbeat() -> None:
     device = started()
     play(
         device,
@@ -128,9 +148,9 @@ def test_another_time_for_the_same_node_does_not_end_its_watch() -> None:
         + """
         > 705 05
         + 15ms
-        > 620 23 16 10 01 1E 00 05 00           # 30 ms from now on
+        > 620 23 16 10 01 1E 00 05 00           # 30 ms, of which 15 are over
         < 5A0 60 16 10 01 00 00 00 00
-        + 29ms
+        + 14ms
         + 1ms
         < 0A0 30 81 11 05 00 00 00 00
         > 620 23 16 10 01 28 00 05 00           # and still missing
@@ -142,3 +162,22 @@ def test_another_time_for_the_same_node_does_not_end_its_watch() -> None:
         < 0A0 30 81 11 05 00 00 00 00
         """,
     )
+
+
+def test_a_time_that_is_shortened_again_and_again_does_not_postpone_the_loss() -> None:
+    device = started()
+    download(device, 0x1016, 1, 0x5_0000 | 100, 4)
+    device.receive(Frame(0x705, b"\5"))
+    for milliseconds in range(99, 50, -1):
+        assert device.advance(1000) == []
+        assert download(device, 0x1016, 1, 0x5_0000 | milliseconds, 4) == 0
+    play(device, "+ 1ms\n+ 1ms\n< 0A0 30 81 11 05 00 00 00 00")
+
+
+def test_a_time_that_is_over_already_is_lost_at_once() -> None:
+    device = started()
+    download(device, 0x1016, 1, 0x5_0000 | 100, 4)
+    device.receive(Frame(0x705, b"\5"))
+    device.advance(60_000)
+    download(device, 0x1016, 1, 0x5_0000 | 20, 4)
+    play(device, "+ 0ms\n< 0A0 30 81 11 05 00 00 00 00")

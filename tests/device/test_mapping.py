@@ -5,7 +5,7 @@ from smarttac_can.device.device import Device
 from smarttac_can.od.eds import load_eds
 
 MODE, VOLTAGE, COUNTER = 0x21100008, 0x21000110, 0x21200020
-ABORT_STATE, NO_MAP, LENGTH = 0x08000022, 0x06040041, 0x06040042
+ABORT_STATE, NO_MAP, LENGTH, ACCESS = 0x08000022, 0x06040041, 0x06040042, 0x06010000
 
 
 def opened(device: Device, n: int = 1, kind: int = 0x1800) -> int:
@@ -46,10 +46,27 @@ def test_steps_out_of_order_are_refused() -> None:
         mapping = kind + 0x200
         count = device.od.entry(mapping, 0).value
         assert download(device, mapping, 0, 0, 1) == ABORT_STATE, "still valid"
-        assert download(device, mapping, 1, MODE, 4) == ABORT_STATE, "still valid"
+        assert download(device, mapping, 1, MODE, 4) == ACCESS, "still valid"
         assert download(device, kind, 1, device.od.entry(kind, 1).value | 1 << 31, 4) == 0
-        assert download(device, mapping, 1, MODE, 4) == ABORT_STATE, "number is not 0"
+        assert download(device, mapping, 1, MODE, 4) == ACCESS, "number is not 0"
         assert device.od.entry(mapping, 0).value == count
+
+
+@pytest.mark.parametrize("kind", [0x1400, 0x1800])
+def test_an_object_is_written_only_while_their_number_is_0(kind: int) -> None:
+    """Also the object that is there, and one beyond the number."""
+    device = started()
+    mapping = kind + 0x200
+    same, beyond = (device.od.entry(mapping, n).value for n in (1, 8))
+    for valid in (True, False):
+        assert download(device, mapping, 1, same, 4) == ACCESS
+        assert download(device, mapping, 8, beyond, 4) == ACCESS
+        assert download(device, mapping, 0, device.od.number(mapping), 1) == 0, "is written back"
+        if valid:
+            download(device, kind, 1, device.od.entry(kind, 1).value | 1 << 31, 4)
+    assert download(device, mapping, 0, 0, 1) == 0
+    assert download(device, mapping, 1, same, 4) == 0
+    assert download(device, mapping, 8, beyond, 4) == 0
 
 
 @pytest.mark.parametrize(

@@ -153,6 +153,7 @@ def test_heartbeat_and_nmt_live_in_all_states(state: NMTState) -> None:
         device,
         f"""
         > 620 2B 17 10 00 0A 00 00 00
+        < 720 7F
         < 5A0 60 17 10 00 00 00 00 00
         > 000 {COMMAND_OF[state]} 20
         + 10ms

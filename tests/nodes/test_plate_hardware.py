@@ -12,6 +12,7 @@ from test_plate_watchdogs import emergencies, tick_of
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import AbortCode
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
@@ -246,10 +247,20 @@ def defeats(plate: PlateNode) -> dict[str, tuple[int, int, int]]:
         "at SYNC": (0x1401, 2, 1),
         "a longer timer": (0x1401, 5, 4),
         "nothing mapped": (0x1601, 0, 0),
-        "another object": (0x1601, 1, 0x0005_0008),
         "enabled by SDO": (0x2031, 0, 0),
         "read back by SDO": (0x2032, 0, 1),
     }
+
+
+@pytest.mark.parametrize("value", [0x0005_0008, 0x2031_0008])
+def test_the_mapping_is_protected_by_its_number_of_objects(value: int) -> None:
+    line, plate = watched()
+    entry = plate.od.entry(0x1601, 1)
+    before = entry.value
+    assert line.write_entry(plate, entry, value) == AbortCode.ACCESS
+    assert line.write_entry(plate, entry, before) == AbortCode.ACCESS
+    assert entry.value == before
+    assert stage(plate) == 20
 
 
 @pytest.mark.parametrize("name", defeats(PlateNode.__new__(PlateNode)))

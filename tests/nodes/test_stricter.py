@@ -267,4 +267,4 @@ def test_the_life_time_of_the_guarding_is_a_watch() -> None:
         assert line.write_entry(node, od.entry(index), laxer) == STATE
     assert line.write_entry(node, od.entry(0x100D), 2) == OK
     # A heartbeat would put an end to it.
-    assert line.write_entry(node, od.entry(0x1017), 500) == STATE
+    assert line.write_entry(node, od.entry(0x1017), 400) == STATE

@@ -122,6 +122,21 @@ def test_default_that_cannot_be_interpreted(text: str, data_type: str, message: 
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.parametrize("text", ["5 µm", "a\tb", "Prüfstand"])
+def test_a_default_that_a_server_would_not_take_back_is_named(text: str) -> None:
+    """A server that would refuse it from a client does not have it without a word."""
+    od = load_eds(var(f"DefaultValue={text}", data_type="0x0009"), 1)
+    assert f"[2000] value {text!r} is no VISIBLE_STRING: none is taken" in od.warnings
+    assert load_eds(var("DefaultValue= ~a b!", data_type="0x0009"), 1).warnings == []
+    unicode = load_eds(var(f"DefaultValue={text}", data_type="0x000B"), 1)
+    assert not [warning for warning in unicode.warnings if "STRING" in warning]
+
+
+def test_all_lines_with_other_characters_are_counted() -> None:
+    text = var("DefaultValue=1", "Denotation=ä", "Denotation=ä")
+    assert load_eds(text, 1).warnings == ["line 9 and of 1 more: not all characters are ASCII"]
+
+
 def test_limits() -> None:
     od = load_eds(var("LowLimit=0x80", "HighLimit=5", "DefaultValue=-3", data_type="0x0002"), 1)
     assert (od["X"].low, od["X"].high, od["X"].default) == (-128, 5, -3)
@@ -136,6 +151,10 @@ def test_limits() -> None:
         (["LowLimit=9", "HighLimit=3"], "LowLimit 9 is above HighLimit 3, both ignored"),
         (["HighLimit=3", "DefaultValue=4"], "default 4 is outside its limits None..3"),
         (["what is this"], "line 8: 'what is this' is no key of a section, ignored"),
+        (
+            ["[2000]", "Denotation=5 µm"],
+            "line 9: not all characters are ASCII",
+        ),
         (["[Gibberish]"], "section [gibberish] is not known, ignored"),
         (["[2001sub1]"], "[2001sub1] belongs to no object, ignored"),
         (["[2000sub1]", "ParameterName=Y"], "[2000] says SubNumber"),
