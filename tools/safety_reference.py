@@ -205,8 +205,8 @@ def safety() -> str:
         "",
         "From `smarttac_can/nodes/stricter.py`. While the stimulator is armed or running, a write "
         "that makes one of these laxer is refused with 08000022h. The present value, a stricter "
-        "one and a watch where there was none are taken. The public TPDOs 1 to 4 are free. Entries of "
-        "a mapping are refused before, with 06010000h, while sub-index 0 is not 0.",
+        "one and a watch where there was none are taken. The public TPDOs 1 to 4 are free. "
+        "Entries of a mapping are refused before, with 06010000h, while sub-index 0 is not 0.",
         "",
         *_stricter(OF_STIMULATOR),
         "The plate does the same while its power stage is *in use*:",

@@ -1,0 +1,87 @@
+"""The examples run as they stand, beside a node or through the tool they are written for."""
+
+import re
+import runpy
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from nodes_on_a_bus import in_threads, stimulator_with_plate
+
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.cli import main
+from smarttac_can.device.device import Device
+from smarttac_can.device.frame import Frame
+from smarttac_can.od.eds import load_eds
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+NODE_ID = 32
+
+
+def test_python_can_with_cantools(
+    virtual: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    dbc = tmp_path / "stimulator-32.dbc"
+    made = CliRunner().invoke(main, ["eds", "dbc", "stimulator", "--node-id", "32"])
+    dbc.write_text(made.output)
+    node = stimulator_with_plate(lockstep=False)
+    options = ["--interface", virtual["interface"], "--channel", virtual["channel"]]
+    monkeypatch.setattr(sys, "argv", ["with_cantools.py", str(dbc), *options])
+    with in_threads(virtual, node, lockstep=False):
+        runpy.run_path(str(EXAMPLES / "with_cantools.py"), run_name="__main__")
+    printed = capsys.readouterr().out.splitlines()
+    for number in range(1, 5):
+        assert [line for line in printed if f"_TPDO{number} " in line], printed
+    assert re.search(r"TPDO2 .*'Contact_Normal_force': -?\d", "\n".join(printed))
+
+
+@pytest.fixture
+def configured(tmp_path: Path) -> Path:
+    """Folder with what dcfgen makes of the bus configuration."""
+    (tmp_path / "stimulator.eds").write_text((ROOT / "eds" / "stimulator.eds").read_text())
+    dcfgen = [str(Path(sys.executable).with_name("dcfgen")), "--remote-pdo"]
+    done = subprocess.run(
+        [*dcfgen, EXAMPLES / "lely-bus.yml"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    warnings = [line for line in done.stderr.splitlines() if "Warning" in line]
+    assert not [line for line in warnings if "pkg_resources" not in line]
+    return tmp_path
+
+
+def test_dcfgen_takes_the_bus_configuration(configured: Path) -> None:
+    master = load_eds((configured / "master.dcf").read_text(), 1)
+    assert master.number(0x1F81, NODE_ID) & 0b101 == 0b101, "a slave that is booted"
+    assert master.number(0x1017) == 100
+
+
+def test_the_stimulator_takes_each_write_that_dcfgen_has_made(configured: Path) -> None:
+    """Disable, number 0, entries, number, enable: nothing is written to a mapping in force."""
+    data = (configured / "stimulator.bin").read_bytes()
+    (count,) = struct.unpack_from("<L", data)
+    device = Device(stimulator_od(NODE_ID))
+    device.start()
+    at, mapped = 4, []
+    for _ in range(count):
+        index, subindex, size = struct.unpack_from("<HBL", data, at)
+        value = data[at + 7 : at + 7 + size]
+        at += 7 + size
+        command = 0x23 | (4 - size) << 2
+        request = struct.pack("<BHB", command, index, subindex) + value.ljust(4, b"\0")
+        sent = device.receive(Frame(0x600 + NODE_ID, request))
+        (answer,) = [frame for frame in sent if frame.can_id == 0x580 + NODE_ID]
+        assert answer.data[0] == 0x60, f"{index:04X}h:{subindex:02X} {value.hex()}"
+        mapped += [subindex] if index == 0x1A01 else []
+    assert at == len(data)
+    assert mapped == [0, 1, 2, 3, 4, 0]
+    assert device.od.number(0x1801, 1) == 0x280 + NODE_ID
+    assert device.od.number(0x1016, 1) == 0x0001_03E8
