@@ -46,6 +46,8 @@ NOT_SHOWN: Final = {
 _LONGEST_S: Final = 1e9
 _RUN_CYCLES: Final = 400
 """A run that goes on has done so for that long; an identification ends by itself soon after."""
+LEAST_HOLD: Final = 200
+"""Cycles at 0 V, which the log leaves out, that are enough to tell its parts."""
 _MODES: Final = {mode.name.lower(): mode for mode in Mode}
 
 
@@ -100,6 +102,7 @@ def verify_rows(
         If the rows are none, or the log is out of order.
     """
     claims = _claims(rows)
+    _require_hold(claims)
     signs = [Signs(stimulator, plate, inside=inside) for inside in (False, True)]
     measured = plate.number(TPDO_COMMUNICATION, PDO_COB_ID) & CAN_ID_MASK
     fields = not_shown = 0
@@ -250,6 +253,17 @@ def _claims(rows: object) -> list[_Claim]:
             )
         claims.append(_Claim(number, fault, _MODES[mode], round(injected * 1e6), row))
     return claims
+
+
+def _require_hold(claims: list[_Claim]) -> None:
+    """Refuse rows of a short hold: their log does not show where the recovery begins."""
+    for claim in claims:
+        cycles = claim.row.get("cycles_at_zero")
+        if claim.row.get("held") is True and isinstance(cycles, int) and cycles < LEAST_HOLD:
+            raise claim.differs(
+                f"was held for {cycles} cycles, of which the log shows nothing: only one made "
+                f"with --hold {LEAST_HOLD} or more can be verified"
+            )
 
 
 def _require_bound(claim: _Claim, cycles: object) -> None:

@@ -13,6 +13,7 @@ from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
+from smarttac_can.vocabulary.objects import SIMULATION
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
 
 STIMULATOR_ID: Final = 32
@@ -52,17 +53,21 @@ def stimulator_with_plate(presets: Mapping[str, int] | None = None) -> Stimulato
 
 
 def attach_nodes(bus: LocalBus, *, plate_inside: bool, presets: Mapping[str, int]) -> None:
-    """Attach a stimulator, and a plate node if the plate is not inside, in lockstep."""
+    """Attach a stimulator, and a plate node if the plate is not inside, in lockstep.
+
+    What is simulated is simulated by the plate: a plate node has the presets of that.
+    """
     if plate_inside:
         bus.attach(stimulator_with_plate(presets))
         return
-    bus.attach(PlateNode(plate_od(), deadline_ms=SHORT_DEADLINE_MS))
+    simulated = {n: raw for n, raw in presets.items() if n.partition(".")[0] in SIMULATION}
+    bus.attach(PlateNode(plate_od(), simulated, deadline_ms=SHORT_DEADLINE_MS))
     bus.attach(
         StimulatorNode(
             stimulator_od(),
             plate_node_id=PLATE_ID,
             lockstep=True,
             deadline_ms=SHORT_DEADLINE_MS,
-            presets=presets,
+            presets={name: raw for name, raw in presets.items() if name not in simulated},
         )
     )

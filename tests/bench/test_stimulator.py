@@ -641,6 +641,23 @@ def test_presets_are_those_of_the_power_on(inside: bool) -> None:
         assert abs(one.normal_force_n[-1]) > 0.03, "not tared"
 
 
+@pytest.mark.parametrize("inside", [True, False])
+def test_presets_of_the_simulation_are_the_same_on_a_bus(inside: bool) -> None:
+    presets = {"Simulation.Seed": 5, "Simulation.Ambient temperature": 2600, "Finger.Motion": 1}
+    traces = []
+    for options in ({}, {"presets": presets}):
+        with (
+            Stimulator.simulate("local", **options) as local,
+            Stimulator.simulate("bus", plate_inside=inside, **options) as bus,
+        ):
+            seeds = {bench.get("Simulation.Seed") for bench in (local, bus)}
+            assert seeds == {5.0 if options else 1.0}
+            one, other = local.run(0.2), bus.run(0.2)
+            assert one.normal_force_n.tolist() == other.normal_force_n.tolist()
+            traces.append(one)
+    assert traces[0].normal_force_n.tolist() != traces[1].normal_force_n.tolist()
+
+
 @pytest.mark.parametrize(
     ("before", "error"),
     [

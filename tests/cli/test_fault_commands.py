@@ -75,6 +75,15 @@ def refusal(*arguments: str) -> str:
     return line.removeprefix("Error: ")
 
 
+def test_rows_of_a_short_hold_say_so(tmp_path: Path) -> None:
+    log, rows = tmp_path / "log", tmp_path / "rows"
+    assert run(*ONE, "--json", str(rows), "--log", str(log)).exit_code == 0
+    assert refusal(str(log), str(rows)) == (
+        "row 1 (measurements lost, friction): was held for 20 cycles, of which the log shows "
+        "nothing: only one made with --hold 200 or more can be verified"
+    )
+
+
 def test_log_confirms_its_rows(kept: tuple[Path, Path]) -> None:
     result = run("faults", "--verify", *map(str, kept))
     assert result.exit_code == 0, result.output

@@ -46,6 +46,7 @@ def test_reads_and_writes(bench: Bench) -> None:
     assert texts(bench.frames) == [
         "720 00",
         "620 2B 17 10 00 FA 00 00 00",
+        "720 7F",
         "5A0 60 17 10 00 00 00 00 00",
         "620 40 17 10 00 00 00 00 00",
         "5A0 4B 17 10 00 FA 00 00 00",
