@@ -11,7 +11,7 @@ import click
 
 from smarttac_can.cli.options import EDS_FILE, NODE_ID, SECONDS, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import naming, plain_errors
-from smarttac_can.conformance.case import Case, Result
+from smarttac_can.conformance.case import Case, Failure, Result
 from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.report import as_json, line, markdown, summary
@@ -84,6 +84,11 @@ def conform(
             sheet = DeviceDescription(read_eds_file(eds), node_id)
         with closing(bus.open()) as connection:
             examiner = Examiner(connection, sheet, timeout=timeout)
+            try:
+                examiner.require_device()
+            except Failure as failure:
+                text = f"node {node_id} does not answer on {bus.where}: {failure}"
+                raise click.ClickException(text) from failure
             results = run_cases(examiner, cases, lambda result: click.echo(line(result)))
         device = f"node {node_id} by {eds.name}"
         click.echo(summary(results))

@@ -24,7 +24,8 @@ from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.scan import PACKAGED
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
-from smarttac_can.host.eds_files import read_eds, read_eds_file
+from smarttac_can.host.bounded_file import read_bounded
+from smarttac_can.host.eds_files import MAX_BYTES, read_eds, read_eds_file
 from smarttac_can.od.cia import IDENTITY
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
@@ -103,9 +104,13 @@ def check(
 @eds_file
 @output_option
 def show(file: Path, output: Path | None) -> None:
-    """Write the EDS itself, for a master that wants the file."""
+    """Write the EDS itself, byte for byte, for a master that wants the file."""
     with plain_errors():
-        _write(read_eds_file(file), output)
+        data = read_bounded(file, MAX_BYTES)
+        if output is None:
+            click.echo(data, nl=False)
+        else:
+            output.write_bytes(data)
 
 
 @eds.command(epilog="Example: smarttac eds doc plate --output plate.md")

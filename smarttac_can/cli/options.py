@@ -15,7 +15,7 @@ import click
 
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.drivers import cure
+from smarttac_can.host.drivers import cure, unknown_options
 from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import StorageFile
@@ -133,7 +133,9 @@ class BusChoice(NamedTuple):
     @property
     def where(self) -> str:
         """Name of the bus for messages."""
-        return f"{self.interface or 'configured'}:{self.channel or ''}"
+        if self.interface is None:
+            return "the bus of python-can's configuration"
+        return f"{self.interface}:{self.channel or ''}"
 
     @property
     def options(self) -> dict[str, Any]:
@@ -208,6 +210,8 @@ def bus_options(command: Command) -> Command:
         bus_options: dict[str, Any],
         **others: Any,
     ) -> Any:
+        for name in unknown_options(interface, bus_options):
+            raise click.BadParameter(f"--bus-option {name!r}: {interface} has no such option")
         bus = BusChoice(interface, channel, bitrate, bus_options)
         return command(*args, bus=bus, **others)
 

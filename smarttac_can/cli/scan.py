@@ -18,7 +18,6 @@ from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
 from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
 from smarttac_can.host.eds_files import read_eds, read_eds_file
-from smarttac_can.master.errors import NodeNotFoundError
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 
@@ -52,11 +51,11 @@ def scan(bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], as_json: b
         known = {name: _load(name, text) for name, text in texts.items()}
         with closing_network(bus) as network:
             found = scan_bus(network, known, timeout)
-        if not found and not as_json:
-            raise NodeNotFoundError(f"no device answers on {bus.where}")
     if as_json:
         click.echo(json.dumps([_row(device) for device in found], indent=2))
-    else:
+    if not found:
+        raise click.ClickException(f"no device answers on {bus.where}")
+    if not as_json:
         _show(found)
     doubled = [device.node_id for device in found if device.doubled]
     for node_id in doubled:

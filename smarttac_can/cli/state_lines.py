@@ -66,6 +66,10 @@ class StateLines:
         """Switch the node on, and say that it is ready."""
         frames = self._node.start()
         self._said = self._now()
+        if self._device.storage_torn:
+            self._say(
+                f"{self._title} has its defaults: the --storage is torn, or of another device"
+            )
         self._say(f"{self._title} ready on {self._where}")
         return frames
 

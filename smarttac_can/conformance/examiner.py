@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from time import monotonic, sleep
 from typing import Final, NamedTuple, Protocol
 
@@ -181,6 +182,14 @@ class Examiner:
         if boot_up.data != b"\0":
             raise Failure(f"after a reset came {_text(boot_up)} instead of a boot-up")
         self.settle()
+
+    def require_device(self) -> None:
+        """Raise `Failure` unless the device answers to a reset or to SDO."""
+        with suppress(Failure):
+            self.reset()
+            return
+        with suppress(Abort):
+            self.request(b"\x40\0\x10\0")
 
     @property
     def sync_id(self) -> int:

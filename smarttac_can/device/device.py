@@ -189,6 +189,11 @@ class Device:
         return self._lss.bit_rate
 
     @property
+    def storage_torn(self) -> bool:
+        """Whether what is stored was not understood, so that the defaults hold."""
+        return self._storage.torn
+
+    @property
     def collision(self) -> int:
         """Identifier of its own that another device has sent with, 0 for none: see `Collision`."""
         return self._collision.can_id

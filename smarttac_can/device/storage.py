@@ -125,6 +125,11 @@ class ParameterStorage(Service):
         """Stored index of the bit timing."""
         return self._image.bit_timing
 
+    @property
+    def torn(self) -> bool:
+        """Whether what is stored was not understood, so that the defaults hold."""
+        return self._torn
+
     def load(self) -> None:
         """Read what is stored; a torn or foreign content counts as none, and `report` tells."""
         self._image = Image()

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from importlib import import_module
 from importlib.util import find_spec
+from inspect import signature
+from types import FunctionType
 from typing import Final, NamedTuple
+
+from can.interfaces import BACKENDS
 
 
 class _Package(NamedTuple):
@@ -27,6 +33,8 @@ _PACKAGES: Final = {
     "udp_multicast": _Package("msgpack", "smarttac-can[multicast]"),
 }
 """Packages by interface, as the extras of python-can 4.6 name them."""
+_OF_ALL: Final = ("can_filters", "config_context", "fd", "ignore_config", "timing")
+"""What python-can itself takes."""
 _MAKERS: Final = {
     "etas": "BOA of ETAS",
     "ixxat": "VCI of HMS",
@@ -38,6 +46,28 @@ _MAKERS: Final = {
     "vector": "XL Driver Library of Vector",
 }
 """Libraries that come with the adapter, and not from PyPI."""
+
+
+def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
+    """Return the options that an interface of python-can would take without a word, and not use.
+
+    An interface whose driver is not there, or that python-can does not know, is not asked.
+    """
+    place = BACKENDS.get(interface or "")
+    if place is None:
+        return []
+    module, name = place
+    try:
+        backend = getattr(import_module(module), name)
+    except Exception:  # noqa: BLE001 - drivers raise what they like; opening the bus tells
+        return []
+    known = set(_OF_ALL)
+    for kind in backend.__mro__:
+        init = vars(kind).get("__init__")
+        if isinstance(init, FunctionType):
+            # Some take theirs out of ``**kwargs``, by names that stand in the code.
+            known |= {*signature(init).parameters, *init.__code__.co_consts}
+    return [name for name in names if name not in known]
 
 
 def cure(interface: str | None) -> str:

@@ -95,6 +95,15 @@ def test_one_line_for_each_finding(tmp_path: Path) -> None:
     assert warned.stdout == f"{path}: [FileInfo] warning: EDSVersion is missing\n"
 
 
+def test_a_file_is_shown_byte_for_byte(tmp_path: Path) -> None:
+    data = RICH.read_bytes().replace(b"Lines=0", b"Lines=0\r\n;5 \xb5m") + b"\n;\xfc"
+    path, copy = tmp_path / "latin-1.eds", tmp_path / "copy.eds"
+    path.write_bytes(data)
+    assert run("show", path).stdout_bytes == data
+    assert run("show", path, "--output", copy).output == ""
+    assert copy.read_bytes() == data
+
+
 def test_doc(tmp_path: Path) -> None:
     path = tmp_path / "rich.md"
     assert run("doc", RICH, "--output", path).output == ""

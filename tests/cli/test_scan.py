@@ -130,6 +130,11 @@ def test_nobody_there() -> None:
     result = run("scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05")
     assert result.exit_code == 1
     assert result.stderr.splitlines()[-1] == "Error: no device answers on virtual:empty"
+    result = run(
+        "scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05", "--json"
+    )
+    assert (result.exit_code, result.stdout) == (1, "[]\n")
+    assert result.stderr.splitlines()[-1] == "Error: no device answers on virtual:empty"
 
 
 @pytest.mark.parametrize("command", [("scan",), ("lss", "5")])

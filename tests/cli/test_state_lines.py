@@ -1,8 +1,11 @@
 """What a node says of its states, in this process."""
 
+import pytest
+
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli.state_lines import StateLines
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.storage import Memory
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
@@ -20,6 +23,22 @@ def test_a_line_names_the_double_and_another_its_end() -> None:
     assert said == ["plate 33 another node sends with an identifier of this one, 721h"]
     node.advance(3_000_000)
     assert said[1:] == ["plate 33 alone again with its identifiers"]
+
+
+@pytest.mark.parametrize(
+    ("stored", "said"),
+    [
+        (b"garbage", ["plate 33 has its defaults: the --storage is torn, or of another device"]),
+        (None, []),
+    ],
+)
+def test_a_storage_that_is_none_is_named(stored: bytes | None, said: list[str]) -> None:
+    storage = Memory()
+    if stored is not None:
+        storage.write(stored)
+    lines: list[str] = []
+    StateLines("plate", "here", PlateNode(plate_od(), storage=storage), lines.append).start()
+    assert lines == [*said, "plate 33 ready on here"]
 
 
 def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:

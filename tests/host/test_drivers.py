@@ -5,7 +5,7 @@ from importlib import util
 import pytest
 
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.drivers import cure
+from smarttac_can.host.drivers import cure, unknown_options
 from smarttac_can.host.python_can import PythonCanBus
 
 
@@ -37,3 +37,25 @@ def test_what_needs_nothing_gets_no_hint(interface: str | None) -> None:
 def test_a_driver_that_cannot_be_opened_is_told_with_the_library_of_its_maker() -> None:
     with pytest.raises(BusError, match=r"^cannot open the kvaser bus, channel 0: .*CANlib"):
         PythonCanBus("kvaser", "0")
+
+
+@pytest.mark.parametrize(
+    ("interface", "known"),
+    [
+        ("virtual", ["rx_queue_size", "receive_own_messages", "can_filters"]),
+        ("udp_multicast", ["port", "hop_limit", "fd"]),
+        ("socketcan", ["local_loopback", "receive_own_messages"]),
+        ("kvaser", ["single_handle", "tseg1"]),
+        ("no such interface", ["nonsense"]),
+        (None, ["nonsense"]),
+    ],
+)
+def test_options_that_an_interface_has_are_not_named(
+    interface: str | None, known: list[str]
+) -> None:
+    assert unknown_options(interface, known) == []
+
+
+@pytest.mark.parametrize("interface", ["virtual", "udp_multicast", "socketcan"])
+def test_options_that_it_would_swallow_are(interface: str) -> None:
+    assert unknown_options(interface, ["nonsense", "channel", "prot"]) == ["nonsense", "prot"]
