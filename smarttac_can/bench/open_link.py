@@ -99,7 +99,7 @@ def open_simulated_link(
     BenchError
         If there is no such object.
     """
-    _require_presets(presets)
+    require_presets(presets)
     if link not in get_args(LinkName):
         raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
     bus = LocalBus(log=log)
@@ -122,7 +122,16 @@ def open_simulated_link(
     )
 
 
-def _require_presets(presets: Mapping[str, int]) -> None:
+def require_presets(presets: Mapping[str, int]) -> None:
+    """Refuse presets that are no raw values of objects of a stimulator.
+
+    Raises
+    ------
+    ValueError
+        If one is outside the limits of its object.
+    BenchError
+        If there is no such object.
+    """
     od = stimulator_od()
     for name, raw in presets.items():
         entry = find_object(od, name)

@@ -6,7 +6,8 @@ one of them is used: pytest loads this file for everybody who has the package.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -43,3 +44,46 @@ def stimulator(smarttac_bus: dict[str, Any]) -> Iterator[Stimulator]:
 
     with Stimulator.connect(**smarttac_bus, lockstep=True) as bench:
         yield bench
+
+
+@pytest.fixture
+def make_stimulator() -> Iterator[Callable[..., Stimulator]]:
+    """Make as many stimulators as a test needs, each on a virtual bus of its own, in lockstep.
+
+    Yields
+    ------
+    callable
+        ``make_stimulator(subject=1, seed=1, plate_inside=True, presets={})``: subject 1..9, seed of
+        noise and finger, whether the plate is a node of its own, raw values by name that replace
+        defaults. Returns a `Stimulator`, which is closed with the test. ``ValueError`` or
+        ``BenchError`` for a preset that is none, as `Stimulator.simulate`.
+    """
+    from uuid import uuid4  # noqa: PLC0415 - see above
+
+    from smarttac_can.bench.open_link import require_presets  # noqa: PLC0415
+    from smarttac_can.bench.simulation import PLATE_ID, lockstep_nodes  # noqa: PLC0415
+    from smarttac_can.bench.stimulator import Stimulator  # noqa: PLC0415
+    from smarttac_can.host.node_thread import node_in_thread  # noqa: PLC0415
+    from smarttac_can.host.python_can import PythonCanBus  # noqa: PLC0415
+
+    with ExitStack() as stack:
+
+        def make(
+            *,
+            subject: int = 1,
+            seed: int = 1,
+            plate_inside: bool = True,
+            presets: dict[str, int] | None = None,
+        ) -> Stimulator:
+            drawn = {"Simulation.Subject": subject, "Simulation.Seed": seed, **(presets or {})}
+            require_presets(drawn)
+            options: dict[str, Any] = {"interface": "virtual", "channel": f"smarttac-{uuid4().hex}"}
+            for node in lockstep_nodes(plate_inside=plate_inside, presets=drawn):
+                stack.enter_context(node_in_thread(node, PythonCanBus(**options), lockstep=True))
+            return stack.enter_context(
+                Stimulator.connect(
+                    **options, lockstep=True, plate_node_id=None if plate_inside else PLATE_ID
+                )
+            )
+
+        yield make

@@ -52,22 +52,27 @@ def stimulator_with_plate(presets: Mapping[str, int] | None = None) -> Stimulato
     return StimulatorNode(stimulator_od(), PlateBlock(plate_od()), lockstep=True, presets=presets)
 
 
-def attach_nodes(bus: LocalBus, *, plate_inside: bool, presets: Mapping[str, int]) -> None:
-    """Attach a stimulator, and a plate node if the plate is not inside, in lockstep.
+def lockstep_nodes(
+    *, plate_inside: bool, presets: Mapping[str, int]
+) -> list[PlateNode | StimulatorNode]:
+    """Return a stimulator for lockstep, and before it a plate node if the plate is not inside.
 
     What is simulated is simulated by the plate: a plate node has the presets of that.
     """
     if plate_inside:
-        bus.attach(stimulator_with_plate(presets))
-        return
+        return [stimulator_with_plate(presets)]
     simulated = {n: raw for n, raw in presets.items() if n.partition(".")[0] in SIMULATION}
-    bus.attach(PlateNode(plate_od(), simulated, deadline_ms=SHORT_DEADLINE_MS))
-    bus.attach(
-        StimulatorNode(
-            stimulator_od(),
-            plate_node_id=PLATE_ID,
-            lockstep=True,
-            deadline_ms=SHORT_DEADLINE_MS,
-            presets={name: raw for name, raw in presets.items() if name not in simulated},
-        )
+    stimulator = StimulatorNode(
+        stimulator_od(),
+        plate_node_id=PLATE_ID,
+        lockstep=True,
+        deadline_ms=SHORT_DEADLINE_MS,
+        presets={name: raw for name, raw in presets.items() if name not in simulated},
     )
+    return [PlateNode(plate_od(), simulated, deadline_ms=SHORT_DEADLINE_MS), stimulator]
+
+
+def attach_nodes(bus: LocalBus, *, plate_inside: bool, presets: Mapping[str, int]) -> None:
+    """Attach what `lockstep_nodes` returns."""
+    for node in lockstep_nodes(plate_inside=plate_inside, presets=presets):
+        bus.attach(node)

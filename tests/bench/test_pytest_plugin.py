@@ -1,11 +1,15 @@
 """The fixtures that come with the package, as a user's own tests take them."""
 
+from collections.abc import Callable
 from typing import Any
 
 import can
 import pytest
 
-from smarttac_can.bench import Stimulator
+from smarttac_can.bench import BenchError, FaultError, Stimulator
+from smarttac_can.vocabulary.faults import FaultKind
+
+Make = Callable[..., Stimulator]
 
 pytest_plugins = ("pytester",)
 
@@ -43,6 +47,42 @@ def test_in_a_project_of_its_own(pytester: pytest.Pytester) -> None:
     )
     result = pytester.runpytest_subprocess("-W", "error", "-p", "no:cacheprovider")
     result.assert_outcomes(passed=2)
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_factory_makes_what_is_asked_for(make_stimulator: Make, inside: bool) -> None:
+    bench = make_stimulator(subject=3, seed=7, plate_inside=inside)
+    assert (bench.get("Simulation.Subject"), bench.get("Simulation.Seed")) == (3, 7)
+    with Stimulator.simulate(
+        "local", presets={"Simulation.Subject": 3, "Simulation.Seed": 7}
+    ) as same:
+        one, other = bench.run(0.05), same.run(0.05)
+    assert one.normal_force_n.tolist() == other.normal_force_n.tolist()
+
+
+def test_several_instruments_do_not_hear_each_other(make_stimulator: Make) -> None:
+    first, second = make_stimulator(seed=1), make_stimulator(seed=2)
+    for bench in (first, second):
+        bench.tare()
+    first.amplitude, first.mode = 1.0, "amplitude"
+    assert first.run(0.05).voltage_v[-1] > 10
+    assert second.run(0.05).voltage_v.max() == 0.0
+
+
+def test_a_fault_that_is_injected_ends_a_run(make_stimulator: Make) -> None:
+    bench = make_stimulator(presets={"Fault.Sensor": 3, "Fault.Delay in cycles": 20})
+    bench.tare()
+    bench.amplitude, bench.mode = 1.0, "amplitude"
+    bench.set("Fault.Kind", FaultKind.SATURATED)
+    with pytest.raises(FaultError, match="force"):
+        bench.run(0.1)
+    assert bench.read().voltage == 0.0
+
+
+@pytest.mark.parametrize("options", [{"subject": 10}, {"seed": -1}, {"presets": {"Nope": 1}}])
+def test_what_there_is_none_of_is_refused(make_stimulator: Make, options: dict[str, Any]) -> None:
+    with pytest.raises((ValueError, BenchError)):
+        make_stimulator(**options)
 
 
 def test_an_error_of_the_node_is_an_error_of_the_test(pytester: pytest.Pytester) -> None:
