@@ -75,7 +75,7 @@ def open_can_link(
     try:
         network.connect(interface=interface, channel=channel, **options)
     except Exception as error:  # drivers raise what they like
-        raise BenchError(f"cannot open {where}: {error}{cure(interface)}") from error
+        raise BenchError(f"cannot open {where}: {error}{cure(interface, error)}") from error
     return _over_can(
         network, node_id, plate_node_id, where=where, lockstep=lockstep, timeout=timeout
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec
@@ -35,6 +36,7 @@ _PACKAGES: Final = {
 """Packages by interface, as the extras of python-can 4.6 name them."""
 _OF_ALL: Final = ("can_filters", "config_context", "fd", "ignore_config", "timing")
 """What python-can itself takes."""
+_NO_ROUTE: Final = (errno.ENODEV, errno.ENETUNREACH, errno.EADDRNOTAVAIL)
 _MAKERS: Final = {
     "etas": "BOA of ETAS",
     "ixxat": "VCI of HMS",
@@ -70,8 +72,13 @@ def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
     return [name for name in names if name not in known]
 
 
-def cure(interface: str | None) -> str:
+def cure(interface: str | None, error: BaseException) -> str:
     """Say what may be missing when an interface of python-can could not be opened.
+
+    Parameters
+    ----------
+    error
+        What opening it has raised.
 
     Returns
     -------
@@ -81,6 +88,9 @@ def cure(interface: str | None) -> str:
     package = _PACKAGES.get(interface or "")
     if package is not None and find_spec(package.module) is None:
         return f"; it needs a package: pip install '{package.pip}'"
+    cause = error.__cause__
+    if interface == "udp_multicast" and isinstance(cause, OSError) and cause.errno in _NO_ROUTE:
+        return "; no route to the group: ip link set lo up; for IPv4 ip route add 239.0.0.0/8 dev lo"
     if interface in _MAKERS:
         return f"; is the library {_MAKERS[interface]} installed?"
     return ""

@@ -78,7 +78,7 @@ class PythonCanBus:
                 asked = "bus of python-can's configuration (no interface was given)"
             else:
                 asked = f"{interface} bus, channel {channel or 'configured'}"
-            raise BusError(f"cannot open the {asked}: {error}{cure(interface)}") from error
+            raise BusError(f"cannot open the {asked}: {error}{cure(interface, error)}") from error
         self._log = log
         self._can_ids: frozenset[int] | None = None
         self._refusing_since: float | None = None

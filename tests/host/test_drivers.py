@@ -1,7 +1,9 @@
 """What is missing is named with its cure, and nothing is when it is there."""
 
+import errno
 from importlib import util
 
+import can
 import pytest
 
 from smarttac_can.host.bus import BusError
@@ -21,17 +23,17 @@ def test_a_package_that_is_not_there_is_named_for_pip(
     interface: str, pip: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("smarttac_can.host.drivers.find_spec", lambda _module: None)
-    assert cure(interface) == f"; it needs a package: pip install '{pip}'"
+    assert cure(interface, OSError()) == f"; it needs a package: pip install '{pip}'"
 
 
 def test_a_package_that_is_there_is_not_named() -> None:
     assert util.find_spec("msgpack") is not None
-    assert cure("udp_multicast") == ""
+    assert cure("udp_multicast", OSError()) == ""
 
 
 @pytest.mark.parametrize("interface", ["virtual", "socketcan", "carrier_pigeon", None])
 def test_what_needs_nothing_gets_no_hint(interface: str | None) -> None:
-    assert cure(interface) == ""
+    assert cure(interface, OSError()) == ""
 
 
 def test_a_driver_that_cannot_be_opened_is_told_with_the_library_of_its_maker() -> None:
@@ -59,3 +61,15 @@ def test_options_that_an_interface_has_are_not_named(
 @pytest.mark.parametrize("interface", ["virtual", "udp_multicast", "socketcan"])
 def test_options_that_it_would_swallow_are(interface: str) -> None:
     assert unknown_options(interface, ["nonsense", "channel", "prot"]) == ["nonsense", "prot"]
+
+
+@pytest.mark.parametrize("number", [errno.ENODEV, errno.ENETUNREACH, errno.EACCES])
+def test_a_group_without_a_route_has_its_cure(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    def bus(**_options: object) -> None:
+        raise can.CanInitializationError("could not create socket") from OSError(number, "no")
+
+    monkeypatch.setattr(can, "Bus", bus)
+    with pytest.raises(BusError) as refusal:
+        PythonCanBus("udp_multicast", "239.74.163.2")
+    cured = "; no route to the group: ip link set lo up; for IPv4 ip route add 239.0.0.0/8 dev lo"
+    assert str(refusal.value).endswith(cured) == (number != errno.EACCES)
