@@ -72,7 +72,8 @@ def test_page(
         signature.bind(**options)
         return Stimulator.simulate("local")
 
-    monkeypatch.setattr(Stimulator, "connect", connect)
+    if "Stimulator.connect(" in "".join(BLOCK.findall(page.read_text(encoding="utf-8"))):
+        monkeypatch.setattr(Stimulator, "connect", connect)
     monkeypatch.chdir(tmp_path)
     with simulated() as bench:
         names = {

@@ -165,7 +165,9 @@ class BusChoice(NamedTuple):
         try:
             network.connect(**self.options)
         except Exception as error:  # drivers raise what they like
-            raise BusError(f"cannot open {self.where}: {error}{cure(self.interface, error)}") from error
+            raise BusError(
+                f"cannot open {self.where}: {error}{cure(self.interface, error)}"
+            ) from error
         return network
 
 
