@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from contextlib import closing
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 import click
 
 from smarttac_can.cli.options import EDS_FILE, NODE_ID, SECONDS, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import naming, plain_errors
-from smarttac_can.conformance.case import Case, Failure, Result
+from smarttac_can.cli.result_file import json_file_option, opened_results
+from smarttac_can.conformance.case import Case, Failure
 from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.report import as_json, line, markdown, summary
@@ -63,7 +66,7 @@ def _chosen(
     help="Case such as SDO-07, or group such as SDO; may come several times.",
 )
 @click.option("--report", type=_FILE, help="Markdown file for the report.")
-@click.option("--json", "json_file", type=_FILE, help="JSON file for the results.")
+@json_file_option
 def conform(
     *,
     eds: Path,
@@ -79,7 +82,9 @@ def conform(
     The device should be alone on the bus. It is reset before and after each case, and what is
     writable is written: disconnect what must not move.
     """
-    with plain_errors():
+    with plain_errors(), ExitStack() as stack:
+        file = opened_results(stack, json_file)
+        say: Callable[[str], None] = partial(click.echo, err=file is sys.stdout)
         with naming(eds):
             sheet = DeviceDescription(read_eds_file(eds), node_id)
         with closing(bus.open()) as connection:
@@ -89,19 +94,12 @@ def conform(
             except Failure as failure:
                 text = f"node {node_id} does not answer on {bus.where}: {failure}"
                 raise click.ClickException(text) from failure
-            results = run_cases(examiner, cases, lambda result: click.echo(line(result)))
+            results = run_cases(examiner, cases, lambda result: say(line(result)))
         device = f"node {node_id} by {eds.name}"
-        click.echo(summary(results))
-        _write(results, device, report, json_file)
+        say(summary(results))
+        if report is not None:
+            report.write_text(markdown(results, device), encoding="utf-8")
+        if file is not None:
+            click.echo(json.dumps(as_json(results, device), indent=2), file)
     if failed(results):
         raise click.exceptions.Exit(1)
-
-
-def _write(
-    results: Sequence[Result], device: str, report: Path | None, json_file: Path | None
-) -> None:
-    if report is not None:
-        report.write_text(markdown(results, device), encoding="utf-8")
-    if json_file is not None:
-        text = json.dumps(as_json(results, device), indent=2)
-        json_file.write_text(text + "\n", encoding="utf-8")

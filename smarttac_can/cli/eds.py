@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
+from contextlib import ExitStack
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,11 +17,11 @@ from smarttac_can.cli.options import (
     BusChoice,
     bus_options,
     closing_network,
-    json_option,
     timeout_option,
 )
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.scan import PACKAGED
+from smarttac_can.cli.result_file import json_option, opened_results, report_results
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
 from smarttac_can.host.bounded_file import read_bounded
@@ -71,7 +71,7 @@ def check(
     node_id: int | None,
     timeout: float,
     bus: BusChoice,
-    as_json: bool,
+    json_file: Path | None,
 ) -> None:
     """Check an EDS by the rules of CiA 306 and CiA 301; errors end with exit code 1.
 
@@ -81,21 +81,19 @@ def check(
         raise click.UsageError("--device needs --node-id")
     if node_id is not None and not device:
         raise click.UsageError("--node-id is that of a --device: none is to be compared")
-    with plain_errors():
+    with plain_errors(), ExitStack() as stack:
+        results = opened_results(stack, json_file)
         text = read_eds_file(file)
         findings = check_eds(text, file.name)
         if device and node_id is not None:
             od = _made(file, lambda text: load_eds(text, node_id))
             with closing_network(bus) as network:
                 findings += compare_reads(network, od, read_sections(text, []), timeout)
-    if as_json:
         rows = [
             {"section": shown(f.section), "message": f.message, "error": f.error} for f in findings
         ]
-        click.echo(json.dumps({"file": str(file), "findings": rows}, indent=2))
-    else:
-        for finding in findings:
-            click.echo(one_line(f"{file}: {finding}"))
+        lines = [one_line(f"{file}: {finding}") for finding in findings]
+        report_results({"file": str(file), "findings": rows}, lines, results)
     if any(finding.error for finding in findings):
         raise SystemExit(1)
 

@@ -58,7 +58,6 @@ _OWN_OPTIONS = ("interface", "channel", "bitrate")
 _INTEGER = re.compile(r"-?[0-9]+")
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of lines.")
 timeout_option = click.option(
     "--timeout",
     type=SECONDS,

@@ -19,6 +19,15 @@ json_file_option = click.option(
     type=result_path,
     help="File for the results; - is stdout.",
 )
+json_option = click.option(
+    "--json",
+    "json_file",
+    type=result_path,
+    is_flag=False,
+    flag_value="-",
+    help="File for the results; - is stdout, and so is none.",
+)
+"""The same for a command whose results are all that it prints."""
 
 
 def opened_results(stack: ExitStack, json_file: Path | None) -> TextIO | None:
@@ -34,8 +43,8 @@ def report_results(results: object, lines: Iterable[str], file: TextIO | None) -
     """Write results to their file, and lines to stdout unless it has the results."""
     if file is not None:
         click.echo(json.dumps(results, indent=2), file)
-    if file is not sys.stdout:
-        click.echo("\n".join(lines))
+    if file is not sys.stdout and (text := "\n".join(lines)):
+        click.echo(text)
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -11,10 +12,10 @@ from smarttac_can.cli.options import (
     BusChoice,
     bus_options,
     closing_network,
-    json_option,
     timeout_option,
 )
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
+from smarttac_can.cli.result_file import json_option, opened_results, report_results
 from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
 from smarttac_can.host.eds_files import read_eds, read_eds_file
@@ -39,24 +40,25 @@ _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "ED
     help="Compare with this EDS, too.",
 )
 @json_option
-def scan(bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], as_json: bool) -> None:
+def scan(
+    bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], json_file: Path | None
+) -> None:
     """List the devices on a bus with state, identity and the EDS that describes them.
 
     Devices with a node-ID are found by SDO and heartbeat, those without one by LSS fastscan. A
     node-ID of two devices is an error, exit code 1, and named on stderr.
     """
-    with plain_errors():
+    with plain_errors(), ExitStack() as stack:
+        results = opened_results(stack, json_file)
         texts = {name: read_eds(name) for name in PACKAGED}
         texts |= {str(path): read_eds_file(path) for path in eds_files}
         known = {name: _load(name, text) for name, text in texts.items()}
         with closing_network(bus) as network:
             found = scan_bus(network, known, timeout)
-    if as_json:
-        click.echo(json.dumps([_row(device) for device in found], indent=2))
+        lines = _lines(found) if found else []
+        report_results([_row(device) for device in found], lines, results)
     if not found:
         raise click.ClickException(f"no device answers on {bus.where}")
-    if not as_json:
-        _show(found)
     doubled = [device.node_id for device in found if device.doubled]
     for node_id in doubled:
         click.echo(
@@ -68,12 +70,12 @@ def scan(bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], as_json: b
         raise SystemExit(1)
 
 
-def _show(found: list[FoundDevice]) -> None:
+def _lines(found: list[FoundDevice]) -> Iterator[str]:
     lines = [_HEAD, *(_cells(device) for device in found)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
         padded = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
-        click.echo("  ".join(padded).rstrip())
+        yield "  ".join(padded).rstrip()
 
 
 def _load(name: str, text: str) -> ObjectDictionary:

@@ -131,7 +131,10 @@ def _select(network: canopen.Network, identity: Identity, timeout: float) -> Non
     except LssError:
         selected = False
     if not selected:
-        raise NodeNotFoundError(f"no device with the identity {identity} answers")
+        raise NodeNotFoundError(
+            f"no device with the identity {identity} answers; one that is OPERATIONAL takes no "
+            "LSS: stop it, by NMT enter pre-operational"
+        )
 
 
 @contextmanager

@@ -52,9 +52,9 @@ def running(channel: str, *nodes: HostedNode) -> Iterator[tuple[str, ...]]:
             thread.join(10.0)
 
 
-def rich(node_id: int, storage: Memory | None = None) -> PlainNode:
+def rich(node_id: int, storage: Memory | None = None, *, autostart: bool = False) -> PlainNode:
     od = load_eds(RICH.read_text(), 5 if node_id == 255 else node_id)
-    return PlainNode(Device(od, storage=storage, node_id=node_id))
+    return PlainNode(Device(od, autostart=autostart, storage=storage, node_id=node_id))
 
 
 def run(*arguments: str | Path) -> Result:
@@ -148,6 +148,23 @@ def test_timeout_without_end_is_refused(
     result = run(*command, "--timeout", timeout)
     assert result.exit_code == 2
     assert complaint in result.stderr
+
+
+@pytest.mark.parametrize("given", [["--json"], ["--json", "-"], ["--json", "{file}"]])
+def test_rows_as_json_go_to_stdout_or_a_file(given: list[str], tmp_path: Path) -> None:
+    file = tmp_path / "rows.json"
+    with running("scan-json", rich(5)) as bus:
+        result = run("scan", *bus, *(text.format(file=file) for text in given))
+    assert (result.exit_code, file.exists()) == (0, "{file}" in given)
+    rows = json.loads(file.read_text() if file.exists() else result.stdout)
+    assert [row["node_id"] for row in rows] == [5]
+
+
+def test_a_device_that_is_operational_is_named_as_the_reason_of_lss() -> None:
+    with running("lss-operational", rich(5, autostart=True)) as bus:
+        result = run("lss", "9", "--identity", RICH_IDENTITY, *bus)
+    assert result.exit_code == 1
+    assert "one that is OPERATIONAL takes no LSS: stop it" in result.stderr
 
 
 def test_an_eds_of_another_revision_comes_second() -> None:

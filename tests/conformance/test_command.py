@@ -63,6 +63,14 @@ def test_device_on_a_bus_is_judged(conform: Conform, tmp_path: Path) -> None:
     assert [case["id"] for case in data["cases"]] == ["SDO-01", "OD-01", "HB-01"]
 
 
+@pytest.mark.usefixtures("device")
+def test_results_on_stdout_are_alone_there(multicast: dict[str, Any]) -> None:
+    options = ("--timeout", "3", "--case", "SDO-01", "--json", "-")
+    result = CliRunner().invoke(main, ["conform", *NODE, *multicast_options(multicast), *options])
+    assert json.loads(result.stdout)["counts"] == {"pass": 1}
+    assert "pass  SDO-01" in result.stderr
+
+
 def test_no_device_ends_after_one_probe(conform: Conform, multicast: dict[str, Any]) -> None:
     code, output = conform("--timeout", "0.01")
     where = f"udp_multicast:{multicast['channel']}"
