@@ -20,8 +20,8 @@ from smarttac_can.cli.options import (
     timeout_option,
 )
 from smarttac_can.cli.plain_errors import one_line, plain_errors
-from smarttac_can.cli.scan import PACKAGED
 from smarttac_can.cli.result_file import json_option, opened_results, report_results
+from smarttac_can.cli.scan import PACKAGED
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
 from smarttac_can.host.bounded_file import read_bounded
