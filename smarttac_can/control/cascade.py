@@ -11,10 +11,11 @@ from smarttac_can.control.identification import Identification
 from smarttac_can.control.inner_loops import InnerLoops, designed_for
 from smarttac_can.control.limit import AMPLITUDE, FREQUENCY, VOLTAGE
 from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.predictive_friction import PredictiveFriction
 from smarttac_can.control.tribometer import Tribometer
 from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.modes import Law, Mode
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
 
 # To look a member up costs ten times as much as a name, and every cycle asks for these.
@@ -83,6 +84,7 @@ class Cascade:
         "_from_off",
         "_inner",
         "_law",
+        "_map",
         "_model",
         "_parameters",
         "_predictive",
@@ -115,6 +117,7 @@ class Cascade:
         self._from_off = True
         self._parameters = p
         self._law = FrictionLaw(p.law, p.slope, p.step_max)
+        self._map = PredictiveFriction() if p.law is Law.PREDICTIVE else None
         self._design()
 
     @property
@@ -148,6 +151,8 @@ class Cascade:
         self._boundary = Boundary(p.hysteresis)
         self._boundary.right = right
         self._law = FrictionLaw(p.law, p.slope, p.step_max)
+        if p.law is not before.law:
+            self._map = PredictiveFriction() if p.law is Law.PREDICTIVE else None
         self._parameters = p
         if designed_for(p) != designed_for(before):
             self._design()
@@ -264,13 +269,17 @@ class Cascade:
 
     def _friction(self, setpoint: Setpoint) -> float:
         """Return the amplitude reference in m that C_mu asks for."""
-        contact = self.contact
+        contact, by_map = self.contact, self._map
         right = self._boundary.update(contact.position, setpoint.boundary)
         self.mu_ref = mu_ref = setpoint.mu_right if right else setpoint.mu_left
         if not contact.touching:
             self.E = 0.0
+            if by_map is not None:
+                by_map.release()
             return setpoint.amplitude
         self.E = E = relative_error(contact.mu, mu_ref)
+        if by_map is not None:
+            return by_map.reference(contact, self.amplitude, mu_ref)
         return self._law.reference(E, self.amplitude, self.W_ref, setpoint.amplitude)
 
     def _identify(self, W: complex, temperature: float) -> Drive:
@@ -299,6 +308,8 @@ class Cascade:
         self._inner.preset(Drive(voltage, f_set if self._from_off else frequency))
         if self.mode is Mode.FRICTION:
             self._boundary.place(self.contact.position, setpoint.boundary)
+            if self._map is not None:
+                self._map.release()
         else:
             self.mu_ref = self.E = 0.0
         if self.mode is Mode.IDENTIFY:

@@ -27,7 +27,7 @@ class CascadeParameters:
     resonance_pole: float = 0.3
     """Closed-loop pole of the resonance loop, 0..0.95; a design choice that gives Fig. 5."""
     law: Law = Law.MEASURED
-    """What the step of eq. (9) is added to."""
+    """What the step of eq. (9) is added to, or the friction map instead of it."""
     slope: float = 0.04e-6
     """Step of the amplitude in m per % of friction error, 0..1e-6; paper eq. (9)."""
     step_max: float = 1e-6

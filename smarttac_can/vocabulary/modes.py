@@ -23,7 +23,7 @@ class Mode(IntEnum):
 
 
 class Law(IntEnum):
-    """What the step dW of eq. (9) is added to; the paper leaves it open."""
+    """How the amplitude follows the COF; to what the step dW is added the paper leaves open."""
 
     MEASURED = 0
     """``W_ref = |W| + dW``: integral action through the inner loop."""
@@ -31,6 +31,8 @@ class Law(IntEnum):
     """``W_ref += dW``: integral action before the inner loop; less margin than the above."""
     NOMINAL = 2
     """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""
+    PREDICTIVE = 3
+    """``W_ref`` by the friction map of the finger, which is learned on the way; without dW."""
 
 
 class VibrationLaw(IntEnum):

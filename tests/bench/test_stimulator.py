@@ -219,7 +219,9 @@ def test_names_that_do_not_exist() -> None:
     with Stimulator.simulate("local") as bench:
         with pytest.raises(ValueError, match="mode 'fast' is none of off, open_loop, amplitude"):
             bench.mode = "fast"  # type: ignore[assignment]
-        with pytest.raises(ValueError, match="law 'new' is none of measured, accumulate, nominal"):
+        with pytest.raises(
+            ValueError, match="law 'new' is none of measured, accumulate, nominal, predictive"
+        ):
             bench.law = "new"  # type: ignore[assignment]
         with pytest.raises(BenchError, match=r"no object 'Setpoint.Amp', perhaps Setpoint.Ampl"):
             bench.get("Setpoint.Amp")

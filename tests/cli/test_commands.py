@@ -237,7 +237,7 @@ def test_reproduce_shows_a_table_and_keeps_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("law", ["measured", "accumulate", "nominal"])
+@pytest.mark.parametrize("law", ["measured", "accumulate", "nominal", "predictive"])
 def test_a_law(law: str) -> None:
     results = json.loads(succeed("reproduce", "table1", "--law", law, "--json", "-"))
     assert results["law"] == law

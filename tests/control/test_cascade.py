@@ -379,8 +379,58 @@ def test_law_nominal_leaves_a_static_error(mu0):
     assert finger.friction(1e-6 + 4e-6 * error) == pytest.approx(cofs[-1], rel=1e-3)
 
 
-def test_unreachable_reference_is_told():
-    cascade, plate, finger = Cascade(), FirstOrderPlate(), Finger(mu0=0.6)
+@pytest.mark.parametrize("mu0", [0.58, 0.65])
+def test_law_predictive_reaches_the_reference(mu0):
+    cofs = friction_loop(Law.PREDICTIVE, mu0)
+    assert statistics.fmean(cofs) == pytest.approx(MU_REF, rel=1e-3)
+    assert max(cofs) - min(cofs) < 1e-3
+
+
+def test_law_predictive_is_calm_in_noise():
+    cofs = friction_loop(Law.PREDICTIVE, noise=4.3e-3)
+    assert statistics.fmean(cofs) == pytest.approx(MU_REF, rel=0.01)
+    assert statistics.stdev(cofs) < 0.01 * MU_REF
+
+
+@pytest.mark.parametrize("law", list(Law))
+def test_another_law_goes_on_from_the_drive_in_force(law):
+    cascade, plate, finger = Cascade(CascadeParameters(law=law)), FirstOrderPlate(), Finger()
+    cascade.set_mode(Mode.FRICTION)
+    target = setpoint(mu_left=MU_REF)
+    run(cascade, plate, target, 400, lambda W: finger.touch(W, x=-0.01))
+    before, W = cascade.drive, abs(plate.W)
+    cascade.configure(CascadeParameters(law=Law.PREDICTIVE))
+    run(cascade, plate, target, 1, lambda W: finger.touch(W, x=-0.01))
+    if law is not Law.PREDICTIVE:
+        assert pytest.approx(W, rel=1e-9) == cascade.W_ref
+    if law is not Law.ACCUMULATE:
+        assert cascade.drive.voltage == pytest.approx(before.voltage, rel=0.01)
+
+
+def test_what_the_law_predictive_has_learned_outlives_other_parameters_and_modes():
+    cascade, plate, finger = (
+        Cascade(CascadeParameters(law=Law.PREDICTIVE)),
+        FirstOrderPlate(),
+        Finger(),
+    )
+    cascade.set_mode(Mode.FRICTION)
+    for x in (-8e-3, 8e-3) * 2:
+        run(cascade, plate, setpoint(), 100, lambda W, x=x: finger.touch(W, x=x))
+    learned = cascade._map.touch.known
+    assert learned.pairs > 0
+    cascade.configure(replace(cascade.parameters, hysteresis=2e-3))
+    assert cascade._map.touch.known is learned
+    cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+    run(cascade, plate, setpoint(), 5, lambda W: finger.touch(W, x=8e-3))
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(), 1, lambda W: finger.touch(W, x=8e-3))
+    assert cascade._map.touch.known is learned
+    assert abs(plate.W) == pytest.approx(cascade.W_ref, rel=0.05)
+
+
+@pytest.mark.parametrize("law", [Law.MEASURED, Law.PREDICTIVE])
+def test_unreachable_reference_is_told(law):
+    cascade, plate, finger = Cascade(CascadeParameters(law=law)), FirstOrderPlate(), Finger(mu0=0.6)
     cascade.set_mode(Mode.FRICTION)
     run(cascade, plate, setpoint(mu_left=0.9), 200, lambda W: finger.touch(W, x=-0.01))
     assert cascade.W_ref == 0.0
@@ -444,7 +494,7 @@ def test_two_runs_are_the_same_bits():
     [
         ({"amplitude_pole": 1.2}, r"amplitude_pole 1\.2 is outside 0\.\.0\.95"),
         ({"resonance_pole": -0.1}, r"resonance_pole -0\.1 is outside 0\.\.0\.95"),
-        ({"law": 3}, "3 is not a valid Law"),
+        ({"law": 4}, "4 is not a valid Law"),
         ({"vibration_law": 3}, "3 is not a valid VibrationLaw"),
         ({"contact_force": 0.0}, r"contact_force 0 is outside 0\.01\.\.10"),
         ({"V_max": math.nan}, r"V_max nan is outside 0\.\.500"),

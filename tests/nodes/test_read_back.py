@@ -141,7 +141,7 @@ WRITES = st.one_of(
     st.tuples(st.just("Limit.Lowest frequency"), st.integers(4_270_000, 4_400_000)),
     st.tuples(st.just("Limit.Normal force"), st.integers(100, 8000)),
     st.tuples(st.just("Controller.Amplitude pole"), st.integers(0, 950)),
-    st.tuples(st.just("Friction law"), st.integers(0, 2)),
+    st.tuples(st.just("Friction law"), st.integers(0, 3)),
     st.tuples(st.just("Calibration.Fx from S1"), st.integers(5000, 15_000)),
     st.tuples(st.just("Gauge zero.Zero of S3"), st.integers(-500, 500)),
     st.tuples(st.just("Controlword"), st.sampled_from([0, 1, 3, 4, 0x80])),

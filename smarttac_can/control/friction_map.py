@@ -1,0 +1,155 @@
+"""What a stimulator knows of a finger: how much friction an amplitude leaves.
+
+``ln mu = m0 + h(W)``. m0 moves with force, sweat and place; h is the shape of the friction map,
+linear between nodes, falling, 0 at W = 0. It is a mean over fingers of all sorts and three
+components, whose weights a Kalman filter learns from pairs of settled levels.
+
+The functions are plain ones of floats and tuples; amplitudes are in m.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+Nodes = tuple[float, ...]
+"""Values at 0, `SPACING`, up to `LAST` times `SPACING`."""
+SPACING: Final = 0.25e-6
+"""Distance of two nodes in m."""
+LAST: Final = 12
+# fmt: off
+MEAN: Final = (
+    0.0, -0.008, -0.036, -0.083, -0.147, -0.223, -0.307, -0.396, -0.484, -0.570, -0.649, -0.722,
+    -0.787,
+)
+FIRST: Final = (
+    0.0, -0.004, -0.019, -0.044, -0.079, -0.120, -0.163, -0.204, -0.240, -0.267, -0.284, -0.293,
+    -0.294,
+)
+SECOND: Final = (
+    0.0, -0.006, -0.020, -0.036, -0.049, -0.057, -0.057, -0.048, -0.030, -0.006, 0.020, 0.047,
+    0.071,
+)
+THIRD: Final = (
+    0.0, -0.005, -0.014, -0.019, -0.018, -0.011, 0.0, 0.009, 0.015, 0.014, 0.007, -0.005, -0.020,
+)
+# fmt: on
+"""Mean and components of h, as tools/friction_shapes.py prints them."""
+LEAST_FALL: Final = 1e-4
+"""Least fall of h from node to node: nothing that is learned makes the map turn round."""
+FARTHEST: Final = 4.0
+"""Bound of a weight in standard deviations over all fingers."""
+FORGOTTEN: Final = 0.02
+"""Share of what was learned that is forgotten with each pair: speed and sweat change the shape."""
+
+
+class Weights(NamedTuple):
+    """Weights of the three components, 1 one standard deviation, and their covariance."""
+
+    a: float
+    b: float
+    c: float
+    aa: float
+    ab: float
+    ac: float
+    bb: float
+    bc: float
+    cc: float
+
+
+PRIOR: Final = Weights(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+"""Any finger."""
+
+
+class Level(NamedTuple):
+    """What a while of steady vibration came to."""
+
+    ln_mu: float
+    """Mean of the logarithm of the COF."""
+    W: float
+    """Mean amplitude in m."""
+    ln_ref: float
+    """Logarithm of the reference of the COF."""
+
+
+def value(nodes: Nodes, W: float) -> float:
+    """Return the value at an amplitude, 0 or more; straight on beyond the last node."""
+    place = W / SPACING
+    i = int(place)
+    if i >= LAST:
+        i = LAST - 1
+    return nodes[i] + (place - i) * (nodes[i + 1] - nodes[i])
+
+
+def amplitude_for(nodes: Nodes, h: float) -> float:
+    """Return the amplitude at which a falling shape is h; straight on beyond both ends."""
+    i = 0
+    while i < LAST - 1 and nodes[i + 1] > h:
+        i += 1
+    return SPACING * (i + (nodes[i] - h) / (nodes[i] - nodes[i + 1]))
+
+
+def shape(weights: Weights) -> Nodes:
+    """Return h at the nodes for the weights of the components."""
+    h1 = _node(weights, 1, 0.0)
+    h2 = _node(weights, 2, h1)
+    h3 = _node(weights, 3, h2)
+    h4 = _node(weights, 4, h3)
+    h5 = _node(weights, 5, h4)
+    h6 = _node(weights, 6, h5)
+    h7 = _node(weights, 7, h6)
+    h8 = _node(weights, 8, h7)
+    h9 = _node(weights, 9, h8)
+    h10 = _node(weights, 10, h9)
+    h11 = _node(weights, 11, h10)
+    h12 = _node(weights, 12, h11)
+    return (0.0, h1, h2, h3, h4, h5, h6, h7, h8, h9, h10, h11, h12)
+
+
+def _node(weights: Weights, i: int, above: float) -> float:
+    """Return h at a node, below that of the node before."""
+    h = MEAN[i] + weights.a * FIRST[i] + weights.b * SECOND[i] + weights.c * THIRD[i]
+    return h if h < above - LEAST_FALL else above - LEAST_FALL
+
+
+def learned(weights: Weights, before: Level, after: Level, variance: float) -> Weights:
+    """Return the weights once two settled levels of one pass are known.
+
+    Parameters
+    ----------
+    weights
+        Believed so far.
+    before, after
+        The two levels.
+    variance
+        Of the difference of their ln mu, above 0.
+    """
+    x = value(FIRST, after.W) - value(FIRST, before.W)
+    y = value(SECOND, after.W) - value(SECOND, before.W)
+    z = value(THIRD, after.W) - value(THIRD, before.W)
+    expected = value(MEAN, after.W) - value(MEAN, before.W)
+    expected += weights.a * x + weights.b * y + weights.c * z
+    kept = 1.0 - FORGOTTEN
+    aa = kept * weights.aa + FORGOTTEN
+    bb = kept * weights.bb + FORGOTTEN
+    cc = kept * weights.cc + FORGOTTEN
+    ab, ac, bc = kept * weights.ab, kept * weights.ac, kept * weights.bc
+    by_a = aa * x + ab * y + ac * z
+    by_b = ab * x + bb * y + bc * z
+    by_c = ac * x + bc * y + cc * z
+    spread = x * by_a + y * by_b + z * by_c + variance
+    e = (after.ln_mu - before.ln_mu - expected) / spread
+    return Weights(
+        _bounded(weights.a + by_a * e),
+        _bounded(weights.b + by_b * e),
+        _bounded(weights.c + by_c * e),
+        aa - by_a * by_a / spread,
+        ab - by_a * by_b / spread,
+        ac - by_a * by_c / spread,
+        bb - by_b * by_b / spread,
+        bc - by_b * by_c / spread,
+        cc - by_c * by_c / spread,
+    )
+
+
+def _bounded(weight: float) -> float:
+    return FARTHEST if weight > FARTHEST else -FARTHEST if weight < -FARTHEST else weight

@@ -1,0 +1,288 @@
+"""Predictive friction control: the amplitude by the finger's friction map, learned on the way.
+
+``W_ref = h^-1(ln mu_ref - m0)``: the step that a new reference asks for is made
+at once, by what is known of the finger, and what remains is regulated away by m0. The COF that is
+measured comes late, by the force path of flexure and filter. So does the one that is expected,
+which goes through a model of that path: the lag is no error, and m0 does not answer to it.
+
+The functions are plain ones of floats and named tuples.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, log, pi, sin, sqrt
+from typing import Final, NamedTuple
+
+from smarttac_can.control.friction_map import (
+    PRIOR,
+    Level,
+    Nodes,
+    Weights,
+    amplitude_for,
+    learned,
+    shape,
+    value,
+)
+from smarttac_can.vocabulary.signals import TICK, Contact
+
+PATH_FREQUENCY: Final = 100.0
+"""Natural frequency in Hz that is assumed of the force path, an assumption as in the plate."""
+PATH_DAMPING: Final = 0.7
+"""Its damping ratio, an assumption."""
+POLE: Final = 0.07
+"""Share of a step of the reference that is left for the next tick. The skin has to be stretched by
+more friction: where it is faster than it slides, it sticks, and lets go with an overshoot."""
+POLE_UNKNOWN: Final = 0.85
+"""The same before the first pair of levels, when the slope of the map is that of any finger."""
+GAIN_FIRST: Final = 0.3
+"""Share of an error that m0 takes over in a tick, at the begin of a touch and after a turn."""
+GAIN_LAST: Final = 0.1
+"""The same later on."""
+GAIN_KEPT: Final = 0.9
+"""What is left in a tick of the difference of the two."""
+QUIET: Final = 0.25
+"""Share of the gain for `QUIET_TICKS` after a step of the reference: the skin is not in the map."""
+QUIET_TICKS: Final = 10
+FROZEN_TICKS: Final = 20
+"""Ticks after a turn of the finger in which nothing is learned: it sticks, and slides anew."""
+ERROR_MAX: Final = 0.1
+"""Bound of the error of ln mu in a tick."""
+SETTLED_TICKS: Final = 22
+"""Ticks after a step of the reference until a level counts as settled."""
+LEVEL_TICKS: Final = 20
+"""Ticks that make a level."""
+LEVEL_SPREAD: Final = 0.1e-6
+"""Distance in m of an amplitude to the mean so far with which a level begins anew."""
+STEP_MIN: Final = 0.02
+"""Change of ln mu_ref in a tick that is a step."""
+PAIR_MIN: Final = 0.05
+"""Difference of ln mu_ref from which two levels make a pair: a smaller one is noise that the loop
+has followed, from which it would learn itself."""
+PAIR_MIN_W: Final = 0.05e-6
+"""The same of their amplitudes in m."""
+SPEED_VARIANCE: Final = 2.5e-5
+"""Variance of the difference of two levels by what is not noise: force and speed within a pass."""
+MU_MIN: Final = 0.02
+"""COF below which a finger does not slide."""
+
+
+class PathStep(NamedTuple):
+    """Exact step of the force path for an input constant over it."""
+
+    yy: float
+    yr: float
+    ry: float
+    rr: float
+
+
+def path_step(frequency: float, damping: float) -> PathStep:
+    """Return the step of a tick for a natural frequency in Hz and a damping ratio below 1."""
+    w = 2.0 * pi * frequency
+    decay = damping * w
+    ring = w * sqrt(1.0 - damping * damping)
+    e = exp(-decay * TICK)
+    c, s = e * cos(ring * TICK), e * sin(ring * TICK) / ring
+    return PathStep(c + decay * s, s, -w * w * s, c - decay * s)
+
+
+PATH: Final = path_step(PATH_FREQUENCY, PATH_DAMPING)
+
+
+class Felt(NamedTuple):
+    """What a tick tells of the finger."""
+
+    mu: float
+    """Coefficient of friction."""
+    u_mu: float
+    """Its standard uncertainty."""
+    Fx: float
+    """Lateral forces in N."""
+    Fy: float
+    W: float
+    """Amplitude in m."""
+    mu_ref: float
+    """Reference of the COF, above 0."""
+
+
+class Path(NamedTuple):
+    """What the force path has made of exp h."""
+
+    y: float
+    rate: float
+    """In 1/s."""
+
+
+class Known(NamedTuple):
+    """What was learned of a finger."""
+
+    weights: Weights
+    nodes: Nodes
+    """h at the nodes, `shape` of the weights."""
+    pairs: int
+    """Pairs of levels that it was learned from."""
+
+
+class Gathered(NamedTuple):
+    """The levels of a pass."""
+
+    ticks: int
+    """Of the level that is being made, as the sums."""
+    sum_ln: float
+    sum_W: float
+    levels: int
+    """Levels that were made."""
+    last: Level
+
+
+class Touch(NamedTuple):
+    """State of the law while a finger touches."""
+
+    m0: float
+    """ln mu without vibration, here and now."""
+    gain: float
+    """Share of an error that m0 takes over."""
+    ln_aim: float
+    """ln mu that is aimed at in this tick."""
+    since_step: int
+    """Ticks since the reference stepped."""
+    since_turn: int
+    """Ticks since the finger turned."""
+    path: Path
+    gathered: Gathered
+    known: Known
+    felt: Felt
+    """The last tick."""
+
+
+ANYBODY: Final = Known(PRIOR, shape(PRIOR), 0)
+"""Any finger."""
+_NOTHING: Final = Gathered(0, 0.0, 0.0, 0, Level(0.0, 0.0, 0.0))
+
+
+def begin(felt: Felt, known: Known) -> Touch:
+    """Return the state at the begin of a touch, or of the mode: it asks for the amplitude there is.
+
+    Parameters
+    ----------
+    felt
+        The first tick.
+    known
+        What was learned before.
+    """
+    h = value(known.nodes, felt.W)
+    ln_mu = log(felt.mu if felt.mu > MU_MIN else felt.mu_ref)
+    path = Path(exp(h), 0.0)
+    # It is not known to slide yet.
+    return Touch(ln_mu - h, GAIN_FIRST, ln_mu, SETTLED_TICKS, 0, path, _NOTHING, known, felt)
+
+
+def follow(touch: Touch, felt: Felt) -> Touch:
+    """Return the state a tick later; `amplitude_asked` is what it asks for."""
+    before, known, m0 = touch.felt, touch.known, touch.m0
+    ln_ref = log(felt.mu_ref)
+    pole = POLE if known.pairs else POLE_UNKNOWN
+    stepped = abs(ln_ref - log(before.mu_ref)) > STEP_MIN
+    turned = felt.Fx * before.Fx + felt.Fy * before.Fy < 0.0
+    since_step = 0 if stepped else touch.since_step + 1
+    since_turn = 0 if turned else touch.since_turn + 1
+    gain = GAIN_FIRST if turned else touch.gain
+    path = _through_path(touch.path, known.nodes, before.W, felt.W)
+    gathered = touch.gathered
+    if stepped or turned:
+        gathered = Gathered(0, 0.0, 0.0, 0 if turned else gathered.levels, gathered.last)
+    if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN and path.y >= MU_MIN:
+        quiet = known.pairs and since_step < QUIET_TICKS
+        m0 += (QUIET * gain if quiet else gain) * _error(log(felt.mu) - m0 - log(path.y))
+        gain = GAIN_LAST + GAIN_KEPT * (gain - GAIN_LAST)
+        if since_step >= SETTLED_TICKS:
+            last = gathered
+            gathered = _gathered(last, felt, ln_ref)
+            if gathered.levels > last.levels > 0 and _tells(last.last, gathered.last):
+                known = _taught(known, last.last, gathered.last, felt)
+                # What is expected at this amplitude stays.
+                rise = value(known.nodes, felt.W) - value(touch.known.nodes, felt.W)
+                m0 -= rise
+                path = Path(path.y * exp(rise), path.rate * exp(rise))
+    ln_aim = ln_ref + pole * (touch.ln_aim - ln_ref)
+    return Touch(m0, gain, ln_aim, since_step, since_turn, path, gathered, known, felt)
+
+
+def amplitude_asked(touch: Touch) -> float:
+    """Return the amplitude in m that is asked for; below 0 for a COF that none reaches."""
+    return amplitude_for(touch.known.nodes, touch.ln_aim - touch.m0)
+
+
+def _through_path(path: Path, nodes: Nodes, W_before: float, W: float) -> Path:
+    """Step the force path with exp h as it is in the middle of the tick."""
+    middle = 0.5 * (exp(value(nodes, W_before)) + exp(value(nodes, W)))
+    deviation = path.y - middle
+    return Path(
+        middle + PATH.yy * deviation + PATH.yr * path.rate,
+        PATH.ry * deviation + PATH.rr * path.rate,
+    )
+
+
+def _error(error: float) -> float:
+    return ERROR_MAX if error > ERROR_MAX else -ERROR_MAX if error < -ERROR_MAX else error
+
+
+def _gathered(so_far: Gathered, felt: Felt, ln_ref: float) -> Gathered:
+    """Add a tick to the level that is being made."""
+    ticks, sum_ln, sum_W, levels, last = so_far
+    if abs(ticks * felt.W - sum_W) > ticks * LEVEL_SPREAD:
+        ticks, sum_ln, sum_W = 0, 0.0, 0.0
+    ticks, sum_ln, sum_W = ticks + 1, sum_ln + log(felt.mu), sum_W + felt.W
+    if ticks < LEVEL_TICKS:
+        return Gathered(ticks, sum_ln, sum_W, levels, last)
+    return Gathered(0, 0.0, 0.0, levels + 1, Level(sum_ln / ticks, sum_W / ticks, ln_ref))
+
+
+def _tells(before: Level, after: Level) -> bool:
+    """Tell whether two levels differ because they were asked to."""
+    asked = abs(after.ln_ref - before.ln_ref) > PAIR_MIN
+    return asked and abs(after.W - before.W) > PAIR_MIN_W
+
+
+def _taught(known: Known, before: Level, after: Level, felt: Felt) -> Known:
+    """Learn from two levels of one pass."""
+    relative = felt.u_mu / felt.mu
+    variance = SPEED_VARIANCE + 2.0 * relative * relative / LEVEL_TICKS
+    weights = learned(known.weights, before, after, variance)
+    return Known(weights, shape(weights), known.pairs + 1)
+
+
+class PredictiveFriction:
+    """C_mu of the law ``predictive``: what it learned of a finger outlives a touch."""
+
+    __slots__ = ("_known", "touch")
+
+    def __init__(self) -> None:
+        self._known = ANYBODY
+        self.touch: Touch | None = None
+        """State while a finger touches; None otherwise."""
+
+    def reference(self, contact: Contact, W: float, mu_ref: float) -> float:
+        """Return the amplitude reference in m of this tick, before its limits.
+
+        Parameters
+        ----------
+        contact
+            A finger that touches.
+        W
+            Measured amplitude in m.
+        mu_ref
+            Reference of the COF, above 0.
+        """
+        felt = Felt(contact.mu, contact.u_mu, contact.Fx, contact.Fy, W, mu_ref)
+        touch = self.touch
+        if touch is None:
+            self.touch = begin(felt, self._known)
+            return W
+        self.touch = touch = follow(touch, felt)
+        return amplitude_asked(touch)
+
+    def release(self) -> None:
+        """Take note that no finger touches, or that another mode begins."""
+        if self.touch is not None:
+            self._known = self.touch.known
+            self.touch = None

@@ -1,0 +1,216 @@
+"""The predictive friction law around a finger that follows the amplitude a tick later."""
+
+import math
+import random
+
+import pytest
+
+from smarttac_can.control.friction_map import PRIOR, shape, value
+from smarttac_can.control.predictive_friction import (
+    ANYBODY,
+    FROZEN_TICKS,
+    QUIET_TICKS,
+    SETTLED_TICKS,
+    Felt,
+    Known,
+    Path,
+    PredictiveFriction,
+    _through_path,
+    amplitude_asked,
+    begin,
+    follow,
+)
+from smarttac_can.vocabulary.signals import Contact
+
+STEEP = PRIOR._replace(a=1.5, b=-0.5)
+LOW, HIGH = 0.35, 0.45
+
+
+class Bench:
+    """A finger of a friction map of its own, felt through a force path of 100 Hz."""
+
+    def __init__(self, weights=STEEP, mu0=0.6, noise=0.0, known=ANYBODY):
+        self.nodes, self.ln_mu0 = shape(weights), math.log(mu0)
+        self.W, self.push, self.noise = 1e-6, 1.0, noise
+        self.path = Path(math.exp(value(self.nodes, self.W)), 0.0)
+        self.random = random.Random(5)
+        self.touch = begin(self.felt(LOW), known)
+
+    @property
+    def mu(self):
+        return math.exp(self.ln_mu0 + value(self.nodes, self.W))
+
+    def felt(self, mu_ref):
+        mu = math.exp(self.ln_mu0) * self.path.y + self.random.gauss(0.0, self.noise)
+        return Felt(mu, self.noise, self.push * mu * 0.5, 0.0, self.W, mu_ref)
+
+    def run(self, ticks, mu_ref):
+        """Return the true COF at each tick; mu_ref may be a function of the tick."""
+        found = []
+        for tick in range(ticks):
+            found.append(self.mu)
+            self.touch = follow(self.touch, self.felt(mu_ref(tick) if callable(mu_ref) else mu_ref))
+            before, self.W = self.W, min(max(amplitude_asked(self.touch), 0.0), 3e-6)
+            self.path = _through_path(self.path, self.nodes, before, self.W)
+        return found
+
+    def turn(self):
+        """Slide the other way."""
+        self.push = -self.push
+
+    def passes(self, number):
+        for _ in range(number):
+            for mu_ref in (LOW, HIGH) if self.push > 0.0 else (HIGH, LOW):
+                self.run(80, mu_ref)
+            self.turn()
+        return self
+
+
+def test_it_begins_with_the_amplitude_there_is():
+    bench = Bench()
+    assert amplitude_asked(bench.touch) == pytest.approx(1e-6)
+    # Before the first pair the reference is approached slowly.
+    bench.run(1, HIGH)
+    assert abs(bench.W - 1e-6) < 0.15e-6
+
+
+def test_without_a_pair_it_reaches_the_reference_all_the_same():
+    assert Bench().run(300, LOW)[-1] == pytest.approx(LOW, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("weights", "mu0"), [(PRIOR, 0.6), (STEEP, 0.6), (PRIOR._replace(a=-1.0, b=0.5), 0.5)]
+)
+def test_a_learned_step_lands_at_once(weights, mu0):
+    bench = Bench(weights, mu0).passes(6)
+    bench.run(80, LOW)
+    up = bench.run(80, HIGH)
+    step = HIGH - LOW
+    assert up[0] == pytest.approx(LOW, abs=0.01 * step)
+    assert up[3] == pytest.approx(HIGH, abs=0.03 * step)
+    assert max(up) < HIGH + 0.02 * step
+    assert up[-1] == pytest.approx(HIGH, abs=0.005 * step)
+
+
+def test_any_fingers_step_does_not_land_before_it_is_learned():
+    knowing, learning = Bench(known=Known(STEEP, shape(STEEP), 1)), Bench()
+    for bench in (knowing, learning):
+        bench.run(300, LOW)
+    assert knowing.run(4, HIGH)[-1] == pytest.approx(HIGH, rel=0.005)
+    assert learning.run(4, HIGH)[-1] < HIGH - 0.3 * (HIGH - LOW)
+
+
+def test_the_lag_of_the_force_path_is_no_error():
+    bench = Bench(known=Known(STEEP, shape(STEEP), 1))
+    bench.run(200, LOW)
+    m0 = []
+    for _ in range(15):
+        bench.run(1, HIGH)
+        m0.append(bench.touch.m0)
+    assert max(m0) - min(m0) < 1e-6
+    assert m0[-1] == pytest.approx(bench.ln_mu0, abs=1e-3)
+
+
+def test_sweat_is_regulated_away():
+    bench = Bench().passes(2)
+    bench.ln_mu0 += 0.08
+    assert abs(bench.run(80, LOW)[-1] - LOW) < 0.002 * LOW
+
+
+def test_nothing_is_learned_after_a_turn():
+    bench = Bench().passes(2)
+    bench.run(60, LOW)
+    bench.turn()
+    bench.ln_mu0 -= 1.0  # It sticks.
+    m0 = bench.touch.m0
+    bench.run(FROZEN_TICKS, LOW)
+    assert bench.touch.m0 == m0
+    bench.run(2, LOW)
+    assert bench.touch.m0 != m0
+
+
+def test_a_step_makes_m0_quiet():
+    def answer(ticks_before):
+        bench = Bench(known=Known(STEEP, shape(STEEP), 1))
+        bench.run(300, LOW)
+        bench.run(ticks_before, HIGH)
+        bench.touch = bench.touch._replace(m0=bench.touch.m0 + 0.01)
+        m0 = bench.touch.m0
+        bench.run(1, HIGH)
+        return abs(bench.touch.m0 - m0)
+
+    assert answer(1) < 0.3 * answer(QUIET_TICKS + 1)
+
+
+def test_levels_of_two_passes_make_no_pair():
+    bench = Bench()
+    bench.run(100, LOW)
+    bench.turn()
+    bench.run(100, HIGH)
+    assert bench.touch.known.pairs == 0
+    bench.run(SETTLED_TICKS + 25, LOW)
+    assert bench.touch.known.pairs == 1
+
+
+def test_it_does_not_learn_from_its_own_noise():
+    bench = Bench(noise=0.011)
+    bench.run(2000, LOW)
+    assert bench.touch.known.pairs == 0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.011])
+def test_references_on_a_stair_teach_the_whole_map(noise):
+    bench = Bench(noise=noise)
+    stair = (0.5, 0.44, 0.38, 0.33, 0.29)
+    for _ in range(6):
+        for mu_ref in (*stair, *stair[::-1]):
+            bench.run(60, mu_ref)
+        bench.turn()
+        bench.run(40, stair[0])
+    nodes = bench.touch.known.nodes
+    for low, high in ((0.5e-6, 1e-6), (0.75e-6, 1.25e-6)):
+        true = value(bench.nodes, high) - value(bench.nodes, low)
+        found = value(nodes, high) - value(nodes, low)
+        assert found == pytest.approx(true, rel=0.12)
+
+
+def test_a_ramp_of_the_reference_is_followed():
+    bench = Bench().passes(4)
+    bench.run(80, LOW)
+
+    def ramp(tick):
+        return LOW + (HIGH - LOW) * tick / 50
+
+    found = bench.run(50, ramp)
+    late = [abs(mu - ramp(tick)) for tick, mu in enumerate(found)]
+    # One tick of the plate and a little of the pole: 1.1 ticks of 0.002.
+    assert max(late) < 0.004
+
+
+def test_what_no_amplitude_reaches_is_below_0():
+    bench = Bench()
+    bench.run(300, 0.7)
+    assert bench.W == 0.0
+    assert amplitude_asked(bench.touch) < 0.0
+    assert bench.run(200, LOW)[-1] == pytest.approx(LOW, rel=1e-3)
+
+
+@pytest.mark.parametrize("mu", [0.0, 1e-9, 50.0])
+def test_absurd_friction_leaves_numbers(mu):
+    bench = Bench().passes(1)
+    for tick in range(500):
+        felt = Felt(mu, 0.01, (-1.0) ** (tick // 200), 0.0, 1e-6, LOW)
+        bench.touch = follow(bench.touch, felt)
+        assert math.isfinite(amplitude_asked(bench.touch))
+
+
+def test_what_was_learned_outlives_the_touch_and_nothing_else():
+    law = PredictiveFriction()
+    touching = Contact(0.2, 0.0, 0.5, 0.4, 0.01, 0.0, 0.06, True)
+    assert law.reference(touching, 1.1e-6, LOW) == 1.1e-6
+    law.touch = law.touch._replace(known=Known(STEEP, shape(STEEP), 7), m0=-9.0)
+    law.release()
+    assert law.touch is None
+    assert law.reference(touching, 1.2e-6, LOW) == 1.2e-6
+    assert law.touch.known.pairs == 7
+    assert law.touch.m0 == pytest.approx(math.log(0.4) - value(shape(STEEP), 1.2e-6))
