@@ -59,7 +59,7 @@ class VariedPlate(PlateBlock):
             self.behind.finger(),
             seed=od["Simulation.Seed"].value,
             ambient=od["Simulation.Ambient temperature"].si_value,
-            dead_time=od["Simulation.Dead time"].si_value,
+            dead_time=od["Simulation.Drive instant"].si_value,
         )
 
 

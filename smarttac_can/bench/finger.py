@@ -62,7 +62,9 @@ class SimulatedFinger:
         self._write("Finger.Speed variation", f"{speed_variation}")
         self._write("Finger.Motion", STROKE)
 
-    def surroundings(self, *, seed: int, temperature: float = 20.0, dead_time: float = 0.0) -> None:
+    def surroundings(
+        self, *, seed: int, temperature: float = 20.0, drive_instant: float = 0.0
+    ) -> None:
         """Set what else a run depends on.
 
         Parameters
@@ -71,9 +73,9 @@ class SimulatedFinger:
             Seed of noise and finger, 0..2^32 - 1.
         temperature
             Ambient temperature in degC, 0..60.
-        dead_time
-            Time from the tick to the new drive in us, 0..999.
+        drive_instant
+            When the plate puts a drive in force, in us after the tick, 0..999.
         """
         self._write("Simulation.Seed", seed)
         self._write("Simulation.Ambient temperature", f"{temperature} degC")
-        self._write("Simulation.Dead time", f"{dead_time} us")
+        self._write("Simulation.Drive instant", f"{drive_instant} us")

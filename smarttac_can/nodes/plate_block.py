@@ -63,6 +63,8 @@ class PlateBlock:
         State of the power stage, to look at; `bar` and drives change it.
     session
         What the second tick of a measurement is ahead of the first, 0..255.
+    instant_us
+        When a drive is in force, in us after its tick; 0 stands for on arrival.
     told
         What the power stage is told, in V; it may put out something else.
     """
@@ -96,10 +98,12 @@ class PlateBlock:
         self._ticks = od["Cycle.Ticks"]
         self._lost = od["Cycle.Lost drives"]
         self._foreign = od["Cycle.Foreign ticks"]
+        self._late = od["Cycle.Late drives"]
         self.start_run()
 
     def start_run(self) -> None:
         """Begin anew: a plate at rest, tick 0 next, no drive."""
+        self.instant_us = self.od["Simulation.Drive instant"].value
         self._stage = Drive(0.0, self._frequency.si_value)
         self.behind.start_run(self._stage)
         self.told = 0.0
@@ -108,7 +112,7 @@ class PlateBlock:
         self._moving = False
         self._answered = self._answered_before = False
         self.tick.value = TICK_MASK
-        for count in (self._ticks, self._lost, self._foreign):
+        for count in (self._ticks, self._lost, self._foreign, self._late):
             count.value = 0
         self._show_stage()
 

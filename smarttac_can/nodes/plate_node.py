@@ -84,6 +84,8 @@ class PlateNode(Application):
         self._sent = FrameCheck(sent_measurement(od))
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_time = MissedTime(clock)
+        self._late = od["Cycle.Late drives"]
+        self._ticked = 0
         self._sender = DriveSender(od)
         self._hardware = HardwareWatch(self.device)
         self._reported = False
@@ -162,6 +164,7 @@ class PlateNode(Application):
         if not self._period.agrees():
             self.block.bar()
             return False
+        self._ticked = self.clock.now
         self._missed.count(self._missed_time.cycle())
         if self._hardware.reads_back:
             self._hardware.cycle(self.block.told)
@@ -209,6 +212,7 @@ class PlateNode(Application):
         if (hot or self.device.collision or sender.disturbed) and self._voltage.value:
             return
         taken = self.block.take_drive(latched=sender.latched or cause is not None)
+        self._count_late(taken)
         if taken is Taken.IN_TIME:
             self._unanswered.start(self._deadline.value * TICK_US)
         elif taken is Taken.DISOBEYED:
@@ -217,6 +221,13 @@ class PlateNode(Application):
             for code in sorted(self._protecting):
                 self.device.clear_emergency(code)
             self._protecting.clear()
+
+    def _count_late(self, taken: Taken) -> None:
+        """Count a drive that has come after the instant at which it should be in force."""
+        instant = self.block.instant_us
+        overdue = taken is Taken.IN_TIME and self.clock.now - self._ticked > instant
+        if instant and (overdue or taken is Taken.LATE):
+            self._late.count()
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Go to 0 V when the hardware that watches the stage falls silent."""

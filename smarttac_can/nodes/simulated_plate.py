@@ -60,7 +60,7 @@ class SimulatedPlate:
             self.finger(),
             seed=od["Simulation.Seed"].value,
             ambient=od["Simulation.Ambient temperature"].si_value,
-            dead_time=od["Simulation.Dead time"].si_value,
+            dead_time=od["Simulation.Drive instant"].si_value,
         )
         od[FAULT_KIND].value = FaultKind.NONE
         self._fault_in = _NEVER

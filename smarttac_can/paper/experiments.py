@@ -223,7 +223,7 @@ def _begin(
         bench.finger.lift()
     (seed,) = np.random.SeedSequence([conditions.seed, subject]).generate_state(1)
     bench.finger.surroundings(
-        seed=int(seed), temperature=temperature, dead_time=conditions.dead_time
+        seed=int(seed), temperature=temperature, drive_instant=conditions.dead_time
     )
     bench.start_run()
     bench.tare()

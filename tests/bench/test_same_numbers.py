@@ -22,7 +22,7 @@ SECONDS = 0.5
 def experiment(bench: Stimulator, seed: int = 1) -> list[Trace]:
     """A finger that strokes a plate under friction control, and the empty plate before it."""
     bench.finger.lift()
-    bench.finger.surroundings(seed=seed, temperature=30.0, dead_time=120.0)
+    bench.finger.surroundings(seed=seed, temperature=30.0, drive_instant=120.0)
     bench.start_run()
     bench.tare()
     bench.amplitude = 1.0

@@ -31,7 +31,7 @@ def begin(bench: Stimulator, seed: int, dead_time: float, told: float) -> None:
             speed_variation=0.5,
         )
     room = draw.uniform(10.0, 40.0)
-    bench.finger.surroundings(seed=seed, temperature=room, dead_time=dead_time)
+    bench.finger.surroundings(seed=seed, temperature=room, drive_instant=dead_time)
     bench.set("Controller.Dead time", told)
     bench.start_run()
     bench.tare()
@@ -54,6 +54,32 @@ def test_no_watchdog_trips_without_a_cause(
             bench.mode = mode
             bench.run(draw.choice([0.03, 0.1, 0.3]))
             assert bench.state is State.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("law", "told", "instant"),
+    [
+        (VibrationLaw.PI, 0.0, 540.0),
+        (VibrationLaw.SCHEDULED, 0.0, 540.0),
+        (VibrationLaw.PREDICTIVE, 540.0, 800.0),
+    ],
+)
+def test_a_dead_time_that_is_told_too_short_shows(
+    bench: Stimulator, law: VibrationLaw, told: float, instant: float
+) -> None:
+    def overshoot(told: float) -> float:
+        bench.vibration_law = law
+        bench.finger.lift()
+        bench.finger.surroundings(seed=3, drive_instant=instant)
+        bench.set("Controller.Dead time", told)
+        bench.start_run()
+        bench.tare()
+        bench.frequency, bench.amplitude = 43_390.0, 1.0
+        bench.mode = Mode.AMPLITUDE_RESONANCE
+        return float(bench.run(0.08).amplitude_um.max()) - 1.0
+
+    assert overshoot(instant) < 0.03
+    assert overshoot(told) > 0.06
 
 
 def test_the_law_changes_while_it_runs_and_the_plate_does_not_notice(bench: Stimulator) -> None:

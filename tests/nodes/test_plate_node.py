@@ -230,6 +230,39 @@ def test_0_v_is_taken_at_any_tick() -> None:
     assert plate.od["Cycle.Foreign ticks"].value == 0
 
 
+@pytest.mark.parametrize(
+    ("instant", "after", "late"), [(540, 540, 0), (540, 541, 1), (540, 999, 1), (0, 999, 0)]
+)
+def test_a_drive_after_its_instant_is_counted(instant: int, after: int, late: int) -> None:
+    line, plate = plate_alone()
+    assert line.write(plate, "Simulation.Drive instant", instant) == 0
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    line.nmt(START)
+    line.sync()
+    line.send(drive(0, 0))
+    line.sync()
+    plate.advance(after)
+    line.send(drive(2000, 1))
+    assert (stage(plate), plate.od["Cycle.Late drives"].value) == (2000, late)
+    # One that is late by a cycle is late by any instant.
+    line.sync()
+    line.sync()
+    line.send(drive(2001, 2))
+    assert stage(plate) == 2001
+    assert plate.od["Cycle.Late drives"].value == late + (instant > 0)
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    assert plate.od["Cycle.Late drives"].value == 0
+
+
+def test_the_instant_is_that_of_the_run() -> None:
+    line, plate = ready_plate()
+    assert line.write(plate, "Simulation.Drive instant", 100) == 0
+    line.sync()
+    plate.advance(900)
+    line.send(drive(2000, 1))
+    assert plate.od["Cycle.Late drives"].value == 0
+
+
 def test_a_missing_drive_is_counted_and_keeps_the_old_one_until_the_deadline() -> None:
     line, plate = ready_plate()
     line.send(drive(2000, 0))
@@ -296,7 +329,7 @@ def test_sdo_between_the_ticks_changes_nothing() -> None:
     [
         ("Simulation.Subject", 0, TOO_LOW),
         ("Simulation.Subject", 10, TOO_HIGH),
-        ("Simulation.Dead time", 1000, TOO_HIGH),
+        ("Simulation.Drive instant", 1000, TOO_HIGH),
         ("Finger.Force", 49, TOO_LOW),
         ("Finger.Motion", 2, STATE),
         ("Finger.Motion", 3, TOO_HIGH),

@@ -227,7 +227,7 @@ def test_mode_by_pdo() -> None:
     [
         ("Simulation.Subject", 2),
         ("Simulation.Seed", 2),
-        ("Simulation.Dead time", 100),
+        ("Simulation.Drive instant", 100),
         ("Finger.Motion", 1),
         ("Finger.Force", 600),
     ],
