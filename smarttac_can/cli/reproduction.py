@@ -111,7 +111,7 @@ def demo(seed: int, output: Path | None) -> None:
     type=click.Choice([law.name.lower() for law in Law]),
     default="measured",
     show_default=True,
-    help="What the step of eq. (9) is added to.",
+    help="What the step of eq. (9) is added to, or predictive.",
 )
 @click.option(
     "--vibration-law",

@@ -34,8 +34,10 @@ POLE: Final = 0.07
 more friction: where it is faster than it slides, it sticks, and lets go with an overshoot."""
 POLE_UNKNOWN: Final = 0.85
 """The same before the first pair of levels, when the slope of the map is that of any finger."""
+GAIN_UNKNOWN: Final = 1.0
+"""Share of an error that m0 takes over in the first tick in which a finger is known to slide."""
 GAIN_FIRST: Final = 0.3
-"""Share of an error that m0 takes over in a tick, at the begin of a touch and after a turn."""
+"""The same after it, and after a turn."""
 GAIN_LAST: Final = 0.1
 """The same later on."""
 GAIN_KEPT: Final = 0.9
@@ -173,27 +175,34 @@ def begin(felt: Felt, known: Known) -> Touch:
     ln_mu = log(felt.mu if felt.mu > MU_MIN else felt.mu_ref)
     path = Path(exp(h), 0.0)
     # It is not known to slide yet.
-    return Touch(ln_mu - h, GAIN_FIRST, ln_mu, SETTLED_TICKS, 0, path, _NOTHING, known, felt)
+    return Touch(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, _NOTHING, known, felt)
 
 
 def follow(touch: Touch, felt: Felt) -> Touch:
     """Return the state a tick later; `amplitude_asked` is what it asks for."""
-    before, known, m0 = touch.felt, touch.known, touch.m0
+    before, known, m0, ln_aim = touch.felt, touch.known, touch.m0, touch.ln_aim
     ln_ref = log(felt.mu_ref)
     pole = POLE if known.pairs else POLE_UNKNOWN
     stepped = abs(ln_ref - log(before.mu_ref)) > STEP_MIN
     turned = felt.Fx * before.Fx + felt.Fy * before.Fy < 0.0
     since_step = 0 if stepped else touch.since_step + 1
     since_turn = 0 if turned else touch.since_turn + 1
-    gain = GAIN_FIRST if turned else touch.gain
+    gain = GAIN_FIRST if turned and touch.gain < GAIN_UNKNOWN else touch.gain
     path = _through_path(touch.path, known.nodes, before.W, felt.W)
     gathered = touch.gathered
     if stepped or turned:
         gathered = Gathered(0, 0.0, 0.0, 0 if turned else gathered.levels, gathered.last)
     if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN and path.y >= MU_MIN:
-        quiet = known.pairs and since_step < QUIET_TICKS
-        m0 += (QUIET * gain if quiet else gain) * _error(log(felt.mu) - m0 - log(path.y))
-        gain = GAIN_LAST + GAIN_KEPT * (gain - GAIN_LAST)
+        error = log(felt.mu) - m0 - log(path.y)
+        if gain < GAIN_UNKNOWN:
+            quiet = known.pairs and since_step < QUIET_TICKS
+            m0 += (QUIET * gain if quiet else gain) * _bounded(error)
+            gain = GAIN_LAST + GAIN_KEPT * (gain - GAIN_LAST)
+        else:
+            # The aim starts from where the finger is, so that the amplitude does.
+            m0 += error
+            ln_aim += error
+            gain = GAIN_FIRST
         if since_step >= SETTLED_TICKS:
             last = gathered
             gathered = _gathered(last, felt, ln_ref)
@@ -203,7 +212,8 @@ def follow(touch: Touch, felt: Felt) -> Touch:
                 rise = value(known.nodes, felt.W) - value(touch.known.nodes, felt.W)
                 m0 -= rise
                 path = Path(path.y * exp(rise), path.rate * exp(rise))
-    ln_aim = ln_ref + pole * (touch.ln_aim - ln_ref)
+    if gain < GAIN_UNKNOWN:
+        ln_aim = ln_ref + pole * (ln_aim - ln_ref)
     return Touch(m0, gain, ln_aim, since_step, since_turn, path, gathered, known, felt)
 
 
@@ -222,7 +232,7 @@ def _through_path(path: Path, nodes: Nodes, W_before: float, W: float) -> Path:
     )
 
 
-def _error(error: float) -> float:
+def _bounded(error: float) -> float:
     return ERROR_MAX if error > ERROR_MAX else -ERROR_MAX if error < -ERROR_MAX else error
 
 

@@ -214,3 +214,31 @@ def test_what_was_learned_outlives_the_touch_and_nothing_else():
     assert law.reference(touching, 1.2e-6, LOW) == 1.2e-6
     assert law.touch.known.pairs == 7
     assert law.touch.m0 == pytest.approx(math.log(0.4) - value(shape(STEEP), 1.2e-6))
+
+
+@pytest.mark.parametrize("steepness", [0.4, 2.0, 4.5])
+def test_a_finger_of_another_slope_than_was_learned_does_not_ring(steepness):
+    bench = Bench(PRIOR, mu0=0.5, known=Known(PRIOR, shape(PRIOR), 1))
+    bench.nodes = tuple(steepness * h for h in bench.nodes)
+    bench.run(300, HIGH)
+    found = bench.run(300, 0.43)
+    assert found[-1] == pytest.approx(0.43, rel=1e-3)
+    assert max(found[-50:]) - min(found[-50:]) < 1e-4
+
+
+def test_until_it_slides_the_amplitude_stays_and_then_the_friction_is_believed_at_once():
+    bench = Bench()
+    bench.ln_mu0 -= 3.0  # It rests, and hardly pulls.
+    bench.touch = begin(bench.felt(LOW), ANYBODY)
+    for _ in range(100):
+        bench.push = -bench.push
+        bench.run(1, LOW)
+        assert abs(bench.W - 1e-6) < 1e-12
+    bench.ln_mu0 += 3.0
+    bench.run(FROZEN_TICKS - 1, LOW)
+    assert abs(bench.W - 1e-6) < 1e-12
+    bench.run(1, LOW)
+    assert abs(bench.W - 1e-6) < 0.3e-6
+    expected = bench.touch.m0 + value(bench.touch.known.nodes, 1e-6)
+    assert expected == pytest.approx(bench.ln_mu0 + value(bench.nodes, 1e-6), abs=0.02)
+    assert bench.run(60, LOW)[-1] == pytest.approx(LOW, rel=0.01)
