@@ -4,6 +4,7 @@ import math
 import random
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -99,3 +100,18 @@ def test_the_components_have_no_part_at_rest_and_reach_over_the_range():
     assert {len(nodes) for nodes in (MEAN, FIRST, SECOND, THIRD)} == {LAST + 1}
     assert {nodes[0] for nodes in (MEAN, FIRST, SECOND, THIRD)} == {0.0}
     assert round(LAST * SPACING * 1e9) == 3000
+
+
+def test_a_pair_is_that_of_a_kalman_filter():
+    w, P, x = PRIOR, np.eye(3), np.zeros(3)
+    pairs = ((0.6e-6, 1.3e-6, -0.3), (1.1e-6, 2.6e-6, -0.6), (0.2e-6, 0.9e-6, -0.2))
+    for one, other, fall in pairs:
+        w = learned(w, Level(0.0, one, 0.0), Level(fall, other, 0.1), 1e-3)
+        P = 0.98 * P + 0.02 * np.eye(3)
+        H = np.array([value(n, other) - value(n, one) for n in (FIRST, SECOND, THIRD)])
+        K = P @ H / (H @ P @ H + 1e-3)
+        x = x + K * (fall - value(MEAN, other) + value(MEAN, one) - H @ x)
+        P = P - np.outer(K, H @ P)
+    np.testing.assert_allclose([w.a, w.b, w.c], x, rtol=1e-12)
+    found = [w.aa, w.ab, w.ac, w.bb, w.bc, w.cc]
+    np.testing.assert_allclose(found, P[np.triu_indices(3)], rtol=1e-9)
