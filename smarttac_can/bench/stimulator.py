@@ -22,7 +22,7 @@ from smarttac_can.bench.state_control import StateControl
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.process_signals import interrupt_waits
-from smarttac_can.master.errors import BenchError
+from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
