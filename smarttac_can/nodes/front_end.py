@@ -25,6 +25,7 @@ SOUND_CYCLES: Final = 20
 UNKNOWN: Final = 1e9
 """Voltage of a stage that has not said what it puts out; it shows as the highest there is."""
 _GAUGES: Final = 6
+_UNHEARD: Final = "has not been heard yet"
 
 
 class FrontEnd:
@@ -62,7 +63,7 @@ class FrontEnd:
         self._last: Measurement | None = None
         self._silent = 0
         self._slowest = 0
-        self.trouble = "has not been heard yet"
+        self.trouble = _UNHEARD
         self._sound_missing = 1
         self.switch_off(stage)
 
@@ -155,7 +156,8 @@ class FrontEnd:
     def _doubt(self, trouble: str) -> None:
         """Keep the stage from a voltage until the front end was sound for a while."""
         self._sound_missing = SOUND_CYCLES
-        self.trouble = self.trouble or trouble
+        if self.trouble in ("", _UNHEARD):
+            self.trouble = trouble
 
     def _checked(self, measured: Any) -> Measurement:
         """Return a measurement in Python's own numbers; ValueError says what is wrong with it."""

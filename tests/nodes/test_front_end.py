@@ -295,6 +295,7 @@ def test_before_it_was_heard_the_stage_takes_no_voltage() -> None:
         assert cycle(line, plate, volts) == 0
     assert set(fake.told) == {0.0}
     assert emergencies(line) == [NOT_ENABLED], "once for the time that a voltage is asked for"
+    assert plate.block.trouble == "sample() has nothing new", "the reason, as soon as there is one"
 
 
 @pytest.mark.parametrize("answer", [47.0, 18.9, NAN, None, "20", True, 1 + 0j])
