@@ -15,10 +15,11 @@ from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.paper.dead_time import loop_dead_time
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.reproduce import reproduce
+from smarttac_can.plant import motion
 from smarttac_can.plant.finger import FingerState
 from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters
 from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.resonator import Resonator
+from smarttac_can.plant.resonator import Response, vibrate
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
@@ -45,33 +46,18 @@ class Press:
         return FingerState(0.0, self.Fn * min(1.0, max(0.0, (time - 0.08) / 0.02)))
 
 
-class Watched(Resonator):
-    """The mode, with the largest vibration at any sub-step."""
-
-    peak = 0.0
-
-    def steps(self, count: int) -> list[complex]:
-        """Advance, and look."""
-        way = super().steps(count)
-        self.peak = max([self.peak, *map(abs, way)])
-        return way
-
-
 class WatchedPlate(Plate):
-    """The plate, with the largest vibration at any instant."""
+    """The plate, with the largest vibration at any sub-step; one in a process."""
 
-    def __init__(self, parameters: PlateParameters, *rest: Any, **more: Any) -> None:
-        super().__init__(parameters, *rest, **more)
-        self._resonator: Watched = Watched(parameters.resonator.mass)
+    def __init__(self, *what: Any, **more: Any) -> None:
+        super().__init__(*what, **more)
+        self.peak = 0.0
+        vars(motion)["vibrate"] = self._vibrate
 
-    @property
-    def peak(self) -> float:
-        """Largest vibration in m since it was set to 0."""
-        return self._resonator.peak
-
-    @peak.setter
-    def peak(self, peak: float) -> None:
-        self._resonator.peak = peak
+    def _vibrate(self, step: Response, W: complex, rate: complex) -> tuple[complex, complex]:
+        W, rate = vibrate(step, W, rate)
+        self.peak = max(self.peak, abs(W))
+        return W, rate
 
 
 class Rig:

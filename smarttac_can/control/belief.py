@@ -241,6 +241,7 @@ def _sound(belief: Belief) -> bool:
 def _bounded(belief: Belief) -> Belief:
     if -_FARTHEST <= belief.kappa <= _FARTHEST and -_FARTHEST <= belief.rate <= _FARTHEST:
         return belief
+    _, _, w0, kk, kr, kw, rr, rw, ww = belief
     kappa = min(max(belief.kappa, -_FARTHEST), _FARTHEST)
     rate = min(max(belief.rate, -_FARTHEST), _FARTHEST)
-    return belief._replace(kappa=kappa, rate=rate)
+    return Belief(kappa, rate, w0, kk, kr, kw, rr, rw, ww)

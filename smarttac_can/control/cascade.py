@@ -9,11 +9,16 @@ from typing import Final
 from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
 from smarttac_can.control.identification import Identification
 from smarttac_can.control.inner_loops import InnerLoops, designed_for
-from smarttac_can.control.limit import AMPLITUDE, FREQUENCY, VOLTAGE
+from smarttac_can.control.limit import (
+    AMPLITUDE,
+    FREQUENCY,
+    VOLTAGE,
+    allowed_amplitude,
+    in_limits,
+)
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive_friction import PredictiveFriction
 from smarttac_can.control.tribometer import Tribometer
-from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, Mode
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
@@ -22,11 +27,6 @@ from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoin
 _FIXED: Final = Mode.AMPLITUDE
 _FRICTION: Final = Mode.FRICTION
 
-DETUNED_SHARE: Final = 0.75
-"""Share of the amplitude limit up to which the reference goes off resonance: when the resonance is
-found the vibration overshoots, by up to 29 %, and the pick-up ends 9 % above the limit."""
-_DETUNED: Final = 0.5
-"""Tangent of the phase from which it is off resonance: 27 degrees, 80 Hz."""
 _ABSURD = 1e6
 """Bound of the squares of a measurement: 1 km, 1 kN. NaN and infinity do not pass either."""
 
@@ -224,29 +224,20 @@ class Cascade:
     def _closed_loop(self, W: complex, W_ref: float, setpoint: Setpoint) -> Drive:
         """Return the drive of the inner loops for an amplitude reference in m."""
         p = self._parameters
-        limited = 0
-        if not 0.0 <= W_ref <= p.W_max:
-            W_ref = 0.0 if W_ref < 0.0 else p.W_max
-            limited = AMPLITUDE
-        if W_ref > DETUNED_SHARE * p.W_max and self._detuned(W):
-            W_ref = DETUNED_SHARE * p.W_max
-            limited = AMPLITUDE
-        self.W_ref = W_ref
+        tracked = self.mode is not _FIXED
+        allowed = allowed_amplitude(W_ref, p.W_max, W, self.amplitude, tracked)
+        limited = 0 if allowed == W_ref else AMPLITUDE
+        self.W_ref = W_ref = allowed
         inner = self._inner
         fixed = setpoint.frequency if self.mode is _FIXED else None
         drive = inner.step(W, self.amplitude, W_ref, self.contact, fixed)
         V, f = drive
         # Whatever a law makes of what it knows, nothing but a drive within limits leaves here.
-        if not (0.0 <= V <= p.V_max and p.f_min <= f <= p.f_max):
+        if not in_limits(V, f, p.V_max, p.f_min, p.f_max):
             return self._turn_off("drive is not finite")
         self.limited = limited | inner.limited
         self.drive = drive
         return drive
-
-    def _detuned(self, W: complex) -> bool:
-        """Tell whether the resonance loop still has to find the resonance."""
-        tracked = self.mode is not _FIXED and self.amplitude > AMPLITUDE_MIN
-        return tracked and abs(W.imag) > _DETUNED * W.real
 
     def _open_loop(self, setpoint: Setpoint) -> Drive:
         """Return the set-point's drive, or the same with 0 V in mode OFF."""

@@ -6,13 +6,44 @@ from typing import Final
 
 from smarttac_can.vocabulary.modes import Law
 
-_MEASURED: Final = Law.MEASURED
+_MEASURED: Final = int(Law.MEASURED)
 """Looking a member up costs more than a step of the law."""
+_ACCUMULATE: Final = int(Law.ACCUMULATE)
 
 
 def relative_error(mu: float, mu_ref: float) -> float:
     """Return E of eq. (8) in %: by how much the COF is above its reference, above 0."""
     return 100.0 * (mu - mu_ref) / mu_ref
+
+
+def limited_step(slope: float, step_max: float, E: float) -> float:
+    """Return dW in m for a friction error in %, eq. (9)."""
+    dW = slope * E
+    return step_max if dW > step_max else -step_max if dW < -step_max else dW
+
+
+def asked_amplitude(law: int, dW: float, amplitude: float, W_ref: float, W_nominal: float) -> float:
+    """Return the next amplitude reference in m; the arguments are those of `FrictionLaw`."""
+    if law == _MEASURED:
+        return amplitude + dW
+    if law == _ACCUMULATE:
+        return W_ref + dW
+    return W_nominal + dW
+
+
+def is_right(right: bool, position: float, boundary: float, half: float) -> bool:
+    """Return whether the finger is right of the boundary.
+
+    Parameters
+    ----------
+    right
+        Whether it was.
+    position, boundary
+        In m.
+    half
+        Half of the width in m of the band in which the side does not change.
+    """
+    return not position < boundary - half if right else position > boundary + half
 
 
 class FrictionLaw:
@@ -38,9 +69,7 @@ class FrictionLaw:
 
     def step(self, E: float) -> float:
         """Return dW in m for a friction error in %, eq. (9)."""
-        dW = self._slope * E
-        limit = self._step_max
-        return limit if dW > limit else -limit if dW < -limit else dW
+        return limited_step(self._slope, self._step_max, E)
 
     def reference(self, E: float, amplitude: float, W_ref: float, W_nominal: float) -> float:
         """Return the next amplitude reference in m, before its limits.
@@ -56,12 +85,8 @@ class FrictionLaw:
         W_nominal
             The user's amplitude in m; base of ``nominal``.
         """
-        law = self._law
-        if law is _MEASURED:
-            return amplitude + self.step(E)
-        if law is Law.ACCUMULATE:
-            return W_ref + self.step(E)
-        return W_nominal + self.step(E)
+        dW = limited_step(self._slope, self._step_max, E)
+        return asked_amplitude(self._law, dW, amplitude, W_ref, W_nominal)
 
 
 class Boundary:
@@ -85,9 +110,5 @@ class Boundary:
 
     def update(self, position: float, boundary: float) -> bool:
         """Return whether the finger is right of the boundary."""
-        if self.right:
-            if position < boundary - self._half:
-                self.right = False
-        elif position > boundary + self._half:
-            self.right = True
-        return self.right
+        self.right = right = is_right(self.right, position, boundary, self._half)
+        return right

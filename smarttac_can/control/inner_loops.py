@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.control.design import amplitude_pi, resonance_pi
-from smarttac_can.control.limit import FREQUENCY, VOLTAGE
+from smarttac_can.control.limit import FREQUENCY, VOLTAGE, cut_voltage
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive import PredictiveLoop
 from smarttac_can.control.schedule import Schedule
@@ -58,7 +58,7 @@ class InnerLoops:
 
     def preset(self, drive: Drive) -> None:
         """Have both PIs start from a drive."""
-        self.amplitude.pi.preset(drive.voltage)
+        self.amplitude.pi.state = drive.voltage
         self.resonance.preset(drive.frequency)
 
     def limit(self, parameters: CascadeParameters) -> None:
@@ -110,13 +110,10 @@ class InnerLoops:
         asked = loop.resonance if fixed is None else fixed
         f = p.clip_frequency(asked)
         limited = FREQUENCY if f != asked else 0
-        V = loop.voltage(W_ref, f)
-        if V <= 0.0:
-            limited |= VOLTAGE if V < 0.0 else 0
-            V = 0.0
-        elif p.V_max < V:
+        asked_V = loop.voltage(W_ref, f)
+        V = cut_voltage(asked_V, p.V_max)
+        if asked_V != V:
             limited |= VOLTAGE
-            V = p.V_max
         self.limited = limited
         return Drive(V, f)
 

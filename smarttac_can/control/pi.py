@@ -1,38 +1,48 @@
-"""A discrete PI controller whose anti-windup is structural."""
+"""A discrete PI controller whose anti-windup is structural: ``C(z) = Kp (z - a)/(z - 1)``.
+
+The law is ``u[k] = u[k-1] + Kp e[k] - Kp a e[k-1]``. The only state is what follows from the output
+that was realised after all limits, so there is nothing that could wind up.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 
-class PI:
-    """PI controller ``C(z) = Kp (z - a)/(z - 1)``.
 
-    The law is ``u[k] = u[k-1] + Kp e[k] - Kp a e[k-1]``. :meth:`compute` asks for an output and
-    changes nothing; :meth:`update` hands back the output that was realised after all limits. The
-    only state is what follows from the realised output, so there is nothing that could wind up.
+def regulated(
+    state: float, Kp: float, a: float, error: float, low: float, high: float
+) -> tuple[float, float, bool]:
+    """Return the output of a tick within its limits, the state after it, and whether it was cut.
 
     Parameters
     ----------
-    Kp
-        Gain in units of the output per unit of the error; negative for a plant of negative gain.
-    a
-        Zero, 0..1; placed on the plant's pole.
+    state
+        After the tick before; an output to start from makes the first one differ by ``Kp error``.
+    Kp, a
+        Gain and zero.
+    error
+        Error of the tick.
+    low, high
+        Limits of the output.
     """
+    output = state + Kp * error
+    limited = True
+    if output < low:
+        output = low
+    elif output > high:
+        output = high
+    else:
+        limited = False
+    return output, output - Kp * a * error, limited
 
-    __slots__ = ("Kp", "_state", "a")
 
-    def __init__(self, Kp: float, a: float) -> None:
-        self.Kp = Kp
-        self.a = a
-        self._state = 0.0
+@dataclass(slots=True)
+class PI:
+    """A PI controller."""
 
-    def compute(self, error: float) -> float:
-        """Return the output this error asks for, before limits."""
-        return self._state + self.Kp * error
-
-    def update(self, error: float, realised: float) -> None:
-        """Close the tick with the output that was really put out for this error."""
-        self._state = realised - self.Kp * self.a * error
-
-    def preset(self, output: float) -> None:
-        """Take over from an output: the next one differs from it by ``Kp error``, no more."""
-        self._state = output
+    Kp: float
+    """Gain in units of the output per unit of the error; negative for a plant of negative gain."""
+    a: float
+    """Zero, 0..1; placed on the plant's pole."""
+    state: float = 0.0
+    """After the last tick; an output put here is taken over from without a bump."""

@@ -12,8 +12,8 @@ Of all voltages that one is put out which brings ``|W|`` to its reference a tick
 from __future__ import annotations
 
 from cmath import exp as exp_j
-from math import sqrt
-from typing import Final
+from math import isnan, nan, sqrt
+from typing import Final, NamedTuple
 
 from smarttac_can.control.belief import (
     PRIOR,
@@ -25,7 +25,7 @@ from smarttac_can.control.belief import (
     fade,
     learn,
 )
-from smarttac_can.vocabulary.model import PlateModel, contact_load
+from smarttac_can.vocabulary.model import PlateModel, contact_load, decay_rate
 from smarttac_can.vocabulary.signals import TICK, Contact, Drive
 
 LEAST_POLE: Final = 0.1
@@ -101,6 +101,119 @@ def _held_back(belief: Belief, by_rate: float, by_w0: float) -> float:
     return pole if pole > LEAST_POLE else LEAST_POLE
 
 
+class Prior(NamedTuple):
+    """What is known before the first measurement: the model, and the dead time."""
+
+    kappa: float
+    """K/tau in m/(V s)."""
+    tau: float
+    """Of the bare plate in s."""
+    load: float
+    f0: float
+    """In Hz."""
+    temperature: float
+    """In degC at which f0 holds."""
+    dead_time: float
+    """Time from the tick until the new drive is in force in s, 0 or more, below 1 ms."""
+
+
+class Learned(NamedTuple):
+    """The law after a tick."""
+
+    belief: Belief
+    """Against the model."""
+    plate: PlateNow
+    """The plate it works with."""
+    W: complex
+    """Vibration of the tick in m."""
+    drive: Drive
+    """Which was in force then, if it follows anything."""
+    follows: bool
+    """Whether the next measurement follows from this one and the drives."""
+    held: bool
+    """Whether only one measurement was seen: two tell what a drive does."""
+    rate: float
+    """1/tau in 1/s of the model under the finger."""
+    contact: float
+    """Of `contact_load`, filtered."""
+    temperature: float
+    """Of the plate in degC, filtered; NaN before the first that was believed."""
+
+
+def unlearned(prior: Prior) -> Learned:
+    """Return the law before its first measurement."""
+    rate = decay_rate(prior.load, prior.tau, 0.0)
+    plate = PlateNow(prior.kappa, rate, TWO_PI * prior.f0)
+    return Learned(PRIOR, plate, 0j, Drive(0.0, prior.f0), False, True, rate, 0.0, nan)
+
+
+def observed(
+    prior: Prior, learned: Learned, W: complex, drive: Drive, Fn: float, temperature: float
+) -> Learned:
+    """Return what is known after the measurement of a tick.
+
+    Parameters
+    ----------
+    prior, learned
+        What was known.
+    W
+        Vibration in m.
+    drive
+        The drive in force, which answered the tick before.
+    Fn
+        Normal force of the finger in N, 0 without contact.
+    temperature
+        Of the plate in degC; one that no plate has is not believed.
+    """
+    belief, _, W_before, before, follows, _, rate_before, contact, warmth = learned
+    if -_WARMEST < temperature < _WARMEST:
+        if isnan(warmth):
+            warmth = temperature
+        warmth += _TEMPERATURE_SHARE * (temperature - warmth)
+    warmer = 0.0 if isnan(warmth) else warmth - prior.temperature
+    contact += _FORCE_SHARE * (contact_load(Fn) - contact)
+    rate = decay_rate(prior.load, prior.tau, contact)
+    model = PlateNow(prior.kappa, rate, TWO_PI * (prior.f0 + F0_SLOPE * warmer))
+    if follows and abs(W) > LEARN_MIN:
+        span = Span(
+            before.voltage, TWO_PI * before.frequency, drive.voltage, TWO_PI * drive.frequency
+        )
+        faded = fade(belief, (rate - rate_before) / rate_before)
+        belief = learn(faded, model, prior.dead_time, W_before, span, W)
+    plate = believed(model, belief)
+    return Learned(belief, plate, W, drive, True, not follows, rate, contact, warmth)
+
+
+def resonance_of(learned: Learned) -> float:
+    """Return the resonance in Hz where it is believed to be; at first the frequency in force."""
+    if learned.held and learned.follows:
+        return learned.drive.frequency
+    return learned.plate.w0 / TWO_PI
+
+
+def asked_voltage(prior: Prior, learned: Learned, W_ref: float, frequency: float) -> float:
+    """Return the voltage in V, before its limits.
+
+    After a single measurement it is the one in force: two are needed to know what it does.
+
+    Parameters
+    ----------
+    prior, learned
+        What is known.
+    W_ref
+        Reference of ``|W|`` in m.
+    frequency
+        Excitation frequency in Hz that goes out with it.
+    """
+    if not learned.follows:
+        return 0.0
+    drive = learned.drive
+    if learned.held:
+        return drive.voltage
+    span = Span(drive.voltage, TWO_PI * drive.frequency, 0.0, TWO_PI * frequency)
+    return voltage_for(learned.plate, learned.belief, prior.dead_time, learned.W, span, W_ref)
+
+
 class PredictiveLoop:
     """Amplitude and resonance by one law; it learns in every mode, whoever drives.
 
@@ -113,109 +226,36 @@ class PredictiveLoop:
 
     Attributes
     ----------
-    belief
-        What it has learned, against the model.
-    plate
-        The plate it works with.
+    learned : Learned
+        What it knows now.
     """
 
-    __slots__ = (
-        "_W",
-        "_contact",
-        "_dead_time",
-        "_drive",
-        "_held",
-        "_kappa",
-        "_model",
-        "_rate",
-        "_temperature",
-        "belief",
-        "plate",
-    )
+    __slots__ = ("_prior", "learned")
 
     def __init__(self, model: PlateModel, dead_time: float) -> None:
-        self._model = model
-        self._dead_time = dead_time
-        self._kappa = model.gain / model.tau
-        self._rate = model.decay_rate(0.0)
-        self._contact = 0.0
-        self._temperature: float | None = None
-        self._W = 0j
-        self._drive: Drive | None = None
-        self._held = True
-        self.belief = PRIOR
-        self.plate = PlateNow(self._kappa, self._rate, TWO_PI * model.f0)
+        self._prior = prior_of(model, dead_time)
+        self.learned = unlearned(self._prior)
 
     @property
     def resonance(self) -> float:
         """Resonance in Hz where it is believed to be; at first the frequency in force."""
-        if self._held and self._drive is not None:
-            return self._drive.frequency
-        return self.plate.w0 / TWO_PI
+        return resonance_of(self.learned)
 
     def observe(self, W: complex, drive: Drive, contact: Contact, temperature: float) -> None:
-        """Learn from the measurement of a tick.
-
-        Parameters
-        ----------
-        W
-            Vibration in m.
-        drive
-            The drive in force, which answered the tick before.
-        contact
-            The finger.
-        temperature
-            Of the plate in degC; one that no plate has is not believed.
-        """
-        rate = self._rate
-        model = self._now(contact, temperature)
-        before = self._drive
-        self._held = before is None
-        if before is not None and abs(W) > LEARN_MIN:
-            span = Span(
-                before.voltage,
-                TWO_PI * before.frequency,
-                drive.voltage,
-                TWO_PI * drive.frequency,
-            )
-            faded = fade(self.belief, (self._rate - rate) / rate)
-            self.belief = learn(faded, model, self._dead_time, self._W, span, W)
-        self.plate = believed(model, self.belief)
-        self._drive, self._W = drive, W
+        """Learn from the measurement of a tick; the arguments are those of `observed`."""
+        Fn = contact.Fn if contact.touching else 0.0
+        self.learned = observed(self._prior, self.learned, W, drive, Fn, temperature)
 
     def interrupt(self) -> None:
         """Take note that a tick is missing: what comes next does not follow from what was."""
-        self._drive = None
+        self.learned = self.learned._replace(follows=False)
 
     def voltage(self, W_ref: float, frequency: float) -> float:
-        """Return the voltage in V, before its limits.
+        """Return the voltage in V, before its limits; the arguments are `asked_voltage`'s."""
+        return asked_voltage(self._prior, self.learned, W_ref, frequency)
 
-        After a single measurement it is the one in force: two are needed to know what it does.
 
-        Parameters
-        ----------
-        W_ref
-            Reference of ``|W|`` in m.
-        frequency
-            Excitation frequency in Hz that goes out with it.
-        """
-        drive = self._drive
-        if drive is None:
-            return 0.0
-        if self._held:
-            return drive.voltage
-        span = Span(drive.voltage, TWO_PI * drive.frequency, 0.0, TWO_PI * frequency)
-        return voltage_for(self.plate, self.belief, self._dead_time, self._W, span, W_ref)
-
-    def _now(self, contact: Contact, temperature: float) -> PlateNow:
-        """Return what the model makes of force and temperature."""
-        model = self._model
-        if -_WARMEST < temperature < _WARMEST:
-            if self._temperature is None:
-                self._temperature = temperature
-            self._temperature += _TEMPERATURE_SHARE * (temperature - self._temperature)
-        warmer = 0.0 if self._temperature is None else self._temperature - model.temperature
-        pressing = contact_load(contact.Fn) if contact.touching else 0.0
-        self._contact += _FORCE_SHARE * (pressing - self._contact)
-        self._rate = model.decay_rate(self._contact)
-        return PlateNow(self._kappa, self._rate, TWO_PI * (model.f0 + F0_SLOPE * warmer))
+def prior_of(model: PlateModel, dead_time: float) -> Prior:
+    """Return what is known of a plate by its model."""
+    m = model
+    return Prior(m.gain / m.tau, m.tau, m.load, m.f0, m.temperature, dead_time)

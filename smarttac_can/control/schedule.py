@@ -10,8 +10,15 @@ from smarttac_can.vocabulary.model import GAIN_MIN, TAU_MIN, PlateModel, contact
 
 STEP: Final = 0.05
 """Step of the table in N: a time constant of 3 % at 0.5 N."""
-_END: Final = 60
-"""Last row: 3 N, beyond which the load grows slowly and a finger soon is a fault."""
+ROWS: Final = 61
+"""The last one is 3 N, beyond which the load grows slowly and a finger soon is a fault."""
+Gains = tuple[float, float, float]
+"""Kp of amplitude and resonance, and their a."""
+
+
+def row_of(Fn: float, rows: int) -> int:
+    """Return the row of a table of so many rows for a normal force in N, 0 without a finger."""
+    return min(int(Fn / STEP + 0.5), rows - 1) if Fn > 0.0 else 0
 
 
 class Schedule:
@@ -32,19 +39,18 @@ class Schedule:
     ) -> None:
         self._model = model
         self._placed = (amplitude_pole, resonance_pole, dead_time)
-        self._rows: list[tuple[float, float, float] | None] = [None] * (_END + 1)
+        self._rows: list[Gains | None] = [None] * ROWS
 
     def tune(self, Fn: float, amplitude: PI, resonance: PI) -> None:
         """Give both PIs the gains for a normal force in N, 0 without a finger.
 
         What they stand at does not change: only the error moves them, by another gain.
         """
-        row = int(Fn / STEP + 0.5) if Fn > 0.0 else 0
-        row = min(row, _END)
-        amplitude.Kp, resonance.Kp, a = self._rows[row] or self._design(row)
+        row = row_of(Fn, ROWS)
+        amplitude.Kp, resonance.Kp, a = self._rows[row] or self.gains(row)
         amplitude.a = resonance.a = a
 
-    def _design(self, row: int) -> tuple[float, float, float]:
+    def gains(self, row: int) -> Gains:
         """Design both loops for a row when it is first asked for: all at once would be a cycle."""
         model = self._model
         amplitude_pole, resonance_pole, dead_time = self._placed

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from typing import ClassVar
+from itertools import count
+from math import fsum, sqrt
+from typing import Final, NamedTuple
 
 from smarttac_can.vocabulary.model import require
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Contact
@@ -42,55 +43,121 @@ def calibration(crosstalk: Matrix) -> Matrix:
     )
 
 
-def _gains(memory: float) -> tuple[tuple[float, float], ...]:
-    """Return the gains (position, speed) of the filter for the 1st, 2nd ... sample of a touch."""
-    alpha, beta = 1.0 - memory * memory, (1.0 - memory) ** 2
-    gains = [(1.0, 0.0)]
-    n = 2
-    while True:
-        expanding = 2.0 * (2.0 * n - 1.0) / (n * (n + 1.0)), 6.0 / (n * (n + 1.0))
-        if expanding[0] <= alpha:
-            return (*gains, (alpha, beta / TICK))
-        gains.append((expanding[0], max(expanding[1], beta) / TICK))
-        n += 1
+_ALPHA: Final = 1.0 - MEMORY * MEMORY
+_BETA: Final = (1.0 - MEMORY) ** 2
+_BETA_RATE: Final = _BETA / TICK
 
 
-class PositionFilter:
-    """Straight line fitted to the positions of a touch, with a fading memory.
+class Gauging(NamedTuple):
+    """How forces follow from tared gauges."""
 
-    An alpha-beta filter: it follows a steady speed without lag, where a low-pass filter of the
-    same noise would report a boundary late. At the start of a touch its gains are those of the
-    least-squares line through all samples so far (expanding memory), afterwards those of the
-    critically damped fading memory ``alpha = 1 - m^2, beta = (1 - m)^2`` (Morrison, Introduction
-    to Sequential Smoothing and Prediction, 1969). The noise of a sample is cut to a quarter.
+    xx: float
+    xy: float
+    yx: float
+    yy: float
+    x3: float
+    x4: float
+    x5: float
+    x6: float
+    sigma2: float
+    """Variance of a gauge in N2."""
+    press: float
+    """Normal force in N from which a finger touches."""
+    release: float
+    """Normal force in N below which it ceases to."""
+
+
+Touch = tuple[bool, float, float, int]
+"""Whether the finger touches, and the straight line fitted to the positions of its touch: position
+in m, which is kept after it, speed in m/s, and its samples as far as the gains depend on them."""
+
+
+def gauging_of(
+    lateral: Matrix,
+    gauge_positions: tuple[float, float, float, float],
+    gauge_noise: float,
+    contact_force: float,
+) -> Gauging:
+    """Return how forces follow; the arguments are those of `Tribometer`."""
+    (xx, xy), (yx, yy) = lateral
+    variance = gauge_noise * gauge_noise
+    thresholds = (contact_force, RELEASE * contact_force)
+    return Gauging(xx, xy, yx, yy, *gauge_positions, variance, *thresholds)
+
+
+UNTOUCHED: Final[Touch] = (False, 0.0, 0.0, 0)
+
+
+def _alpha(n: int) -> float:
+    return 2.0 * (2.0 * n - 1.0) / (n * (n + 1.0))
+
+
+_GROWN: Final = next(n for n in count(2) if _alpha(n) <= _ALPHA) - 1
+"""Samples of a touch after which its memory expands no more."""
+
+
+def first_of(position: float) -> Touch:
+    """Return a touch that begins at a measured position in m."""
+    return True, position, 0.0, 1
+
+
+def followed(touch: Touch, position: float) -> Touch:
+    """Return a touch after the measured position in m of the next tick.
+
+    An alpha-beta filter with a fading memory: it follows a steady speed without lag, where a
+    low-pass filter of the same noise would report a boundary late. At the start of a touch its
+    gains are those of the least-squares line through all samples so far (expanding memory),
+    afterwards those of the critically damped fading memory ``alpha = 1 - m^2, beta = (1 - m)^2``
+    (Morrison, Introduction to Sequential Smoothing and Prediction, 1969). The noise of a sample is
+    cut to a quarter.
     """
+    _, line, speed, age = touch
+    if age < _GROWN:
+        age += 1
+        alpha, beta = _alpha(age), max(6.0 / (age * (age + 1.0)), _BETA) / TICK
+    else:
+        alpha, beta = _ALPHA, _BETA_RATE
+    predicted = line + TICK * speed
+    residual = position - predicted
+    return True, predicted + alpha * residual, speed + beta * residual, age
 
-    __slots__ = ("_age", "position", "speed")
 
-    _GAINS: ClassVar[tuple[tuple[float, float], ...]] = _gains(MEMORY)
-    _LAST: ClassVar[int] = len(_GAINS) - 1
+def contact_of(
+    gauging: Gauging, zero: Forces, touch: Touch, gauges: Forces
+) -> tuple[Touch, tuple[float, float, float, float, float, float, float, bool]]:
+    """Return the touch after a tick, and the fields of its `Contact`.
 
-    def __init__(self) -> None:
-        self.position = 0.0
-        self.speed = 0.0
-        self._age = 0
-
-    def begin(self, position: float) -> None:
-        """Start a touch at a measured position in m."""
-        self.position = position
-        self.speed = 0.0
-        self._age = 1
-
-    def update(self, position: float) -> None:
-        """Take the measured position in m of the next tick."""
-        age = self._age
-        alpha, beta = self._GAINS[age]
-        if age < self._LAST:
-            self._age = age + 1
-        predicted = self.position + TICK * self.speed
-        residual = position - predicted
-        self.position = predicted + alpha * residual
-        self.speed += beta * residual
+    Parameters
+    ----------
+    gauging
+        Calibration and thresholds.
+    zero, gauges
+        Offsets and raw forces of S1..S6 in N.
+    touch
+        After the tick before.
+    """
+    s1, s2, s3, s4, s5, s6 = gauges
+    o1, o2, o3, o4, o5, o6 = zero
+    s1 -= o1
+    s2 -= o2
+    s3 -= o3
+    s4 -= o4
+    s5 -= o5
+    s6 -= o6
+    xx, xy, yx, yy, x3, x4, x5, x6, sigma2, press, release = gauging
+    Fx = xx * s1 + xy * s2
+    Fy = yx * s1 + yy * s2
+    Fn = s3 + s4 + s5 + s6
+    touching, line, speed, age = touch
+    if Fn < (release if touching else press):
+        return (False, line, speed, age), (Fx, Fy, Fn, 0.0, 0.0, line, 0.0, False)
+    position = (x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) / Fn
+    touch = followed(touch, position) if touching else first_of(position)
+    _, line, speed, _ = touch
+    mu = sqrt(Fx * Fx + Fy * Fy) / Fn
+    # Four gauges make up Fn: sig_n^2 = 4 sig^2.
+    u_mu = sqrt(sigma2 * (1.0 + 4.0 * mu * mu)) / Fn
+    return touch, (Fx, Fy, Fn, mu, u_mu, line, speed, True)
 
 
 class Tribometer:
@@ -108,19 +175,7 @@ class Tribometer:
         Normal force in N from which a finger touches; it ceases to at 0.7 of it.
     """
 
-    __slots__ = (
-        "_filter",
-        "_head",
-        "_lateral",
-        "_offsets",
-        "_press",
-        "_release",
-        "_ring",
-        "_sigma2",
-        "_touching",
-        "_x",
-        "tared",
-    )
+    __slots__ = ("_gauging", "_head", "_offsets", "_ring", "_touch", "tared")
 
     def __init__(
         self,
@@ -134,8 +189,7 @@ class Tribometer:
         self._offsets: Forces = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.tared = False
         """Whether the offsets were measured or set."""
-        self._filter = PositionFilter()
-        self._touching = False
+        self._touch = UNTOUCHED
         self.calibrate(lateral, gauge_positions, gauge_noise, contact_force)
 
     def calibrate(
@@ -146,12 +200,7 @@ class Tribometer:
         contact_force: float,
     ) -> None:
         """Replace the parameters; tare, touch and position remain."""
-        (xx, xy), (yx, yy) = lateral
-        self._lateral = (xx, xy, yx, yy)
-        self._x = gauge_positions
-        self._sigma2 = gauge_noise * gauge_noise
-        self._press = contact_force
-        self._release = RELEASE * contact_force
+        self._gauging = gauging_of(lateral, gauge_positions, gauge_noise, contact_force)
 
     @property
     def offsets(self) -> Forces:
@@ -167,8 +216,7 @@ class Tribometer:
             return
         self._offsets = offsets
         # What was felt before belongs to another zero: no touch, and no position to hold.
-        self._touching = False
-        self._filter = PositionFilter()
+        self._touch = UNTOUCHED
 
     def tare(self) -> Forces:
         """Take the `null` as the zero of S1..S6, and return it in N; raises as that does."""
@@ -186,7 +234,7 @@ class Tribometer:
         if len(self._ring) < TARE_SAMPLES:
             raise RuntimeError(f"a tare needs {TARE_SAMPLES} samples, {len(self._ring)} were seen")
         s1, s2, s3, s4, s5, s6 = (
-            math.fsum(gauge) / TARE_SAMPLES for gauge in zip(*self._ring, strict=True)
+            fsum(gauge) / TARE_SAMPLES for gauge in zip(*self._ring, strict=True)
         )
         return (s1, s2, s3, s4, s5, s6)
 
@@ -199,30 +247,6 @@ class Tribometer:
             head = self._head
             ring[head] = gauges
             self._head = (head + 1) % TARE_SAMPLES
-        s1, s2, s3, s4, s5, s6 = gauges
-        o1, o2, o3, o4, o5, o6 = self._offsets
-        s1 -= o1
-        s2 -= o2
-        s3 -= o3
-        s4 -= o4
-        s5 -= o5
-        s6 -= o6
-        xx, xy, yx, yy = self._lateral
-        Fx = xx * s1 + xy * s2
-        Fy = yx * s1 + yy * s2
-        Fn = s3 + s4 + s5 + s6
-        line = self._filter
-        if Fn < (self._release if self._touching else self._press):
-            self._touching = False
-            return Contact(Fx, Fy, Fn, 0.0, 0.0, line.position, 0.0, False)
-        x3, x4, x5, x6 = self._x
-        position = (x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) / Fn
-        if self._touching:
-            line.update(position)
-        else:
-            self._touching = True
-            line.begin(position)
-        mu = math.sqrt(Fx * Fx + Fy * Fy) / Fn
-        # Four gauges make up Fn: sig_n^2 = 4 sig^2.
-        u_mu = math.sqrt(self._sigma2 * (1.0 + 4.0 * mu * mu)) / Fn
-        return tuple.__new__(Contact, (Fx, Fy, Fn, mu, u_mu, line.position, line.speed, True))
+        self._touch, contact = contact_of(self._gauging, self._offsets, self._touch, gauges)
+        # A named tuple's own constructor costs twice this.
+        return tuple.__new__(Contact, contact)

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from smarttac_can.control.pi import PI
+from smarttac_can.control.pi import PI, regulated
 
 AMPLITUDE_MIN = 0.1e-6
 """Below this amplitude in m the resonance loop is frozen: the phase of W is noise."""
 TANGENT_MAX = 2.0
 """Bound of W_q/W_d: beyond some 60 deg the tangent runs away and the angle hardly changes."""
+
+
+def lost(W: complex, amplitude: float) -> bool:
+    """Whether there is too little vibration to follow, or W_d <= 0, which no steady state has."""
+    return amplitude < AMPLITUDE_MIN or W.real <= 0.0
+
+
+def resonance_error(W: complex) -> float:
+    """Return -W_q/W_d within its bound, of a vibration that is not lost."""
+    error = -W.imag / W.real
+    return TANGENT_MAX if error > TANGENT_MAX else -TANGENT_MAX if error < -TANGENT_MAX else error
 
 
 class AmplitudeLoop:
@@ -27,16 +38,9 @@ class AmplitudeLoop:
     def step(self, W_ref: float, amplitude: float) -> float:
         """Return the voltage in V for an amplitude and its reference in m."""
         pi = self.pi
-        error = W_ref - amplitude
-        voltage = pi.compute(error)
-        self.limited = True
-        if voltage < 0.0:
-            voltage = 0.0
-        elif voltage > self.V_max:
-            voltage = self.V_max
-        else:
-            self.limited = False
-        pi.update(error, voltage)
+        voltage, pi.state, self.limited = regulated(
+            pi.state, pi.Kp, pi.a, W_ref - amplitude, 0.0, self.V_max
+        )
         return voltage
 
 
@@ -59,7 +63,7 @@ class ResonanceLoop:
         """Start from a frequency in Hz, kept within the limits."""
         self.frequency = min(max(frequency, self.f_min), self.f_max)
         self.limited = self.frequency != frequency
-        self.pi.preset(self.frequency)
+        self.pi.state = self.frequency
 
     def limit(self, f_min: float, f_max: float) -> None:
         """Take other limits; the frequency that is held is cut to them."""
@@ -70,24 +74,11 @@ class ResonanceLoop:
 
     def step(self, W: complex, amplitude: float) -> float:
         """Return the excitation frequency in Hz for a vibration and its modulus in m."""
-        W_d = W.real
         pi = self.pi
-        if amplitude < AMPLITUDE_MIN or W_d <= 0.0:
-            pi.preset(self.frequency)
+        if lost(W, amplitude):
+            pi.state = self.frequency
             return self.frequency
-        error = -W.imag / W_d
-        if error > TANGENT_MAX:
-            error = TANGENT_MAX
-        elif error < -TANGENT_MAX:
-            error = -TANGENT_MAX
-        frequency = pi.compute(error)
-        self.limited = True
-        if frequency < self.f_min:
-            frequency = self.f_min
-        elif frequency > self.f_max:
-            frequency = self.f_max
-        else:
-            self.limited = False
-        pi.update(error, frequency)
-        self.frequency = frequency
-        return frequency
+        self.frequency, pi.state, self.limited = regulated(
+            pi.state, pi.Kp, pi.a, resonance_error(W), self.f_min, self.f_max
+        )
+        return self.frequency

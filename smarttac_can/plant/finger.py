@@ -46,11 +46,66 @@ class Lifted:
         return FingerState(0.0, 0.0)
 
 
-class _Pass(NamedTuple):
+class Pass(NamedTuple):
+    """One pass of a stroke."""
+
     start: float
+    """In s."""
     duration: float
+    """In s, with a ramp at both ends."""
     speed: float
+    """Between the ramps in m/s."""
     Fn: float
+    """Normal force in N."""
+
+
+class Path(NamedTuple):
+    """What all passes of a stroke have in common."""
+
+    travel: float
+    """Distance between the turning points in m."""
+    rest: float
+    """Time in s before the finger presses."""
+    press: float
+    """Length in s of the rise of the normal force."""
+
+
+def pass_at(start: float, travel: float, speed: float, Fn: float) -> Pass:
+    """Return a pass that begins at a time in s."""
+    return Pass(start, (1.0 + _RAMP_SHARE) * travel / speed, speed, Fn)
+
+
+def ramp_of(path: Path, now: Pass) -> float:
+    """Return how long a ramp of a pass takes in s."""
+    return _RAMP_SHARE * path.travel / now.speed
+
+
+def stroke_at(
+    path: Path, back: bool, now: Pass, Fn_before: float, time: float
+) -> tuple[float, float]:
+    """Return position in m and normal force in N of a stroke.
+
+    Parameters
+    ----------
+    path
+        The stroke.
+    back
+        Whether the pass goes from right to left.
+    now
+        The pass in which the time lies; the first one also before it begins.
+    Fn_before
+        Normal force of the pass before in N.
+    time
+        In s.
+    """
+    travel, rest, press = path
+    start, duration, speed, Fn = now
+    if time < start:
+        return -0.5 * travel, Fn_before * smooth((time - rest) / press)
+    elapsed = time - start
+    ramp = _RAMP_SHARE * travel / speed
+    x = -0.5 * travel + _ramped(elapsed, duration, ramp) * speed
+    return (-x if back else x), Fn_before + (Fn - Fn_before) * smooth(elapsed / ramp)
 
 
 class Stroke:
@@ -78,7 +133,7 @@ class Stroke:
         Length in s of the rise of the normal force, 0.001..10.
     """
 
-    __slots__ = ("_force", "_passes", "_press", "_rest", "_rng", "_speed", "_travel", "_variation")
+    __slots__ = ("_force", "_passes", "_path", "_rng", "_speed", "_variation")
 
     def __init__(
         self,
@@ -102,19 +157,17 @@ class Stroke:
         require("press", press, 1e-3, 10.0)
         self._force = force
         self._speed = speed
-        self._travel = travel
+        self._path = Path(travel, rest, press)
         self._variation = (force_variation, speed_variation)
-        self._rest = rest
-        self._press = press
         self._rng = np.random.default_rng([seed, _STROKE_STREAM])
         self._passes = [self._draw(rest + press)]
 
-    def _draw(self, start: float) -> _Pass:
+    def _draw(self, start: float) -> Pass:
         force_draw, speed_draw = self._rng.random(2).tolist()
         force_variation, speed_variation = self._variation
         speed = self._speed * (1.0 + speed_variation * (2.0 * speed_draw - 1.0))
         Fn = self._force * (1.0 + force_variation * (2.0 * force_draw - 1.0))
-        return _Pass(start, (1.0 + _RAMP_SHARE) * self._travel / speed, speed, Fn)
+        return pass_at(start, self._path.travel, speed, Fn)
 
     def at(self, time: float) -> FingerState:
         """Return the state at a time in s, 0 or more, from the start of the run."""
@@ -123,26 +176,32 @@ class Stroke:
         while time >= last.start + last.duration:
             last = self._draw(last.start + last.duration)
             passes.append(last)
-        if time < passes[0].start:
-            pressed = _smooth((time - self._rest) / self._press)
-            return FingerState(-0.5 * self._travel, passes[0].Fn * pressed)
         number = len(passes) - 1
         if time < last.start:
-            number = bisect_right(passes, time, key=_start) - 1
+            number = max(0, bisect_right(passes, time, key=_start) - 1)
         now = passes[number]
-        elapsed = time - now.start
-        ramp = _RAMP_SHARE * self._travel / now.speed
-        x = -0.5 * self._travel + _ramped(elapsed, now.duration, ramp) * now.speed
         before = passes[number - 1].Fn if number else now.Fn
-        Fn = before + (now.Fn - before) * _smooth(elapsed / ramp)
-        return FingerState(-x if number % 2 else x, Fn)
+        # A named tuple's own constructor costs twice this.
+        return tuple.__new__(FingerState, stroke_at(self._path, number % 2 == 1, now, before, time))
+
+    @property
+    def path(self) -> Path:
+        """What all passes have in common."""
+        return self._path
+
+    def passes(self, count: int) -> list[Pass]:
+        """Return the first passes, 1 or more of them."""
+        passes = self._passes
+        while len(passes) < count:
+            passes.append(self._draw(passes[-1].start + passes[-1].duration))
+        return passes[:count]
 
 
-def _start(item: _Pass) -> float:
+def _start(item: Pass) -> float:
     return item.start
 
 
-def _smooth(share: float) -> float:
+def smooth(share: float) -> float:
     """Return a raised cosine from 0 at share <= 0 to 1 at share >= 1."""
     if share <= 0.0:
         return 0.0

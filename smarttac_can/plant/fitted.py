@@ -18,7 +18,7 @@ from smarttac_can.plant.subjects import SUBJECTS, Subject
 class FittedFinger(NamedTuple):
     """A fingertip, and how it is moved."""
 
-    subject: Subject[float]
+    subject: Subject
     force: float
     """Mean normal force in N."""
     speed: float

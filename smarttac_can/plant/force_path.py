@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import NamedTuple
 
 from smarttac_can.plant.parameters import TWO_PI
@@ -29,21 +28,8 @@ def propagator(duration: float, frequency: float, damping: float) -> Propagator:
     return Propagator(c + decay * s, s, -w * w * s, c - decay * s)
 
 
-class ForcePath:
-    """State of one force on its way: output y in N and its rate in N/s."""
-
-    __slots__ = ("rate", "y")
-
-    def __init__(self) -> None:
-        self.y = 0.0
-        self.rate = 0.0
-
-    def follow(self, phi: Propagator, forces: Iterable[float]) -> None:
-        """Advance by a step of phi under each of the forces in N, constant over its step."""
-        yy, yr, ry, rr = phi
-        y, rate = self.y, self.rate
-        for force in forces:
-            deviation = y - force
-            y = force + yy * deviation + yr * rate
-            rate = ry * deviation + rr * rate
-        self.y, self.rate = y, rate
+def follow(phi: Propagator, y: float, rate: float, force: float) -> tuple[float, float]:
+    """Return output y in N and its rate in N/s after a step under a constant force in N."""
+    yy, yr, ry, rr = phi
+    deviation = y - force
+    return force + yy * deviation + yr * rate, ry * deviation + rr * rate

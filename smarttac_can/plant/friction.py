@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from math import exp, pi
+from math import pow as power
+from typing import NamedTuple
 
-from smarttac_can.plant.mathematics import SCALAR, Float, Mathematics
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
 
 SPEED_FLOOR = 1e-12
@@ -13,33 +13,60 @@ SPEED_FLOOR = 1e-12
 _REACH_GRID = 5
 
 
-def bare_friction(
-    m: Mathematics[Float], subject: Subject[Float], Fn: Float, occlusion: Float
-) -> Float:
+class FrictionMap(NamedTuple):
+    """What the friction of a subject follows from."""
+
+    at_reference: float
+    """Friction in N at 0.5 N, without vibration and occlusion."""
+    exponent: float
+    occlusion: float
+    v1_per_W: float
+    """``mu0 pi f0`` in 1/s."""
+    W0: float
+    p: float
+    rho: float
+    rise: float
+    """Stribeck ratio less 1."""
+    v_s: float
+    """Stribeck speed in m/s."""
+
+
+def friction_map(subject: Subject, f0: float) -> FrictionMap:
+    """Return the friction map of a subject for a frequency of the vibration in Hz."""
+    s = subject
+    return FrictionMap(
+        s.mu0 * FORCE_REFERENCE,
+        s.exponent,
+        s.occlusion,
+        s.mu0 * (pi * f0),
+        s.W0,
+        s.p,
+        s.rho,
+        s.stribeck - 1.0,
+        s.stribeck_speed,
+    )
+
+
+def bare_friction(friction: FrictionMap, Fn: float, occlusion: float) -> float:
     """Return the sliding friction without vibration, mu0(Fn, h) Fn, in N.
 
     Written as a force, ``k Fn^n (1 + occlusion h)``, it stays finite down to no contact.
 
     Parameters
     ----------
-    m
-        Mathematics of the other arguments.
-    subject
-        The fingertip.
+    friction
+        The subject's.
     Fn
         Normal force in N, 0 or more.
     occlusion
         Degree of occlusion h, 0..1.
     """
-    n = subject.exponent
-    relative = m.power(Fn / FORCE_REFERENCE, n)
-    return subject.mu0 * FORCE_REFERENCE * relative * (1.0 + subject.occlusion * occlusion)
+    relative = power(Fn / FORCE_REFERENCE, friction.exponent)
+    return friction.at_reference * relative * (1.0 + friction.occlusion * occlusion)
 
 
-def sliding_friction(
-    m: Mathematics[Float], subject: Subject[Float], f0: float
-) -> Callable[[Float, Float, Float], Float]:
-    """Make the friction map of a subject: from bare friction, vibration and speed to a force in N.
+def sliding_friction(friction: FrictionMap, bare: float, W: float, v: float) -> float:
+    """Return the friction of a slide in N.
 
     The vibration leaves the share ``g = rho + (1 - rho) exp(-(We/W0)^p)``, rho..1, with
     ``We = W/(1 + v/v1)``, ``v1 = mu0 pi f0 W``; at low speed friction is higher by up to the
@@ -47,52 +74,32 @@ def sliding_friction(
 
     Parameters
     ----------
-    m
-        Mathematics of the other arguments.
-    subject
-        The fingertip.
-    f0
-        Frequency of the vibration in Hz.
-
-    Returns
-    -------
-    callable
-        Of the bare friction in N, the vibration W in m peak-to-peak and the sliding speed v in m/s,
-        all 0 or more.
+    friction
+        The subject's.
+    bare
+        Friction without vibration in N, 0 or more.
+    W
+        Vibration in m peak-to-peak, 0 or more.
+    v
+        Sliding speed in m/s, 0 or more.
     """
-    # What follows from the subject alone is worked out here: the plate asks four times a tick.
-    exp, power = m.exp, m.power
-    v1_per_W = subject.mu0 * (math.pi * f0)
-    W0, p, rho = subject.W0, subject.p, subject.rho
-    rest = 1.0 - rho
-    rise, v_s = subject.stribeck - 1.0, subject.stribeck_speed
-
-    def friction(bare: Float, W: Float, v: Float) -> Float:
-        v1 = v1_per_W * W
-        We = W * v1 / (v1 + v + SPEED_FLOOR)
-        r = v / v_s
-        return bare * (rho + rest * exp(-power(We / W0, p))) * (1.0 + rise / (1.0 + r * r))
-
-    return friction
+    _, _, _, v1_per_W, W0, p, rho, rise, v_s = friction
+    v1 = v1_per_W * W
+    We = W * v1 / (v1 + v + SPEED_FLOOR)
+    r = v / v_s
+    return bare * (rho + (1.0 - rho) * exp(-power(We / W0, p))) * (1.0 + rise / (1.0 + r * r))
 
 
 def sliding_coefficient(
-    m: Mathematics[Float],
-    subject: Subject[Float],
-    W: Float,
-    v: Float,
-    Fn: Float,
-    occlusion: Float,
-    *,
-    f0: float,
-) -> Float:
+    subject: Subject, W: float, v: float, Fn: float, occlusion: float, *, f0: float
+) -> float:
     """Return the COF of a steady slide; the arguments are those of the functions above, Fn > 0."""
-    bare = bare_friction(m, subject, Fn, occlusion)
-    return sliding_friction(m, subject, f0)(bare, W, v) / Fn
+    friction = friction_map(subject, f0)
+    return sliding_friction(friction, bare_friction(friction, Fn, occlusion), W, v) / Fn
 
 
 def check_reach(
-    subject: Subject[float],
+    subject: Subject,
     mu_low: float,
     mu_high: float,
     *,
@@ -137,8 +144,8 @@ def check_reach(
         for by_force in share
         for occlusion in (0.0, 1.0)
     ]
-    lowest = max(sliding_coefficient(SCALAR, subject, W_max, *corner, f0=f0) for corner in corners)
-    highest = min(sliding_coefficient(SCALAR, subject, 0.0, *corner, f0=f0) for corner in corners)
+    lowest = max(sliding_coefficient(subject, W_max, *corner, f0=f0) for corner in corners)
+    highest = min(sliding_coefficient(subject, 0.0, *corner, f0=f0) for corner in corners)
     if not lowest < 0.95 * mu_low:
         raise ValueError(f"{subject.name}: COF {lowest:.3f} is not below 0.95 x {mu_low:g}")
     if not highest > 1.05 * mu_high:

@@ -27,6 +27,17 @@ def require(name: str, value: object, low: float, high: float) -> None:
         raise ValueError(f"{name} {value} is outside {low:g}..{high:g}")
 
 
+def resonance_at(f0: float, slope: float, warmer: float) -> float:
+    """Return the resonance in Hz that much warmer, in K, than where it is f0; slope in Hz/K."""
+    return f0 + slope * warmer
+
+
+def stiffness_of(mass: float, resonance: float) -> float:
+    """Return the modal stiffness in N/m of a mass in kg that resonates at a frequency in Hz."""
+    omega0 = TWO_PI * resonance
+    return mass * omega0 * omega0
+
+
 @dataclass(frozen=True, slots=True)
 class ResonatorParameters:
     """The vibration mode of eq. (1), without a finger."""
@@ -60,12 +71,11 @@ class ResonatorParameters:
 
     def resonance(self, temperature: float) -> float:
         """Return the resonance frequency in Hz at a plate temperature in degC."""
-        return self.f0 + self.f0_slope * (temperature - self.reference_temperature)
+        return resonance_at(self.f0, self.f0_slope, temperature - self.reference_temperature)
 
     def stiffness(self, temperature: float) -> float:
         """Return the modal stiffness c in N/m at a plate temperature in degC."""
-        omega0 = TWO_PI * self.resonance(temperature)
-        return self.mass * omega0 * omega0
+        return stiffness_of(self.mass, self.resonance(temperature))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,17 +2,160 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import floor
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smarttac_can.plant.parameters import SensorParameters, require
 from smarttac_can.vocabulary.signals import Measurement
 
-_BLOCK = 256
+NOISE_BLOCK = 256
+"""Ticks whose noise is drawn together."""
+CHANNELS = 9
+"""Noisy channels: S1..S6, the two axes of the pick-up, the thermometer."""
 _NOISE_STREAM = 0x4E
 _SERIAL_STREAM = 0x53
 PICKUP_SATURATED = 1 << 6
+
+
+class Gauge(NamedTuple):
+    """What belongs to one strain gauge."""
+
+    null: float
+    """Output without load in N."""
+    drift: float
+    """Shift of the null in N/K."""
+    bow: float
+    """Curvature in 1/N."""
+
+
+class Sensing(NamedTuple):
+    """What the readings of one set of sensors follow from."""
+
+    x_to_S1: float
+    x_to_S2: float
+    node_x: float
+    drift_temperature: float
+    limit: int
+    step: float
+    """Of the gauge converter in N."""
+    pickup_step: float
+    grain: float
+    """Step of the thermometer in K."""
+    gauges: tuple[Gauge, Gauge, Gauge, Gauge, Gauge, Gauge]
+
+
+Readings = tuple[complex, tuple[float, float, float, float, float, float], float, int]
+"""The fields of a `Measurement`."""
+
+
+def sensing(parameters: SensorParameters) -> Sensing:
+    """Return the sensors with these parameters: their serial number draws what the gauges have."""
+    p = parameters
+    draws = np.random.default_rng([p.serial, _SERIAL_STREAM]).uniform(-1.0, 1.0, (3, 6))
+    curvature = 4.0 * p.linearity / (p.span * p.span) if p.span else 0.0
+    s1, s2, s3, s4, s5, s6 = (
+        Gauge(p.null * null, p.drift * drift, curvature * bow)
+        for null, drift, bow in draws.T.tolist()
+    )
+    (xx, _), (yx, _) = p.crosstalk
+    return Sensing(
+        xx,
+        yx,
+        p.node_x,
+        p.drift_temperature,
+        p.full_scale,
+        p.gauge_resolution,
+        p.pickup_resolution,
+        p.temperature_resolution,
+        (s1, s2, s3, s4, s5, s6),
+    )
+
+
+def noise_block(parameters: SensorParameters, seed: int, block: int) -> NDArray[np.float64]:
+    """Return the noise of ticks ``256 block`` to ``256 block + 255``, one row of 9 a tick, SI."""
+    p = parameters
+    scale = np.array([p.gauge_noise] * 6 + [p.pickup_noise] * 2 + [p.temperature_noise])
+    rng = np.random.default_rng([seed, _NOISE_STREAM, block])
+    noise: NDArray[np.float64] = rng.standard_normal((NOISE_BLOCK, CHANNELS)) * scale
+    return noise
+
+
+def readings(
+    sensing: Sensing,
+    noise: Sequence[float],
+    W: complex,
+    temperature: float,
+    forces: tuple[float, float, float],
+) -> Readings:
+    """Return what is reported in a tick.
+
+    Parameters
+    ----------
+    sensing
+        The sensors.
+    noise
+        Of S1..S6 in N, of the axes of the pick-up in m and of the thermometer in K.
+    W
+        Vibration in m peak-to-peak.
+    temperature
+        Plate temperature in degC.
+    forces
+        Behind the force path: Fx and Fn in N, and the moment in N m, which is Fn times the finger's
+        position along x.
+    """
+    Fx, Fn, moment = forces
+    xx, yx, node_x, drift_temperature, limit, step, pickup_step, grain, gauges = sensing
+    g1, g2, g3, g4, g5, g6 = gauges
+    lean = moment / node_x
+    left = 0.25 * (Fn - lean)
+    right = 0.25 * (Fn + lean)
+    warmth = temperature - drift_temperature
+    c1 = _count(g1, xx * Fx, warmth, noise[0], step)
+    c2 = _count(g2, yx * Fx, warmth, noise[1], step)
+    c3 = _count(g3, left, warmth, noise[2], step)
+    c4 = _count(g4, right, warmth, noise[3], step)
+    c5 = _count(g5, left, warmth, noise[4], step)
+    c6 = _count(g6, right, warmth, noise[5], step)
+    saturated = 0
+    if not -limit < min(c1, c2, c3, c4, c5, c6) <= max(c1, c2, c3, c4, c5, c6) < limit:
+        saturated = (
+            _bit(c1, limit, 1)
+            | _bit(c2, limit, 2)
+            | _bit(c3, limit, 4)
+            | _bit(c4, limit, 8)
+            | _bit(c5, limit, 16)
+            | _bit(c6, limit, 32)
+        )
+        c1, c2, c3 = _ended(c1, limit), _ended(c2, limit), _ended(c3, limit)
+        c4, c5, c6 = _ended(c4, limit), _ended(c5, limit), _ended(c6, limit)
+    d = floor((W.real + noise[6]) / pickup_step + 0.5)
+    q = floor((W.imag + noise[7]) / pickup_step + 0.5)
+    if not (-limit < d < limit and -limit < q < limit):
+        saturated |= PICKUP_SATURATED
+        d, q = _ended(d, limit), _ended(q, limit)
+    return (
+        complex(d * pickup_step, q * pickup_step),
+        (c1 * step, c2 * step, c3 * step, c4 * step, c5 * step, c6 * step),
+        floor((temperature + noise[8]) / grain + 0.5) * grain,
+        saturated,
+    )
+
+
+def _count(gauge: Gauge, load: float, warmth: float, noise: float, step: float) -> int:
+    null, drift, bow = gauge
+    return floor((load + bow * load * load + null + drift * warmth + noise) / step + 0.5)
+
+
+def _bit(count: int, limit: int, bit: int) -> int:
+    return bit if abs(count) >= limit else 0
+
+
+def _ended(count: int, limit: int) -> int:
+    return max(-limit, min(limit, count))
 
 
 class Sensors:
@@ -30,79 +173,31 @@ class Sensors:
         Seed of the noise, 0 or more.
     """
 
-    __slots__ = ("_block", "_gauges", "_noise", "_parameters", "_scale", "_seed", "nulls")
+    __slots__ = ("_block", "_noise", "_parameters", "_seed", "_sensing")
 
     def __init__(self, parameters: SensorParameters, seed: int) -> None:
         require("seed", seed, 0, 2**63 - 1)
-        p = parameters
-        draws = np.random.default_rng([p.serial, _SERIAL_STREAM]).uniform(-1.0, 1.0, (3, 6))
-        nulls, drifts, bows = draws.tolist()
-        curvature = 4.0 * p.linearity / (p.span * p.span) if p.span else 0.0
-        self._parameters = p
-        self.nulls: tuple[float, ...] = tuple(p.null * null for null in nulls)
-        self._gauges = [
-            (at, self.nulls[at], p.drift * drifts[at], curvature * bows[at])
-            for at in range(len(nulls))
-        ]
-        self._scale = np.array([p.gauge_noise] * 6 + [p.pickup_noise] * 2 + [p.temperature_noise])
+        self._parameters = parameters
+        self._sensing = sensing(parameters)
         self._seed = seed
         self._block = -1
         self._noise: list[list[float]] = []
 
-    def measure(
-        self, tick: int, W: complex, temperature: float, Fx: float, Fn: float, moment: float
-    ) -> Measurement:
-        """Return what is reported at a tick.
+    @property
+    def nulls(self) -> tuple[float, ...]:
+        """Outputs of S1..S6 without load in N."""
+        return tuple(gauge.null for gauge in self._sensing.gauges)
 
-        Parameters
-        ----------
-        tick
-            Number of the tick from the start of the run, 0 or more.
-        W
-            Vibration in m peak-to-peak.
-        temperature
-            Plate temperature in degC.
-        Fx, Fn
-            Forces behind the force path in N.
-        moment
-            Fn times the finger's position along x, behind the force path, in N m.
-        """
-        block, row = divmod(tick, _BLOCK)
+    def measure(
+        self, tick: int, W: complex, temperature: float, forces: tuple[float, float, float]
+    ) -> Measurement:
+        """Return what is reported at a tick, 0 or more; the others are those of `readings`."""
+        block, row = divmod(tick, NOISE_BLOCK)
         if block != self._block:
-            rng = np.random.default_rng([self._seed, _NOISE_STREAM, block])
-            self._noise = (rng.standard_normal((_BLOCK, 9)) * self._scale).tolist()
+            self._noise = noise_block(self._parameters, self._seed, block).tolist()
             self._block = block
-        noise = self._noise[row]
-        p = self._parameters
-        (xx, _), (yx, _) = p.crosstalk
-        lean = moment / p.node_x
-        left = 0.25 * (Fn - lean)
-        right = 0.25 * (Fn + lean)
-        warmth = temperature - p.drift_temperature
-        limit = p.full_scale
-        step = p.gauge_resolution
-        saturated = 0
-        loads = (xx * Fx, yx * Fx, left, right, left, right)
-        counts = [
-            floor(
-                (loads[at] + bow * loads[at] * loads[at] + null + drift * warmth + noise[at]) / step
-                + 0.5
-            )
-            for at, null, drift, bow in self._gauges
-        ]
-        if not -limit < min(counts) <= max(counts) < limit:
-            saturated = sum(1 << n for n, count in enumerate(counts) if abs(count) >= limit)
-            counts = [max(-limit, min(limit, count)) for count in counts]
-        gauges = tuple([count * step for count in counts])
-        step = p.pickup_resolution
-        d = floor((W.real + noise[6]) / step + 0.5)
-        q = floor((W.imag + noise[7]) / step + 0.5)
-        if not (-limit < d < limit and -limit < q < limit):
-            saturated |= PICKUP_SATURATED
-            d = max(-limit, min(limit, d))
-            q = max(-limit, min(limit, q))
-        grain = p.temperature_resolution
-        temperature = floor((temperature + noise[8]) / grain + 0.5) * grain
+        # A named tuple's own constructor costs twice this.
         return tuple.__new__(
-            Measurement, (complex(d * step, q * step), gauges, temperature, saturated)
+            Measurement,
+            readings(self._sensing, self._noise[row], W, temperature, forces),
         )

@@ -1,88 +1,93 @@
-"""The skin between bone and plate: mass, spring, damper, and friction of the Dahl type."""
+"""The skin between bone and plate: mass, spring, damper, and friction of the Dahl type.
+
+``skin_mass v' = k stretch + b (v_bone - v) - F z``, ``stretch' = v_bone - v``,
+``z' = (v - |v| z)/relaxation_length``. A step is implicit (backward Euler) in all three; the
+equation for the new v is monotone and quadratic on each side of 0, so it is solved in closed form
+and the step is stable at any length. Only the dependence of F on v is taken from the last step.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Generic
+from math import sqrt
+from typing import NamedTuple
 
-from smarttac_can.plant.friction import sliding_friction
-from smarttac_can.plant.mathematics import Float, Mathematics
 from smarttac_can.plant.subjects import Subject
 
 
-class Skin(Generic[Float]):
-    """State of the skin: sliding velocity v, stretch, and friction state z in -1..1.
+class Skin(NamedTuple):
+    """The skin of a fingertip."""
 
-    ``skin_mass v' = k stretch + b (v_bone - v) - F z``, ``stretch' = v_bone - v``,
-    ``z' = (v - |v| z)/relaxation_length``. A step is implicit (backward Euler) in all three; the
-    equation for the new v is monotone and quadratic on each side of 0, so it is solved in closed
-    form and the step is stable at any length. Only the dependence of F on v is taken from the
-    last step.
+    mass: float
+    """In kg."""
+    k: float
+    """Stiffness in N/m."""
+    b: float
+    """Damping in N s/m."""
+    L: float
+    """Relaxation length in m."""
+
+
+SkinStep = tuple[float, float, float, float, float, float, float, float]
+"""What is constant over steps of equal length."""
+
+
+def skin_of(subject: Subject) -> Skin:
+    """Return the skin of a subject."""
+    s = subject
+    return Skin(s.skin_mass, s.skin_stiffness, s.skin_damping, s.relaxation_length)
+
+
+def skin_step(skin: Skin, duration: float, v_bone: float, bare: float) -> SkinStep:
+    """Prepare steps.
 
     Parameters
     ----------
-    m
-        Mathematics of the subject: SCALAR or ARRAY.
-    subject
-        The fingertip.
-    f0
-        Frequency of the vibration in Hz.
+    skin
+        The skin.
+    duration
+        Length of a step in s.
+    v_bone
+        Velocity of the finger's bone in m/s.
+    bare
+        Friction without vibration in N, 0 or more; 0 is a lifted finger.
     """
+    mass, k, b, L = skin
+    give = b + duration * k
+    inertia = (mass + duration * give) * L / duration
+    touches = 1.0 if bare > 0.0 else 0.0
+    return duration, v_bone, mass, k, L, give * v_bone, inertia, touches
 
-    __slots__ = ("_friction", "_m", "stretch", "subject", "v", "z")
 
-    def __init__(self, m: Mathematics[Float], subject: Subject[Float], f0: float) -> None:
-        self._m: Mathematics[Float] = m
-        self._friction: Callable[[Float, Float, Float], Float] = sliding_friction(m, subject, f0)
-        self.subject: Subject[Float] = subject
-        self.v: Float = 0.0 * subject.mu0
-        self.stretch: Float = 0.0 * subject.mu0
-        self.z: Float = 0.0 * subject.mu0
+def slide(
+    step: SkinStep, v: float, stretch: float, z: float, F: float
+) -> tuple[float, float, float, float]:
+    """Return velocity, stretch and friction state after a step, and the friction force in N.
 
-    def slide(
-        self, duration: float, vibrations: Iterable[Float], v_bone: Float, bare: Float
-    ) -> list[Float]:
-        """Advance by steps of equal length; return the friction force on the plate in N of each.
-
-        Parameters
-        ----------
-        duration
-            Length of a step in s.
-        vibrations
-            Vibration under the finger in each step, in m peak-to-peak, 0 or more.
-        v_bone
-            Velocity of the finger's bone in m/s.
-        bare
-            Friction without vibration in N, 0 or more; 0 is a lifted finger.
-        """
-        m, s, friction = self._m, self.subject, self._friction
-        sqrt, select = m.sqrt, m.select
-        v, stretch, z = self.v, self.stretch, self.z
-        k, L, mass = s.skin_stiffness, s.relaxation_length, s.skin_mass
-        give = s.skin_damping + duration * k
-        pull = give * v_bone
-        inertia = (mass + duration * give) * L / duration
-        inertia2, inertia4 = 2.0 * inertia, 4.0 * inertia
-        touches = 1.0 * (bare > 0.0)
-        forces: list[Float] = []
-        for W in vibrations:
-            speed = abs(v)
-            F = friction(bare, W, speed)
-            # (mass + h b + h^2 k) v + h F z(v) = impulse, with u = |v| h/L the unknown.
-            impulse = mass * v + duration * (k * stretch + pull)
-            hold = duration * F
-            push = impulse - hold * z
-            sign = 2.0 * (push > 0.0) - 1.0
-            ahead = sign * push
-            q = inertia + hold - sign * impulse
-            root = sqrt(q * q + inertia4 * ahead)
-            # Of the two forms of the root, the one without cancellation.
-            total = abs(q) + root
-            u = select(q, 2.0 * ahead / total, total / inertia2)
-            advance = sign * u
-            v = advance * L / duration
-            stretch = stretch + duration * (v_bone - v)
-            z = (z + advance) / (1.0 + u) * touches
-            forces.append(F * z)
-        self.v, self.stretch, self.z = v, stretch, z
-        return forces
+    Parameters
+    ----------
+    step
+        Of `skin_step`.
+    v
+        Sliding velocity in m/s.
+    stretch
+        In m.
+    z
+        Friction state, -1..1.
+    F
+        Friction in N at full slide, 0 or more.
+    """
+    duration, v_bone, mass, k, L, pull, inertia, touches = step
+    # (mass + h b + h^2 k) v + h F z(v) = impulse, with u = |v| h/L the unknown.
+    impulse = mass * v + duration * (k * stretch + pull)
+    hold = duration * F
+    push = impulse - hold * z
+    sign = 1.0 if push > 0.0 else -1.0
+    ahead = sign * push
+    q = inertia + hold - sign * impulse
+    total = abs(q) + sqrt(q * q + 4.0 * inertia * ahead)
+    # Of the two forms of the root, the one without cancellation.
+    u = 2.0 * ahead / total if q > 0.0 else total / (2.0 * inertia)
+    advance = sign * u
+    v = advance * L / duration
+    z = (z + advance) / (1.0 + u) * touches
+    return v, stretch + duration * (v_bone - v), z, F * z

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Generic
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smarttac_can.plant.mathematics import Float, FloatArray
 from smarttac_can.plant.parameters import require
 
 FORCE_REFERENCE = 0.5
@@ -34,8 +31,8 @@ _BOUNDS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Subject(Generic[Float]):
-    """A fingertip; numbers for one subject, arrays for a population.
+class Subject:
+    """A fingertip.
 
     Raises
     ------
@@ -44,35 +41,35 @@ class Subject(Generic[Float]):
     """
 
     name: str
-    mu0: Float
+    mu0: float
     """COF at 0.5 N without vibration and occlusion (fitted to the paper's ranges)."""
-    exponent: Float
+    exponent: float
     """n of Ft ~ Fn^n, 2/3..1 [L]."""
-    occlusion: Float
+    occlusion: float
     """Rise of mu0 at full occlusion, as a fraction [A]."""
-    occlusion_time: Float
+    occlusion_time: float
     """Time constant of occlusion in s, about 20 s [L, doi:10.1007/s11249-011-9828-0]."""
-    rho: Float
+    rho: float
     """Share of mu0 that vibration cannot remove [A, fitted]."""
-    W0: Float
+    W0: float
     """Effective vibration in m that removes 1 - 1/e of the rest [A, fitted]."""
-    p: Float
+    p: float
     """Shape of the friction map, 1..2 [A]."""
-    stribeck: Float
+    stribeck: float
     """Ratio of friction at no speed to friction at speed, 1.1..1.5 [A]."""
-    stribeck_speed: Float
+    stribeck_speed: float
     """Speed in m/s at which half of the Stribeck rise is gone [A]."""
-    relaxation_length: Float
+    relaxation_length: float
     """Sliding distance in m over which friction builds up to 1 - 1/e, 11.5 um [D from L]."""
-    skin_mass: Float
+    skin_mass: float
     """Moving mass of the skin in kg [L]."""
-    skin_stiffness: Float
+    skin_stiffness: float
     """Lateral stiffness of the skin in N/m [L]."""
-    skin_damping: Float
+    skin_damping: float
     """Lateral damping of the skin in N s/m [L]."""
-    load_damping: Float
+    load_damping: float
     """Damping that the finger adds to the mode at 0.5 N, in N s/m [A]."""
-    load_stiffness: Float
+    load_stiffness: float
     """Stiffness that the finger adds to the mode at 0.5 N, in N/m [A]."""
 
     def __post_init__(self) -> None:
@@ -80,19 +77,7 @@ class Subject(Generic[Float]):
             require(name, getattr(self, name), low, high)
 
 
-def stack(subjects: Sequence[Subject[float]], name: str = "population") -> Subject[FloatArray]:
-    """Return the subjects as one, each parameter an array with one element a subject."""
-    parameters = {
-        f.name: np.array([getattr(subject, f.name) for subject in subjects], dtype=np.float64)
-        for f in fields(Subject)
-        if f.name != "name"
-    }
-    return Subject(name=name, **parameters)
-
-
-def _preset(
-    name: str, mu0: float, rho: float, W0: float, p: float, load_damping: float
-) -> Subject[float]:
+def _preset(name: str, mu0: float, rho: float, W0: float, p: float, load_damping: float) -> Subject:
     return Subject(
         name=name,
         mu0=mu0,
@@ -113,7 +98,7 @@ def _preset(
     )
 
 
-SUBJECTS: tuple[Subject[float], ...] = (
+SUBJECTS: tuple[Subject, ...] = (
     _preset("dry", 0.33, 0.22, 1.8e-6, 1.3, 11.0),
     _preset("fair", 0.445, 0.25, 2.3e-6, 1.35, 8.0),
     _preset("supple", 0.555, 0.28, 2.4e-6, 1.4, 7.5),
@@ -123,7 +108,7 @@ SUBJECTS: tuple[Subject[float], ...] = (
 """The five subjects of Fig. 2; the first four are those of Table I, in its order."""
 
 
-def random_subjects(count: int, seed: int) -> list[Subject[float]]:
+def random_subjects(count: int, seed: int) -> list[Subject]:
     """Draw subjects uniformly from the ranges in which fingers differ.
 
     Parameters

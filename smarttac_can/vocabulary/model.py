@@ -35,6 +35,11 @@ def contact_load(Fn: float) -> float:
     return float((Fn / LOAD_FORCE) ** _GROWTH) if Fn > 0.0 else 0.0
 
 
+def decay_rate(load: float, tau: float, contact: float) -> float:
+    """Return 1/tau in 1/s under a contact of `contact_load`, of a bare tau and a model's load."""
+    return (1.0 + load * contact) / tau
+
+
 @dataclass(frozen=True, slots=True)
 class PlateModel:
     """First-order model of the unloaded plate near its resonance.
@@ -73,7 +78,7 @@ class PlateModel:
 
         The gain goes with tau: ``kappa = K/tau``, the force of a volt over the mass, stays.
         """
-        return (1.0 + self.load * contact) / self.tau
+        return decay_rate(self.load, self.tau, contact)
 
     def load_of_press(self, V: float, W: complex, Fn: float) -> float:
         """Return the load from one press in steady state.

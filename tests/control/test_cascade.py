@@ -122,7 +122,8 @@ def test_a_belief_that_is_no_number_turns_off_or_gives_the_model_back(doubt):
     cascade.set_mode(Mode.AMPLITUDE)
     run(cascade, plate, setpoint(), 20)
     predictive = cascade._predictive
-    predictive.belief = predictive.belief._replace(**doubt)
+    learned = predictive.learned
+    predictive.learned = learned._replace(belief=learned.belief._replace(**doubt))
     drives = run(cascade, plate, setpoint(), 30)
     assert all(0.0 <= drive.voltage <= 150.0 for drive in drives)
     assert cascade.mode is Mode.OFF or abs(plate.W) == pytest.approx(1e-6, rel=0.02)

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.control.design import amplitude_pi, dominant_pole, resonance_pi
+from smarttac_can.control.pi import regulated
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import Drive
 
@@ -73,8 +74,7 @@ def test_step_does_not_overshoot(dead_time):
     for _ in range(100):
         error = 1e-6 - abs(plate.W)
         assert error > -1e-14
-        voltage = pi.compute(error)
-        pi.update(error, voltage)
+        voltage, pi.state, _ = regulated(pi.state, pi.Kp, pi.a, error, -1e9, 1e9)
         plate.step(Drive(voltage, model.f0))
     assert abs(plate.W) == pytest.approx(1e-6)
 

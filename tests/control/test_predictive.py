@@ -214,10 +214,10 @@ def test_a_thermometer_that_breaks_does_not_move_the_plate(temperature):
 def test_after_a_bad_measurement_it_starts_from_two_good_ones():
     cascade, plate = driven()
     bad = Measurement(complex(math.nan, 0.0), (0.0,) * 6, 20.0, 0)
-    learned = cascade._predictive.belief
+    learned = cascade._predictive.learned.belief
     plate.step(cascade.update(bad, setpoint()))
     plate.step(cascade.update(plate.measure(), setpoint()))
-    assert cascade._predictive.belief == learned
+    assert cascade._predictive.learned.belief == learned
     cascade.set_mode(BOTH)
     for _ in range(20):
         plate.step(cascade.update(plate.measure(), setpoint()))
@@ -233,7 +233,7 @@ def test_it_counts_with_the_drive_that_went_out(drive):
         cascade.realised(drive)
         plate.step(drive)
     # What it believes in is the plate, not one that ignores a voltage.
-    assert cascade._predictive.plate.kappa == pytest.approx(50e-9 / 0.944e-3, rel=0.05)
+    assert cascade._predictive.learned.plate.kappa == pytest.approx(50e-9 / 0.944e-3, rel=0.05)
 
 
 def test_a_finger_is_learned_and_forgotten():
@@ -244,4 +244,4 @@ def test_a_finger_is_learned_and_forgotten():
         for _ in range(30):
             plate.step(cascade.update(plate.measure(gauges(Fn=Fn)), setpoint()))
         assert abs(plate.W) == pytest.approx(1e-6, rel=0.01)
-        assert cascade._predictive.plate.rate == pytest.approx(1.0 / model.tau, rel=0.15)
+        assert cascade._predictive.learned.plate.rate == pytest.approx(1.0 / model.tau, rel=0.15)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.control.friction import Boundary
-from smarttac_can.control.tribometer import PositionFilter, Tribometer, calibration
+from smarttac_can.control.tribometer import Tribometer, calibration, first_of, followed
 
 CROSSTALK = ((1.0, 0.04), (-0.03, 1.02))
 NULLS = (0.7, -1.1, 0.3, -0.2, 1.2, -0.9)
@@ -138,33 +138,33 @@ def test_an_absurd_zero_is_refused():
 
 @pytest.mark.parametrize("speed", [-0.2, 0.05])
 def test_steady_speed_is_followed_without_lag(speed):
-    line = PositionFilter()
-    line.begin(0.01)
+    line = first_of(0.01)
     for k in range(1, 200):
-        line.update(0.01 + speed * k * 1e-3)
-        assert line.position == pytest.approx(0.01 + speed * k * 1e-3, abs=1e-12)
-        assert line.speed == pytest.approx(speed)
+        line = followed(line, 0.01 + speed * k * 1e-3)
+        _, position, slope, _ = line
+        assert position == pytest.approx(0.01 + speed * k * 1e-3, abs=1e-12)
+        assert slope == pytest.approx(speed)
 
 
 def test_filter_cuts_the_noise_of_the_position_to_a_quarter():
-    noise, line = random.Random(2), PositionFilter()
-    line.begin(0.0)
+    noise, line = random.Random(2), first_of(0.0)
     positions = []
     for _ in range(20000):
-        line.update(noise.gauss(0.0, 1e-3))
-        positions.append(line.position)
+        line = followed(line, noise.gauss(0.0, 1e-3))
+        positions.append(line[1])
     assert statistics.pstdev(positions[500:]) == pytest.approx(0.25e-3, rel=0.05)
 
 
 def test_start_of_a_touch_is_the_least_squares_line():
-    noise, line = random.Random(3), PositionFilter()
+    noise = random.Random(3)
     samples = [noise.gauss(0.0, 1e-3) for _ in range(12)]
-    line.begin(samples[0])
+    line = first_of(samples[0])
     for sample in samples[1:]:
-        line.update(sample)
+        line = followed(line, sample)
     slope, intercept = statistics.linear_regression(range(12), samples)
-    assert line.position == pytest.approx(intercept + 11 * slope)
-    assert line.speed == pytest.approx(slope * 1e3)
+    _, position, speed, _ = line
+    assert position == pytest.approx(intercept + 11 * slope)
+    assert speed == pytest.approx(slope * 1e3)
 
 
 @pytest.mark.parametrize("seed", range(10))

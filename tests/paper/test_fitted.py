@@ -13,7 +13,6 @@ from smarttac_can.paper.provenance import fitted
 from smarttac_can.paper.reproduce import reproduce
 from smarttac_can.plant.fitted import FITTED
 from smarttac_can.plant.friction import check_reach, sliding_coefficient
-from smarttac_can.plant.mathematics import SCALAR
 from smarttac_can.plant.subjects import SUBJECTS
 
 SEEDS = range(1, 11)
@@ -46,7 +45,7 @@ def test_rise_and_overshoot_are_those_of_the_paper(number):
 @pytest.mark.parametrize(("number", "finger"), list(enumerate(FITTED)))
 def test_a_fitted_finger_has_the_friction_of_its_subject(number, finger):
     subject, force, speed = finger
-    bare = sliding_coefficient(SCALAR, subject, 0.0, speed, force, 0.0, f0=43390.0)
+    bare = sliding_coefficient(subject, 0.0, speed, force, 0.0, f0=43390.0)
     assert 0.3 + 0.1 * number <= bare <= 0.4 + 0.1 * number
     around = 0.8, 1.2
     check_reach(

@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from smarttac_can.plant.felt import Felt
+from smarttac_can.plant.felt import film, film_share, shape_at
 from smarttac_can.plant.finger import Stroke, Trajectory
 from smarttac_can.plant.parameters import ContactParameters, PlateParameters
 from smarttac_can.plant.plate import Plate
@@ -22,17 +22,17 @@ def make(finger, **contact):
 
 def test_the_film_follows_as_a_first_order_lag_whatever_the_step():
     for steps in (1, 4, 16):
-        film = Felt(ContactParameters(film_lag=2e-3))
-        felt = film.follow(3e-3 / steps, [1e-6] * steps)
-        assert felt[-1] == pytest.approx(1e-6 * (1.0 - math.exp(-1.5)), rel=1e-12)
+        share = film_share(3e-3 / steps, 2e-3)
+        felt = 0.0
+        for _ in range(steps):
+            felt = film(felt, 1e-6, 1.0, share)
+        assert felt == pytest.approx(1e-6 * (1.0 - math.exp(-1.5)), rel=1e-12)
 
 
 def test_the_shape_is_that_of_the_place():
-    film = Felt(ContactParameters(ripple=0.1))
     for x, shape in ((0.0, 1.1), (4e-3, 0.9), (8e-3, 1.1), (-2e-3, 1.0), (-12e-3, 0.9)):
-        film.place(x)
-        assert film.shape == pytest.approx(shape)
-        assert film.follow(1e-3, [2e-6]) == pytest.approx([2e-6 * shape])
+        assert shape_at(x, 0.1, 8e-3) == pytest.approx(shape)
+    assert film(0.0, 2e-6, 1.1, film_share(1e-3, 0.0)) == pytest.approx(2.2e-6)
 
 
 def test_the_ripple_is_that_of_a_contact_of_7_to_9_mm_over_nodes_8_mm_apart():

@@ -4,34 +4,35 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from smarttac_can.plant.force_path import ForcePath, propagator
+from smarttac_can.plant.force_path import follow, propagator
 
 
 def test_agrees_with_the_differential_equation():
     w, damping = 2 * math.pi * 100.0, 0.7
     forces = [0.0, 1.0, 1.0, -0.5, 0.2, 0.2]
     phi = propagator(1e-3, 100.0, damping)
-    path = ForcePath()
+    path, rate = 0.0, 0.0
     y = np.zeros(2)
     for force in forces:
-        path.follow(phi, [force])
+        path, rate = follow(phi, path, rate, force)
         y = solve_ivp(
             lambda _, y, f=force: [y[1], w * w * (f - y[0]) - 2 * damping * w * y[1]],
             (0.0, 1e-3), y, rtol=1e-11, atol=1e-14,
         ).y[:, -1]  # fmt: skip
-        assert path.y == pytest.approx(y[0], abs=1e-9)
-        assert path.rate == pytest.approx(y[1], abs=1e-6)
+        assert path == pytest.approx(y[0], abs=1e-9)
+        assert rate == pytest.approx(y[1], abs=1e-6)
 
 
 def test_settles_at_the_force():
-    path, phi = ForcePath(), propagator(1e-3, 100.0, 0.7)
-    path.follow(phi, [0.3] * 100)
-    assert path.y == pytest.approx(0.3, rel=1e-9)
+    path, rate = 0.0, 0.0
+    phi = propagator(1e-3, 100.0, 0.7)
+    for _ in range(100):
+        path, rate = follow(phi, path, rate, 0.3)
+    assert path == pytest.approx(0.3, rel=1e-9)
 
 
 def test_two_half_steps_are_one():
-    one, two = ForcePath(), ForcePath()
-    one.follow(propagator(1e-3, 100.0, 0.7), [0.3])
+    one, _ = follow(propagator(1e-3, 100.0, 0.7), 0.0, 0.0, 0.3)
     half = propagator(0.5e-3, 100.0, 0.7)
-    two.follow(half, [0.3, 0.3])
-    assert two.y == pytest.approx(one.y, rel=1e-12)
+    two, _ = follow(half, *follow(half, 0.0, 0.0, 0.3), 0.3)
+    assert two == pytest.approx(one, rel=1e-12)

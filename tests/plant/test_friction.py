@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from smarttac_can.plant.friction import (
     bare_friction,
     check_reach,
+    friction_map,
     sliding_coefficient,
     sliding_friction,
 )
-from smarttac_can.plant.mathematics import ARRAY, SCALAR
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects, stack
+from smarttac_can.plant.subjects import SUBJECTS, random_subjects
 
 F0 = 43390.0
 TABLE_I = list(zip(SUBJECTS, [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)], strict=False))
@@ -20,16 +20,16 @@ subjects = st.sampled_from([*SUBJECTS, *random_subjects(20, 3)])
 
 
 def coefficient(subject, W, v=0.06, Fn=0.5, occlusion=0.0):
-    return sliding_coefficient(SCALAR, subject, W, v, Fn, occlusion, f0=F0)
+    return sliding_coefficient(subject, W, v, Fn, occlusion, f0=F0)
 
 
 def reduction(subject, W, v):
     plain = dataclasses.replace(subject, stribeck=1.0)
-    return sliding_friction(SCALAR, plain, F0)(1.0, W, v)
+    return sliding_friction(friction_map(plain, F0), 1.0, W, v)
 
 
 def stribeck(subject, v):
-    return sliding_friction(SCALAR, subject, F0)(1.0, 0.0, v)
+    return sliding_friction(friction_map(subject, F0), 1.0, 0.0, v)
 
 
 @given(subject=subjects, W=st.floats(0.0, 5e-6), more=st.floats(1e-8, 1e-6), v=st.floats(0.0, 1.0))
@@ -58,15 +58,15 @@ def test_at_the_speed_v1_half_of_the_vibration_counts():
 def test_without_vibration_friction_is_bare(subject):
     assert reduction(subject, 0.0, 0.0) == 1.0
     assert reduction(subject, 0.0, 0.1) == 1.0
-    assert bare_friction(SCALAR, subject, 0.5, 0.0) == pytest.approx(0.5 * subject.mu0)
+    assert bare_friction(friction_map(subject, F0), 0.5, 0.0) == pytest.approx(0.5 * subject.mu0)
 
 
 def test_force_and_occlusion():
     subject = SUBJECTS[0]
-    assert bare_friction(SCALAR, subject, 0.0, 0.0) == 0.0
-    low, high = (bare_friction(SCALAR, subject, Fn, 0.0) for Fn in (0.25, 1.0))
+    assert bare_friction(friction_map(subject, F0), 0.0, 0.0) == 0.0
+    low, high = (bare_friction(friction_map(subject, F0), Fn, 0.0) for Fn in (0.25, 1.0))
     assert np.log(high / low) / np.log(4.0) == pytest.approx(subject.exponent)
-    wet = bare_friction(SCALAR, subject, 0.5, 1.0)
+    wet = bare_friction(friction_map(subject, F0), 0.5, 1.0)
     assert wet == pytest.approx(0.5 * subject.mu0 * (1.0 + subject.occlusion))
 
 
@@ -75,20 +75,6 @@ def test_stribeck_falls_from_its_ratio_to_one():
     assert stribeck(subject, 0.0) == subject.stribeck
     assert stribeck(subject, subject.stribeck_speed) == pytest.approx((1 + subject.stribeck) / 2)
     assert stribeck(subject, 1e3) == pytest.approx(1.0)
-
-
-def test_scalar_and_array_agree():
-    members = [*SUBJECTS, *random_subjects(50, 7)]
-    rng = np.random.default_rng(1)
-    W = rng.uniform(0, 3e-6, len(members))
-    v = rng.uniform(0, 0.3, len(members))
-    Fn = rng.uniform(0.05, 2, len(members))
-    h = rng.uniform(0, 1, len(members))
-    together = sliding_coefficient(ARRAY, stack(members), W, v, Fn, h, f0=F0)
-    for k, member in enumerate(members):
-        args = (float(x[k]) for x in (W, v, Fn, h))
-        alone = sliding_coefficient(SCALAR, member, *args, f0=F0)
-        assert together[k] == pytest.approx(alone, rel=1e-12, abs=0)
 
 
 @pytest.mark.parametrize(("subject", "references"), TABLE_I, ids=lambda x: getattr(x, "name", None))

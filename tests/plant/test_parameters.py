@@ -10,7 +10,7 @@ from smarttac_can.plant.parameters import (
     ThermalParameters,
     require,
 )
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects, stack
+from smarttac_can.plant.subjects import SUBJECTS, random_subjects
 
 
 def test_time_constant_and_quality_follow_from_the_30_percent():
@@ -54,13 +54,6 @@ def test_parameters_are_values():
     assert PlateParameters() == PlateParameters()
     with pytest.raises(dataclasses.FrozenInstanceError):
         PlateParameters().resonator.tau = 1.0
-
-
-def test_a_population_is_checked_element_by_element():
-    population = stack(SUBJECTS)
-    assert population.mu0.tolist() == [s.mu0 for s in SUBJECTS]
-    with pytest.raises(ValueError, match=r"^rho"):
-        dataclasses.replace(population, rho=population.rho * 10)
 
 
 def test_random_subjects_depend_on_the_seed_alone():

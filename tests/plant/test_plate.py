@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.plant import plate as plate_module
+from smarttac_can.plant import motion
 from smarttac_can.plant.finger import Lifted, Stroke, Trajectory
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
@@ -182,7 +182,7 @@ def test_substeps_are_enough(monkeypatch):
     """
 
     def lateral(substeps):
-        monkeypatch.setattr(plate_module, "SUBSTEPS", substeps)
+        monkeypatch.setattr(motion, "SUBSTEPS", substeps)
         exact = dataclasses.replace(
             PARAMETERS.sensors, null=0.0, gauge_noise=0.0, drift=0.0, gauge_resolution=1e-7,
             full_scale=10**9,
@@ -192,9 +192,9 @@ def test_substeps_are_enough(monkeypatch):
         return np.array([r.gauges[0] for r in reports[420:]])
 
     reference = lateral(64)
-    chosen = np.max(np.abs(lateral(plate_module.SUBSTEPS) - reference))
+    chosen = np.max(np.abs(lateral(motion.SUBSTEPS) - reference))
     coarse = np.max(np.abs(lateral(1) - reference))
-    assert plate_module.SUBSTEPS <= 8
+    assert motion.SUBSTEPS <= 8
     assert chosen < 0.25 * PARAMETERS.sensors.gauge_noise
     assert coarse > 1.5 * chosen
 
@@ -223,5 +223,5 @@ def test_the_moment_is_that_of_the_whole_tick_as_the_normal_force_is():
     plate = make(Trajectory([(0.0, 0.012, 0.0), (0.1, 0.012, 1.0), (1.0, 0.012, 1.0)]))
     for _ in range(150):
         plate.step(OFF, OFF)
-        assert plate._moment.y == pytest.approx(0.012 * plate._normal.y, abs=1e-12)
-    assert plate._normal.y == pytest.approx(1.0, rel=0.01)
+        assert plate._state.moment == pytest.approx(0.012 * plate._state.Fn, abs=1e-12)
+    assert plate._state.Fn == pytest.approx(1.0, rel=0.01)

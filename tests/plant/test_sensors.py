@@ -13,7 +13,7 @@ IDEAL = SensorParameters(
 
 
 def read(parameters=IDEAL, seed=1, tick=0, W=0j, temperature=20.0, Fx=0.0, Fn=0.0, x=0.0):
-    return Sensors(parameters, seed).measure(tick, W, temperature, Fx, Fn, Fn * x)
+    return Sensors(parameters, seed).measure(tick, W, temperature, (Fx, Fn, Fn * x))
 
 
 def test_cross_talk_spreads_the_lateral_force():
@@ -70,15 +70,15 @@ def test_null_belongs_to_the_hardware_and_noise_to_the_run():
 
 def test_noise_is_a_function_of_the_tick():
     forward = Sensors(REAL, 5)
-    reports = [forward.measure(k, 0j, 20.0, 0.0, 0.0, 0.0) for k in range(600)]
+    reports = [forward.measure(k, 0j, 20.0, (0.0, 0.0, 0.0)) for k in range(600)]
     assert len({r.gauges for r in reports}) == 600
     for tick in (599, 0, 255, 256):
-        assert Sensors(REAL, 5).measure(tick, 0j, 20.0, 0.0, 0.0, 0.0) == reports[tick]
+        assert Sensors(REAL, 5).measure(tick, 0j, 20.0, (0.0, 0.0, 0.0)) == reports[tick]
 
 
 def test_noise_has_its_standard_deviation_and_is_white():
     sensors = Sensors(REAL, 3)
-    reports = [sensors.measure(k, 1e-6 + 0j, 20.0, 0.2, 0.5, 0.0) for k in range(4096)]
+    reports = [sensors.measure(k, 1e-6 + 0j, 20.0, (0.2, 0.5, 0.0)) for k in range(4096)]
     gauges = np.array([r.gauges for r in reports])
     assert gauges.std(axis=0) == pytest.approx([4.3e-3] * 6, rel=0.05)
     assert np.std([r.W.real for r in reports]) == pytest.approx(1e-9, rel=0.05)
@@ -90,8 +90,10 @@ def test_noise_has_its_standard_deviation_and_is_white():
 def test_uncertainty_of_the_cof_at_half_a_newton():
     """Tared and free of cross-talk, mu = 0.4 at 0.5 N scatters by 0.011."""
     sensors = Sensors(REAL, 4)
-    tare = np.mean([sensors.measure(k, 0j, 20.0, 0.0, 0.0, 0.0).gauges for k in range(64)], axis=0)
-    loaded = [sensors.measure(k, 0j, 20.0, 0.2, 0.5, 0.0).gauges for k in range(1000, 5000)]
+    tare = np.mean(
+        [sensors.measure(k, 0j, 20.0, (0.0, 0.0, 0.0)).gauges for k in range(64)], axis=0
+    )
+    loaded = [sensors.measure(k, 0j, 20.0, (0.2, 0.5, 0.0)).gauges for k in range(1000, 5000)]
     net = np.array(loaded) - tare
     Fx, Fy = np.linalg.solve(np.array(REAL.crosstalk), net[:, :2].T)
     mu = np.hypot(Fx, Fy) / net[:, 2:].sum(axis=1)

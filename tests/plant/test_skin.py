@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from smarttac_can.plant.friction import sliding_friction
-from smarttac_can.plant.mathematics import ARRAY, SCALAR
-from smarttac_can.plant.skin import Skin
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects, stack
+from smarttac_can.plant.friction import friction_map, sliding_friction
+from smarttac_can.plant.skin import skin_of, skin_step, slide
+from smarttac_can.plant.subjects import SUBJECTS, random_subjects
 
 F0 = 43390.0
 BARE = 0.2
@@ -17,13 +16,30 @@ STEP = 0.25e-3
 
 
 def level(subject, W, v, bare=BARE):
-    return sliding_friction(SCALAR, subject, F0)(bare, W, v)
+    return sliding_friction(friction_map(subject, F0), bare, W, v)
+
+
+class Finger:
+    """Skin and friction of a subject, from rest."""
+
+    def __init__(self, subject):
+        self.subject = subject
+        self.v = self.stretch = self.z = 0.0
+
+    def slide(self, duration, vibrations, v_bone, bare):
+        step = skin_step(skin_of(self.subject), duration, v_bone, bare)
+        forces = []
+        for W in vibrations:
+            F = level(self.subject, W, abs(self.v), bare)
+            self.v, self.stretch, self.z, Ft = slide(step, self.v, self.stretch, self.z, F)
+            forces.append(Ft)
+        return forces
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_steady_slide(direction):
     subject = SUBJECTS[1]
-    skin = Skin(SCALAR, subject, F0)
+    skin = Finger(subject)
     Ft = skin.slide(STEP, [1e-6] * 400, direction * 0.05, BARE)[-1]
     assert skin.v == pytest.approx(direction * 0.05, rel=1e-9)
     assert Ft == pytest.approx(direction * level(subject, 1e-6, 0.05), rel=1e-9)
@@ -32,7 +48,7 @@ def test_steady_slide(direction):
 
 def test_friction_builds_up_over_the_relaxation_length():
     subject = SUBJECTS[0]
-    skin = Skin(SCALAR, subject, F0)
+    skin = Finger(subject)
     way, last = 0.0, 0.0
     while way < subject.relaxation_length:
         last = skin.z
@@ -58,7 +74,7 @@ def test_agrees_with_the_differential_equations():
 
     def rms_error(step):
         y = np.zeros(3)
-        skin = Skin(SCALAR, subject, F0)
+        skin = Finger(subject)
         errors = []
         for duration, W, v_bone in phases:
             times = np.linspace(0, duration, round(duration / step) + 1)
@@ -89,7 +105,7 @@ def test_agrees_with_the_differential_equations():
 )
 @settings(max_examples=100)
 def test_friction_is_bounded_at_any_step(subject, steps):
-    skin = Skin(SCALAR, subject, F0)
+    skin = Finger(subject)
     fastest = max(abs(v_bone) for _, _, v_bone, _ in steps)
     for duration, W, v_bone, bare in steps:
         (Ft,) = skin.slide(duration, [W], v_bone, bare)
@@ -101,25 +117,10 @@ def test_friction_is_bounded_at_any_step(subject, steps):
 
 
 def test_a_resting_finger_sticks_and_a_lifted_one_slides_free():
-    skin = Skin(SCALAR, SUBJECTS[0], F0)
+    skin = Finger(SUBJECTS[0])
     assert skin.slide(STEP, [1e-6] * 20, 0.0, BARE) == [0.0] * 20
     skin.slide(STEP, [1e-6] * 40, 0.05, BARE)
     assert skin.stretch > 50e-6
     assert skin.slide(STEP, [1e-6] * 80, 0.05, 0.0) == [0.0] * 80
     assert abs(skin.stretch) < 1e-6
     assert skin.z == 0.0
-
-
-def test_scalar_and_array_agree():
-    members = [*SUBJECTS, *random_subjects(30, 11)]
-    rng = np.random.default_rng(2)
-    together = Skin(ARRAY, stack(members), F0)
-    alone = [Skin(SCALAR, member, F0) for member in members]
-    for k in range(300):
-        W = rng.uniform(0, 3e-6, len(members))
-        v_bone = np.full(len(members), 0.06 * math.cos(k / 30))
-        bare = np.where(k % 100 < 90, rng.uniform(0.1, 0.4, len(members)), 0.0)
-        (Ft,) = together.slide(STEP, [W], v_bone, bare)
-        for n, skin in enumerate(alone):
-            (single,) = skin.slide(STEP, [float(W[n])], float(v_bone[n]), float(bare[n]))
-            assert Ft[n] == pytest.approx(single, rel=1e-12, abs=1e-13)

@@ -50,7 +50,8 @@ def spoil_voltage(hostile: Hostile) -> None:
 
 
 def spoil_vibration(hostile: Hostile) -> None:
-    hostile._rig.plate_block.plate._resonator.W = 7.6e-6 + 0j
+    plate = hostile._rig.plate_block.plate
+    plate._state = plate._state._replace(moving=plate._state.moving._replace(W=7.6e-6 + 0j))
 
 
 def fail(hostile: Hostile) -> None:

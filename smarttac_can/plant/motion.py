@@ -1,0 +1,270 @@
+"""One tick of the plate with the finger on it, in plain functions of floats and named tuples."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from smarttac_can.plant.felt import film, film_share, shape_at
+from smarttac_can.plant.force_path import Propagator, follow, propagator
+from smarttac_can.plant.friction import (
+    FrictionMap,
+    bare_friction,
+    friction_map,
+    sliding_friction,
+)
+from smarttac_can.plant.parameters import TWO_PI, PlateParameters, resonance_at, stiffness_of
+from smarttac_can.plant.resonator import rate_in_frame, response, vibrate
+from smarttac_can.plant.skin import Skin, skin_of, skin_step, slide
+from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
+from smarttac_can.vocabulary.signals import TICK, Drive
+
+SUBSTEPS: Final = 4
+"""Sub-steps of a tick, by the convergence test."""
+CONTACT_GROWTH: Final = 2.0 / 3.0
+"""Exponent of the contact area, and with it the finger's load on the mode, over force [L]."""
+
+
+class Segment(NamedTuple):
+    """A part of a tick under one drive."""
+
+    steps: int
+    """Sub-steps."""
+    length: float
+    """Of a sub-step in s."""
+    path: Propagator
+    film_share: float
+    """By which share of its distance the film follows in a sub-step."""
+
+
+class Mass(NamedTuple):
+    """The vibration mode without a finger."""
+
+    m: float
+    conversion: float
+    damping: float
+    f0: float
+    f0_slope: float
+    reference_temperature: float
+
+
+class Under(NamedTuple):
+    """What is constant under the finger."""
+
+    friction: FrictionMap
+    skin: Skin
+    felt: bool
+    """Whether film or shape of the mode stand between vibration and friction."""
+
+
+class Making(NamedTuple):
+    """What plate and fingertip are made of, and where they are."""
+
+    mode: Mass
+    under: Under
+    load_damping: float
+    load_stiffness: float
+    before: Segment
+    after: Segment
+    normal: Propagator
+    ripple: float
+    node_distance: float
+    ambient: float
+    resistance: float
+    warming: float
+    wetting: float
+
+
+class Moving(NamedTuple):
+    """What moves within a tick."""
+
+    W: complex
+    rate: complex
+    omega: float
+    """Angular frequency of the frame in rad/s."""
+    felt: float
+    v: float
+    stretch: float
+    z: float
+    Ft: float
+    """Friction force on the plate in N."""
+    Fx: float
+    """The same behind the force path."""
+    Fx_rate: float
+
+
+class PlateState(NamedTuple):
+    """The plate at a tick; forces and moment are those behind the force path."""
+
+    moving: Moving
+    Fn: float
+    Fn_rate: float
+    moment: float
+    moment_rate: float
+    temperature: float
+    occlusion: float
+
+
+def making(
+    parameters: PlateParameters,
+    subject: Subject,
+    *,
+    ambient: float,
+    dead_time: float,
+    sound_f0: float,
+) -> Making:
+    """Return what plate and fingertip are made of.
+
+    Parameters
+    ----------
+    parameters
+        The plate.
+    subject
+        The fingertip.
+    ambient
+        Ambient temperature in degC.
+    dead_time
+        Time in s from the start of a tick until the new drive is in force.
+    sound_f0
+        Frequency in Hz at which the finger is vibrated; a broken plate resonates elsewhere.
+    """
+    p, mode, contact = parameters, parameters.resonator, parameters.contact
+    sensors = p.sensors
+    felt = bool(contact.film_lag or contact.ripple)
+    return Making(
+        Mass(
+            mode.mass,
+            mode.conversion,
+            mode.damping,
+            mode.f0,
+            mode.f0_slope,
+            mode.reference_temperature,
+        ),
+        Under(friction_map(subject, sound_f0), skin_of(subject), felt),
+        subject.load_damping,
+        subject.load_stiffness,
+        _segment(p, dead_time),
+        _segment(p, TICK - dead_time),
+        propagator(TICK, sensors.path_frequency, sensors.path_damping),
+        contact.ripple,
+        contact.node_distance,
+        ambient,
+        p.thermal.resistance,
+        -math.expm1(-TICK / p.thermal.time_constant),
+        -math.expm1(-TICK / subject.occlusion_time),
+    )
+
+
+def _segment(parameters: PlateParameters, duration: float) -> Segment:
+    """Divide a part of a tick of a duration in s."""
+    count = math.ceil(SUBSTEPS * duration / TICK - 1e-9)
+    length = duration / count if count else 0.0
+    sensors = parameters.sensors
+    return Segment(
+        count,
+        length,
+        propagator(length, sensors.path_frequency, sensors.path_damping),
+        film_share(length, parameters.contact.film_lag),
+    )
+
+
+def at_rest(temperature: float) -> PlateState:
+    """Return a plate that does not vibrate, without a finger, at a temperature in degC."""
+    moving = Moving(0j, 0j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return PlateState(moving, 0.0, 0.0, 0.0, 0.0, temperature, 0.0)
+
+
+def moved(
+    making: Making,
+    state: PlateState,
+    old: Drive,
+    new: Drive,
+    finger: tuple[float, float],
+    finger_next: tuple[float, float],
+) -> PlateState:
+    """Return the plate a tick later.
+
+    Parameters
+    ----------
+    making, state
+        The plate.
+    old, new
+        Drives for the dead time, and after it.
+    finger, finger_next
+        Position in m and normal force in N at this tick and at the next.
+    """
+    (
+        mode, under, load_damping, load_stiffness, before, after, normal,
+        ripple, node_distance, ambient, resistance, warming, wetting,
+    ) = making  # fmt: skip
+    m, _, damping, f0, f0_slope, reference_temperature = mode
+    moving, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion = state
+    x0, Fn0 = finger
+    x1, Fn1 = finger_next
+    Fn = 0.5 * (Fn0 + Fn1)
+    velocity = 0.5 * TWO_PI * f0 * abs(moving.W)
+    target = ambient + resistance * (0.5 * damping * velocity * velocity)
+    temperature += (target - temperature) * warming
+    occlusion += ((1.0 if Fn > 0.0 else 0.0) - occlusion) * wetting
+    load = (Fn / FORCE_REFERENCE) ** CONTACT_GROWTH
+    shape = 1.0
+    if under.felt:
+        shape = shape_at(0.5 * (x0 + x1), ripple, node_distance)
+        load *= shape * shape
+    resonance = resonance_at(f0, f0_slope, temperature - reference_temperature)
+    loaded = (
+        damping + load_damping * load,
+        stiffness_of(m, resonance) + load_stiffness * load,
+    )
+    sliding = (bare_friction(under.friction, Fn, occlusion), (x1 - x0) / TICK, shape)
+    if before.steps:
+        moving = _advanced(making, before, moving, old, loaded, sliding)
+    if after.steps:
+        moving = _advanced(making, after, moving, new, loaded, sliding)
+    Fn_y, Fn_rate = follow(normal, Fn_y, Fn_rate, Fn)
+    moment, moment_rate = follow(normal, moment, moment_rate, 0.5 * (Fn0 * x0 + Fn1 * x1))
+    return PlateState(moving, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion)
+
+
+def _advanced(
+    making: Making,
+    segment: Segment,
+    moving: Moving,
+    drive: Drive,
+    loaded: tuple[float, float],
+    sliding: tuple[float, float, float],
+) -> Moving:
+    """Return what moves, after a part of a tick.
+
+    Parameters
+    ----------
+    making, segment, moving, drive
+        The plate.
+    loaded
+        Damping in N s/m and stiffness in N/m of the mode under the finger.
+    sliding
+        Its friction without vibration in N, the velocity of its bone in m/s, and the shape of the
+        mode where it is.
+    """
+    steps, length, phi, share = segment
+    W, rate, before, felt, v, stretch, z, Ft, Fx, Fx_rate = moving
+    bare, v_bone, shape = sliding
+    friction, skin, lagging = making.under
+    mass, conversion, _, _, _, _ = making.mode
+    voltage, frequency = drive
+    omega = TWO_PI * frequency
+    if omega != before:
+        rate = rate_in_frame(W, rate, omega - before)
+    step = response(mass, length, omega, conversion * voltage, *loaded)
+    skinned = skin_step(skin, length, v_bone, bare)
+    size = abs(W)
+    for _ in range(steps):
+        W, rate = vibrate(step, W, rate)
+        size_before, size = size, abs(W)
+        vibration = 0.5 * (size_before + size)
+        if lagging:
+            vibration = felt = film(felt, vibration, shape, share)
+        F = sliding_friction(friction, bare, vibration, abs(v))
+        v, stretch, z, Ft = slide(skinned, v, stretch, z, F)
+        Fx, Fx_rate = follow(phi, Fx, Fx_rate, Ft)
+    return Moving(W, rate, omega, felt, v, stretch, z, Ft, Fx, Fx_rate)
