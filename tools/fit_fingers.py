@@ -31,14 +31,14 @@ from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import calibration
 from smarttac_can.paper.experiments import COF_REFERENCES, COLD_RESONANCE, PASSES
-from smarttac_can.paper.metrics import UndefinedError, align_at_switch, overshoot_percent, rise_time
+from smarttac_can.paper.metrics import align_at_switch
 from smarttac_can.paper.references import OVERSHOOTS_PERCENT, RISE_TIMES_MS
 from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.friction import check_reach, sliding_coefficient
-from smarttac_can.plant.mathematics import SCALAR
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS, Subject
+from smarttac_can.population.steps import UndefinedError, overshoot_percent, rise_time
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Drive, Setpoint
 
@@ -78,7 +78,7 @@ class Figures(NamedTuple):
     chatter: float
 
 
-def finger(number: int, values: Values) -> Subject[float]:
+def finger(number: int, values: Values) -> Subject:
     """Return the fingertip of a subject, 1..4.
 
     Raises
@@ -88,7 +88,7 @@ def finger(number: int, values: Values) -> Subject[float]:
     """
     force, speed = values["force"], values["speed"]
     preset = replace(SUBJECTS[number - 1], W0=values["W0"], load_damping=values["load_damping"])
-    own = sliding_coefficient(SCALAR, preset, 0.0, speed, force, 0.0, f0=COLD_RESONANCE)
+    own = sliding_coefficient(preset, 0.0, speed, force, 0.0, f0=COLD_RESONANCE)
     subject = replace(preset, mu0=preset.mu0 * (0.25 + 0.1 * number) / own)
     forces = ((1.0 - VARIATION) * force, (1.0 + VARIATION) * force)
     speeds = ((1.0 - VARIATION) * speed, (1.0 + VARIATION) * speed)

@@ -20,13 +20,14 @@ from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.paper.dead_time import loop_dead_time
 from smarttac_can.paper.experiments import Conditions, experiments
 from smarttac_can.paper.figures import BAND, CURVES
-from smarttac_can.paper.metrics import Step, align_at_switch, find, from_switch_on
+from smarttac_can.paper.metrics import align_at_switch, find, from_switch_on
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.reproduce import reproduce
 from smarttac_can.paper.summary import summary
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.population.steps import Step
 from smarttac_can.vocabulary.modes import Law
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"

@@ -6,6 +6,7 @@ import click
 
 from smarttac_can import __version__
 from smarttac_can.cli.calibrate import calibrate
+from smarttac_can.cli.campaign import campaign
 from smarttac_can.cli.conformance import conform
 from smarttac_can.cli.device import device
 from smarttac_can.cli.eds import eds
@@ -35,6 +36,6 @@ def main() -> None:
 
 for command in (
     demo, reproduce, report, node, plate, device, conform, scan, lss, eds, jitter, faults,
-    soak, hostile, watch, record, selftest, calibrate,
+    soak, hostile, campaign, watch, record, selftest, calibrate,
 ):  # fmt: skip
     main.add_command(command)

@@ -61,6 +61,14 @@ def _load(_ctx: click.Context, _param: click.Parameter, load: float) -> float:
 
 
 _noise_seed_option = seed_option("Seed of sensor noise and of the fingers' force and speed.")
+dead_time_option = click.option(
+    "--dead-time",
+    callback=_dead_time,
+    metavar="US|auto",
+    default="0",
+    show_default=True,
+    help=f"Until a drive is in force; auto: frame times at {BIT_RATE // 1000} kbit/s.",
+)
 output_option = click.option(
     "--output",
     type=click.Path(file_okay=False, path_type=Path),
@@ -129,14 +137,7 @@ def demo(seed: int, output: Path | None) -> None:
     show_default=True,
     help=f"Finger on the plate in fig5 and fig6, {LOAD_MIN:g}..{LOAD_MAX:g} N; adds a 50 % step.",
 )
-@click.option(
-    "--dead-time",
-    callback=_dead_time,
-    metavar="US|auto",
-    default="0",
-    show_default=True,
-    help=f"Until a drive is in force; auto: frame times at {BIT_RATE // 1000} kbit/s.",
-)
+@dead_time_option
 @click.option(
     "--subjects",
     type=click.Choice(get_args(SubjectSet)),

@@ -18,22 +18,19 @@ from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas
 from smarttac_can.bench.traces import Floats, Trace
 from smarttac_can.paper.metrics import (
     LOOPS,
-    Step,
     Touches,
-    UndefinedError,
     align_at_switch,
     final_mean,
     find,
     friction_amplitudes,
     friction_ratio_percent,
     from_switch_on,
-    overshoot_percent,
     response_time,
-    rise_time,
     subjects_of,
     voltage_difference_percent,
 )
 from smarttac_can.paper.references import AMPLITUDE_UM, RESPONSE_BAND, published
+from smarttac_can.population.steps import Step, UndefinedError, overshoot_percent, rise_time
 
 BAND = "#e9eef3"
 SUBJECTS = (

@@ -28,23 +28,12 @@ import numpy as np
 
 from smarttac_can.bench.traces import Floats, Trace
 from smarttac_can.paper.references import RESPONSE_BAND
+from smarttac_can.population.steps import AFTER_MS, BEFORE_MS, Step, UndefinedError
 
-BEFORE_MS, AFTER_MS = 20, 80
-"""Window around a switch of the reference."""
-SETTLED_MS = 40
-"""From here on after the switch a curve counts as static."""
 FINAL_MS = 20
 """The end of a run that counts as its steady state."""
-_RISING, _RISEN = 0.1, 0.9
-"""Shares of a step between which it rises."""
-_LEAST_SHARE = 0.5
-"""Share of the step asked for that a curve has to make to be one."""
 LOOPS = ("amplitude_only", "amplitude_and_frequency")
 """The two runs of Fig. 5 and 6."""
-
-
-class UndefinedError(ValueError):
-    """A metric that does not exist for the data; the message says why."""
 
 
 class NotRunError(UndefinedError):
@@ -147,75 +136,6 @@ def voltage_difference_percent(amplitude_only: Trace, both_loops: Trace) -> floa
     if base <= 0:
         raise UndefinedError(f"{both_loops.experiment} ends without a voltage")
     return 100 * (final_mean(amplitude_only, amplitude_only.voltage_v) / base - 1)
-
-
-class Step(NamedTuple):
-    """A curve of mu around a switch of its reference."""
-
-    time_ms: Floats
-    """Time in ms after the switch; mu of time 0 cannot know of it yet."""
-    mu: Floats
-    before: float
-    """Reference before the switch."""
-    after: float
-    """Reference from the switch on."""
-
-    def levels(self) -> tuple[float, float]:
-        """Return the means of the curve before the switch and from 40 ms after it."""
-        low = float(np.mean(self.mu[self.time_ms <= 0]))
-        return low, float(np.mean(self.mu[self.time_ms >= SETTLED_MS]))
-
-    def normalised(self) -> Floats:
-        """Scale the curve to the step between its own levels: from 0 to 1.
-
-        Raises
-        ------
-        UndefinedError
-            If the levels are less than half of the step asked for apart.
-        """
-        start, end = self.levels()
-        share = (end - start) / (self.after - self.before)
-        if not share >= _LEAST_SHARE:
-            raise UndefinedError(f"mu moves by {100 * share:.0f} % of the step asked for")
-        return (self.mu - start) / (end - start)
-
-
-def rise_time(step: Step) -> float:
-    """Return the time in ms from 10 % to 90 % of the step, up or down, interpolated linearly.
-
-    From the last passage of 10 % ahead of the first passage of 90 % after the switch.
-    """
-    share = step.normalised()
-    passes = (share[:-1] < _RISEN) & (share[1:] >= _RISEN) & (step.time_ms[1:] > 0)
-    if not passes.any():
-        raise UndefinedError("mu does not pass 90 % of the step")
-    upper = int(np.flatnonzero(passes)[0])
-    below = np.flatnonzero(share[: upper + 1] < _RISING)
-    if not len(below):
-        raise UndefinedError("mu is nowhere below 10 % of the step ahead of 90 %")
-    lower = int(below[-1])
-    start = np.interp(_RISING, share[lower : lower + 2], step.time_ms[lower : lower + 2])
-    end = np.interp(_RISEN, share[upper : upper + 2], step.time_ms[upper : upper + 2])
-    return float(end - start)
-
-
-def overshoot_percent(step: Step) -> float:
-    """Return how far mu passes its level after the switch, in % of the step."""
-    return 100 * (float(np.max(step.normalised()[step.time_ms > 0])) - 1)
-
-
-def static_error_percent(step: Step) -> float:
-    """Return the larger distance of a level to its reference, in % of the reference."""
-    pairs = zip(step.levels(), (step.before, step.after), strict=True)
-    return 100 * max(abs(level - reference) / reference for level, reference in pairs)
-
-
-STEP_METRICS: dict[str, Callable[[Step], float]] = {
-    "rise_time_ms": rise_time,
-    "overshoot_percent": overshoot_percent,
-    "static_error_percent": static_error_percent,
-}
-"""What Table I and its neighbours hold of each step."""
 
 
 class Touches(NamedTuple):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from smarttac_can.bench.traces import Trace
-from smarttac_can.paper.metrics import UndefinedError
+from smarttac_can.population.steps import UndefinedError
 
 CAPTIONS = {
     "fig2": "Friction that a vibration leaves of the friction without one, at five regulated "

@@ -16,9 +16,9 @@ from string import Template
 from typing import Any, NamedTuple
 
 from smarttac_can.bench.traces import Trace
-from smarttac_can.paper.metrics import UndefinedError
 from smarttac_can.paper.pictures import CAPTIONS, pictures
 from smarttac_can.paper.references import PUBLISHED, TITLE, Published
+from smarttac_can.population.steps import UndefinedError
 
 INSIDE, OUTSIDE, MISSING, NOT_JUDGED = "inside", "outside", "missing", ""
 _NUMBERS_OF = {"fig7": "table1"}

@@ -11,9 +11,7 @@ from smarttac_can.bench.traces import Trace
 from smarttac_can.paper.experiments import SubjectSet
 from smarttac_can.paper.metrics import (
     LOOPS,
-    STEP_METRICS,
     NotRunError,
-    UndefinedError,
     align_at_switch,
     final_mean,
     find,
@@ -27,6 +25,7 @@ from smarttac_can.paper.metrics import (
 )
 from smarttac_can.paper.provenance import provenance
 from smarttac_can.paper.references import AMPLITUDE_UM, RESPONSE_BAND, STEP_UM
+from smarttac_can.population.steps import STEP_METRICS, UndefinedError
 
 
 class _Section(dict[str, Any]):

@@ -8,7 +8,8 @@ import pytest
 from synthetic_traces import all_experiments, friction, trace, vibration
 
 from smarttac_can.paper import figures
-from smarttac_can.paper.metrics import UndefinedError, align_at_switch, find, friction_ratio_percent
+from smarttac_can.paper.metrics import align_at_switch, find, friction_ratio_percent
+from smarttac_can.population.steps import UndefinedError
 
 
 def law(error):

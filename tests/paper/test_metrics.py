@@ -10,8 +10,9 @@ from synthetic_traces import PASS_MS, all_experiments, amplitude_sweep, friction
 from smarttac_can.bench.traces import COLUMNS, Trace, read_csv, sha256, write_csv
 from smarttac_can.paper import metrics
 from smarttac_can.paper import references as paper
-from smarttac_can.paper.metrics import Step, UndefinedError
 from smarttac_can.paper.summary import summary
+from smarttac_can.population import steps
+from smarttac_can.population.steps import Step, UndefinedError
 
 RUN = {"seed": 3, "law": "measured", "link": "local", "dead_time": 2.5e-4, "version": "1.2"}
 
@@ -81,23 +82,23 @@ class TestResponseTime:
 
 class TestStep:
     def test_rise_time_of_a_ramp(self):
-        assert metrics.rise_time(step(ramp(1.3, 5.0))) == pytest.approx(4.0, abs=0.1)
-        assert metrics.rise_time(step(ramp(1.0, 5.0))) == pytest.approx(4.0)
+        assert steps.rise_time(step(ramp(1.3, 5.0))) == pytest.approx(4.0, abs=0.1)
+        assert steps.rise_time(step(ramp(1.0, 5.0))) == pytest.approx(4.0)
 
     def test_a_fall_counts_like_a_rise(self):
         fall = step(lambda t: 0.5 - ramp(1.0, 5.0)(t), before=0.3, after=0.2)
-        assert metrics.rise_time(fall) == pytest.approx(4.0)
+        assert steps.rise_time(fall) == pytest.approx(4.0)
 
     def test_levels_are_those_of_the_curve_not_the_references(self):
         shifted = step(ramp(1.0, 5.0, low=0.21, high=0.29))
-        assert metrics.rise_time(shifted) == pytest.approx(4.0)
-        assert metrics.static_error_percent(shifted) == pytest.approx(5.0)
+        assert steps.rise_time(shifted) == pytest.approx(4.0)
+        assert steps.static_error_percent(shifted) == pytest.approx(5.0)
 
     def test_overshoot_in_percent_of_the_step(self):
         peak = step(lambda t: 0.2 if t <= 0 else 0.3 + 0.03 * (t == 5))
-        assert metrics.overshoot_percent(peak) == pytest.approx(30.0)
+        assert steps.overshoot_percent(peak) == pytest.approx(30.0)
         trough = step(lambda t: 0.3 if t <= 0 else 0.2 - 0.04 * (t == 5), before=0.3, after=0.2)
-        assert metrics.overshoot_percent(trough) == pytest.approx(40.0)
+        assert steps.overshoot_percent(trough) == pytest.approx(40.0)
 
     @pytest.mark.parametrize("at", [1, 2, 3, 79, 80])
     def test_overshoot_is_seen_from_the_first_millisecond_to_the_last(self, at):
@@ -105,7 +106,7 @@ class TestStep:
         # One sample of the 41 from 40 ms on lifts the level by a fraction of itself.
         level = 0.03 / 41 * (at >= 40)
         expected = 100 * (0.03 - level) / (0.1 + level)
-        assert metrics.overshoot_percent(peak) == pytest.approx(expected, rel=1e-9)
+        assert steps.overshoot_percent(peak) == pytest.approx(expected, rel=1e-9)
 
     def test_the_level_after_the_switch_is_that_from_40_ms_on(self):
         before = step(lambda t: 0.2 if t <= 0 else 0.5 if t < 40 else 0.3)
@@ -119,9 +120,9 @@ class TestStep:
 
     def test_what_happens_before_the_switch_is_no_overshoot_and_no_rise(self):
         early = step(lambda t: 0.35 if t == -10 else ramp(1.0, 5.0)(t))
-        assert metrics.overshoot_percent(early) == pytest.approx(0, abs=1e-9)
+        assert steps.overshoot_percent(early) == pytest.approx(0, abs=1e-9)
         # The spike lifts the level before the switch by 0.15 / 21.
-        assert metrics.rise_time(early) == pytest.approx(0.8 * (0.1 - 0.15 / 21) / 0.02)
+        assert steps.rise_time(early) == pytest.approx(0.8 * (0.1 - 0.15 / 21) / 0.02)
 
     def test_second_order_against_the_formulas(self):
         zeta, wn = 0.3, 0.3
@@ -134,21 +135,21 @@ class TestStep:
             return 0.2 + 0.1 * (1 - math.exp(-zeta * wn * t) * ring)
 
         exact = 100 * math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
-        assert metrics.overshoot_percent(step(answer)) == pytest.approx(exact, abs=1)
+        assert steps.overshoot_percent(step(answer)) == pytest.approx(exact, abs=1)
         # Rise time of zeta 0.3 is 1.321 / wn (Franklin, Powell, Emami-Naeini: about 1.3).
-        assert metrics.rise_time(step(answer)) == pytest.approx(1.321 / wn, abs=0.15)
+        assert steps.rise_time(step(answer)) == pytest.approx(1.321 / wn, abs=0.15)
 
     def test_a_curve_that_does_not_follow_has_no_dynamics_but_an_error(self):
         flat = step(lambda t: 0.2 + 0.01 * (t > 0))
-        for metric in (metrics.rise_time, metrics.overshoot_percent):
+        for metric in (steps.rise_time, steps.overshoot_percent):
             with pytest.raises(UndefinedError, match="moves by 10 % of the step"):
                 metric(flat)
-        assert metrics.static_error_percent(flat) == pytest.approx(100 * 0.09 / 0.3)
+        assert steps.static_error_percent(flat) == pytest.approx(100 * 0.09 / 0.3)
 
     def test_nan_has_no_metrics(self):
         hole = step(lambda t: math.nan if t == 50 else ramp(1.0, 5.0)(t))
         with pytest.raises(UndefinedError, match="nan %"):
-            metrics.rise_time(hole)
+            steps.rise_time(hole)
 
 
 class TestAlignment:
@@ -308,12 +309,12 @@ class TestSummary:
                 touches = metrics.align_at_switch(own, up=up)
                 single = block["touches"]["subjects"][i]
                 assert single["whole"] == len(touches.steps) == single["count"]["rise_time_ms"]
-                for name, metric in metrics.STEP_METRICS.items():
+                for name, metric in steps.STEP_METRICS.items():
                     assert row[name] == metric(touches.mean_curve())
                     each = [metric(one) for one in touches.steps]
                     assert single[name] == pytest.approx(np.mean(each))
                     assert single["std"][name] == pytest.approx(np.std(each, ddof=1))
-            for name in metrics.STEP_METRICS:
+            for name in steps.STEP_METRICS:
                 column = [row[name] for row in block["subjects"]]
                 assert block["mean"][name] == pytest.approx(np.mean(column))
                 assert block["std"][name] == pytest.approx(np.std(column, ddof=1))

@@ -1,0 +1,157 @@
+"""A file with the chunks of a campaign that were run: what was interrupted goes on from there.
+
+A line of JSON says which campaign it is, then there is one for each chunk, with a check sum. Rows
+are written so that they come back to the bit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Final
+from zlib import crc32
+
+import numpy as np
+
+from smarttac_can import __version__
+from smarttac_can.campaign.chunk import COLUMNS, Rows
+from smarttac_can.host.bounded_file import open_regular
+from smarttac_can.population.compiled import can_compile
+from smarttac_can.population.trial import Campaign
+
+_LINE_MAX: Final = 1 << 16
+_FINGERS_MAX: Final = 1 << 32
+
+
+class RecordError(Exception):
+    """A file that is damaged, or of another campaign, in one line."""
+
+
+@dataclass(slots=True)
+class _Chunk:
+    first: int
+    rows: Rows
+
+
+class Record:
+    """The file of one campaign, open to be added to.
+
+    Parameters
+    ----------
+    path
+        The file; it is made if there is none.
+    campaign
+        Which has to be the one in the file.
+
+    Raises
+    ------
+    RecordError
+        If the file is damaged or of another campaign. A last line that was not finished is none.
+    OSError
+        If it cannot be read or written.
+    """
+
+    def __init__(self, path: Path, campaign: Campaign) -> None:
+        self._path = path
+        self._chunks: list[_Chunk] = []
+        header = _header(campaign)
+        sound = self._read(header) if path.exists() else 0
+        self._file: BinaryIO = path.open("r+b" if path.exists() else "xb")
+        self._file.truncate(sound)
+        self._file.seek(sound)
+        if not sound:
+            self._write(header)
+
+    def __enter__(self) -> Record:
+        """Return the record."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def fill(self, rows: Rows) -> None:
+        """Put what was run into the rows of all fingers; of more than these there may be some."""
+        for chunk in self._chunks:
+            here = rows[chunk.first : chunk.first + len(chunk.rows)]
+            here[:] = chunk.rows[: len(here)]
+        self._chunks.clear()
+
+    def add(self, numbers: range, rows: Rows) -> None:
+        """Keep a chunk."""
+        crc = _crc(numbers.start, rows)
+        self._write({"first": numbers.start, "rows": rows.tolist(), "crc": crc})
+
+    def _write(self, line: dict[str, Any]) -> None:
+        self._file.write(json.dumps(line).encode() + b"\n")
+        self._file.flush()
+
+    def _read(self, header: dict[str, Any]) -> int:
+        """Read all chunks; return where the last whole line ends."""
+        end = 0
+        for number, line in enumerate(self._lines(), 1):
+            if not line.endswith(b"\n") and len(line) < _LINE_MAX:
+                break
+            try:
+                said = json.loads(line)
+                if number > 1:
+                    self._chunks.append(_chunk(said))
+                elif not isinstance(said, dict) or "campaign" not in said:
+                    raise ValueError
+            except (ValueError, RecursionError) as error:
+                raise RecordError(f"{self._path}: line {number} is damaged") from error
+            if number == 1:
+                self._require_same(said, header)
+            end += len(line)
+        return end
+
+    def _lines(self) -> Iterator[bytes]:
+        with open_regular(self._path) as file:
+            while line := file.readline(_LINE_MAX):
+                yield line
+
+    def _require_same(self, said: dict[str, Any], header: dict[str, Any]) -> None:
+        for key, value in header.items():
+            if said.get(key) != value:
+                raise RecordError(
+                    f"{self._path}: is of another campaign: {key} {said.get(key)!r}, not {value!r}"
+                )
+
+
+def _header(campaign: Campaign) -> dict[str, Any]:
+    """Return what the rows depend on."""
+    c = campaign
+    return {
+        "campaign": __version__,
+        "compiled": can_compile(),
+        "seed": c.seed,
+        "law": c.law.name.lower(),
+        "vibration_law": c.vibration_law.name.lower(),
+        "dead_time_us": c.dead_time * 1e6,
+        "case": c.case,
+    }
+
+
+def _chunk(said: Any) -> _Chunk:
+    """Return a chunk that was read; ValueError if it is none."""
+    try:
+        first, text, crc = said["first"], said["rows"], said["crc"]
+        rows = np.array(text, dtype=np.float64)
+    except (KeyError, TypeError, OverflowError) as error:
+        raise ValueError from error
+    whole = isinstance(first, int) and 0 <= first < _FINGERS_MAX and rows.ndim == 2  # noqa: PLR2004
+    if not whole or rows.shape[1] != len(COLUMNS) or _crc(first, rows) != crc:
+        raise ValueError
+    return _Chunk(first, rows)
+
+
+def _crc(first: int, rows: Rows) -> int:
+    return crc32(rows.astype("<f8").tobytes(), first)

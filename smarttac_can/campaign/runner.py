@@ -1,0 +1,112 @@
+"""A campaign from its first finger to its last: shared by workers, and kept on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import closing
+from itertools import islice
+from time import perf_counter
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from smarttac_can.campaign.chunk import COLUMNS, Rows, chunks_of, prepare, run_chunk
+from smarttac_can.campaign.cluster import on_cluster
+from smarttac_can.campaign.record import Record
+from smarttac_can.population.compiled import can_compile
+from smarttac_can.population.trial import Campaign
+
+_AHEAD: Final = 2
+"""Chunks for each worker that are under way."""
+Progress = Callable[[float], None]
+
+
+class Result(NamedTuple):
+    """What a campaign gave, and what it took."""
+
+    rows: Rows
+    """A row a finger, by their numbers; columns as in `COLUMNS`."""
+    ran_s: float
+    """Time in s that the fingers of this run have stroked."""
+    wall_s: float
+    """How long that took in s, without compiling."""
+    compile_s: float
+    compiled: bool
+
+
+def run_campaign(
+    campaign: Campaign,
+    fingers: int,
+    *,
+    workers: int = 1,
+    cluster: str | None = None,
+    record: Record | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Run the fingers 0, 1, ... of a campaign; the rows do not depend on who does the work.
+
+    Parameters
+    ----------
+    campaign
+        What they have in common.
+    fingers
+        How many, 1 or more.
+    workers
+        Threads that share the work; compiled code lets them.
+    cluster
+        Address of a Dask scheduler whose workers do it instead.
+    record
+        What was run before, and where what is run now is kept.
+    progress
+        Called with the share that is done, 0..1.
+
+    Raises
+    ------
+    ClusterError
+        If the cluster cannot be had, or fails.
+    """
+    rows = np.full((fingers, len(COLUMNS)), np.nan)
+    if record is not None:
+        record.fill(rows)
+    # A finger that ran has run for some time.
+    missing = np.flatnonzero(np.isnan(rows[:, -1]))
+    chunks, left, ran_s = chunks_of(missing), len(missing), 0.0
+    compiled = can_compile()
+    compile_s = prepare() if chunks and compiled and cluster is None else 0.0
+    begin = perf_counter()
+    results = (
+        _in_threads(campaign, chunks, workers, compiled)
+        if cluster is None
+        else on_cluster(campaign, chunks, cluster, compiled)
+    )
+    with closing(results):
+        for numbers, made in results:
+            rows[numbers.start : numbers.stop] = made
+            ran_s += float(made[:, -1].sum())
+            left -= len(numbers)
+            if record is not None:
+                record.add(numbers, made)
+            if progress is not None:
+                progress(1.0 - left / fingers)
+    return Result(rows, ran_s, perf_counter() - begin, compile_s, compiled)
+
+
+def _in_threads(
+    campaign: Campaign, chunks: list[range], workers: int, compiled: bool
+) -> Generator[tuple[range, Rows], None, None]:
+    """Run chunks in threads; yield each when it is there, and begin no other one when closed."""
+    with ThreadPoolExecutor(workers) as pool:
+        waiting = iter(chunks)
+        pending: set[Future[tuple[range, Rows]]] = set()
+        try:
+            while True:
+                for chunk in islice(waiting, _AHEAD * workers - len(pending)):
+                    pending.add(pool.submit(run_chunk, campaign, chunk, compiled))
+                if not pending:
+                    return
+                done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)

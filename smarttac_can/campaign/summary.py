@@ -1,0 +1,81 @@
+"""What the rows of a campaign say together, as plain data for JSON and as lines."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import Any, Final
+
+import numpy as np
+
+from smarttac_can.campaign.chunk import COLUMNS, Rows
+from smarttac_can.campaign.runner import Result
+from smarttac_can.population.trial import Campaign
+
+LIMIT_CYCLE: Final = 0.03
+"""Chatter of the true COF above which a finger is in a limit cycle."""
+_QUANTILES: Final = {"p5": 0.05, "p50": 0.5, "p95": 0.95}
+
+
+def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
+    """Return the results of a campaign.
+
+    Percentiles are values of a finger, not between two. A finger that makes no step counts as
+    slower than any, and as 100 % of overshoot; a percentile that falls on such a rise time is None.
+    """
+    rows = result.rows
+    metrics = {name: _percentiles(rows[:, at]) for at, name in enumerate(COLUMNS[:-1])}
+    return {
+        "seed": campaign.seed,
+        "law": campaign.law.name.lower(),
+        "vibration_law": campaign.vibration_law.name.lower(),
+        "dead_time_us": campaign.dead_time * 1e6,
+        "case": campaign.case,
+        "fingers": len(rows),
+        "metrics": metrics,
+        "limit_cycle_share": float(np.mean(rows[:, COLUMNS.index("chatter")] > LIMIT_CYCLE)),
+        "without_rise": int(np.count_nonzero(np.isinf(rows[:, COLUMNS.index("rise_time_ms")]))),
+        "finger_seconds": float(rows[:, -1].sum()),
+        "finger_seconds_per_second": result.ran_s / result.wall_s if result.ran_s else None,
+        "compile_s": round(result.compile_s, 3),
+        "compiled": result.compiled,
+        "rows_sha256": sha256(rows.astype("<f8").tobytes()).hexdigest(),
+    }
+
+
+def _percentiles(column: Rows) -> dict[str, float | None]:
+    """Return percentiles over the fingers that have the metric; None without one, or of no rise."""
+    known = column[~np.isnan(column)]
+    if not len(known):
+        return dict.fromkeys(_QUANTILES)
+    values = np.quantile(known, list(_QUANTILES.values()), method="inverted_cdf").tolist()
+    return {
+        name: value if np.isfinite(value) else None
+        for name, value in zip(_QUANTILES, values, strict=True)
+    }
+
+
+def lines(results: dict[str, Any]) -> list[str]:
+    """Return the summary as lines."""
+    r = results
+    speed = r["finger_seconds_per_second"]
+    pace = "nothing left to run" if speed is None else f"{speed:.0f} finger-seconds a second"
+    head = (
+        f"{r['fingers']} fingers, seed {r['seed']}, law {r['law']}, vibration law "
+        f"{r['vibration_law']}, dead time {r['dead_time_us']:.0f} us, case {r['case']}"
+    )
+    rows = [
+        f"{name:<32}" + "".join(f"{_number(of[q]):>10}" for q in _QUANTILES)
+        for name, of in r["metrics"].items()
+    ]
+    return [
+        head,
+        f"{'':<32}" + "".join(f"{q:>10}" for q in _QUANTILES),
+        *rows,
+        f"in a limit cycle: {100 * r['limit_cycle_share']:.2f} %, without a rise: "
+        f"{r['without_rise']}",
+        f"{r['finger_seconds']:.0f} finger-seconds, {pace}, {r['compile_s']:.1f} s to compile",
+    ]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

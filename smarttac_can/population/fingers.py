@@ -1,0 +1,134 @@
+"""Random fingers: each a function of the campaign's seed and its own number."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import exp, inf, log
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from smarttac_can.plant.finger import FingerState, Stroke
+from smarttac_can.plant.friction import sliding_coefficient
+from smarttac_can.plant.subjects import SUBJECTS, Subject
+from smarttac_can.population.cases import Case
+from smarttac_can.population.loop import lift
+
+_FINGER_STREAM: Final = 0x46
+F0: Final = 43390.0
+"""Frequency in Hz at which the fingers are vibrated."""
+TRAVEL: Final = 30e-3
+"""Distance of the turning points in m: at 150 mm/s 80 ms are left after the boundary."""
+W_LEAST, W_MOST = 0.25e-6, 2.5e-6
+"""Vibrations in m between which a map has to span `SPAN`, and the references lie."""
+SPAN: Final = 0.13
+STEP: Final = 0.1
+"""Of the reference at the boundary."""
+_SWEAT, _SWEAT_RATE = 2.0, 0.05
+"""Rise of mu0 of a finger that sweats, and its share in a second at first."""
+_UNIFORM: Final = {
+    "mu0": (0.3, 0.9),
+    "rho": (0.15, 0.5),
+    "W0": (0.8e-6, 3e-6),
+    "p": (1.0, 2.0),
+    "load_damping": (5.0, 14.0),
+    "exponent": (0.7, 1.0),
+    "stribeck": (1.0, 1.2),
+    "speed": (0.03, 0.1),
+    "force": (0.3, 0.9),
+}
+_LOGARITHMIC: Final = {
+    "skin_stiffness": (500.0, 2000.0),
+    "skin_damping": (0.5, 2.0),
+    "relaxation_length": (5e-6, 40e-6),
+    "skin_mass": (0.05e-3, 0.2e-3),
+}
+_LEAST: Final = {"exponent": 2.0 / 3.0, "stribeck": 1.0}
+_MOST: Final = {"exponent": 1.0}
+"""Bounds of a fingertip that a wider range would leave."""
+
+
+class Finger(NamedTuple):
+    """A finger of a population."""
+
+    subject: Subject
+    force: float
+    """Mean normal force in N."""
+    speed: float
+    """Mean sliding speed in m/s."""
+    mu_left: float
+    mu_right: float
+    stroke_seed: int
+    noise_seed: int
+
+
+class Lifting:
+    """A stroke of a finger that lifts each second."""
+
+    __slots__ = ("_stroke",)
+
+    def __init__(self, stroke: Stroke) -> None:
+        self._stroke = stroke
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s, 0 or more, from the start of the run."""
+        x, Fn = self._stroke.at(time)
+        return FingerState(x, Fn * lift(time))
+
+
+def draw_finger(seed: int, number: int, case: Case) -> Finger:
+    """Draw a finger whose map spans enough; what is drawn for one does not depend on the others.
+
+    Parameters
+    ----------
+    seed
+        Of the campaign, 0 or more.
+    number
+        Of the finger, 0 or more.
+    case
+        Ranges and mismatches.
+    """
+    rng = np.random.default_rng([seed, _FINGER_STREAM, number])
+    while True:
+        values = _draw(rng, case.wider)
+        force, speed = values.pop("force"), values.pop("speed")
+        if case.stribeck is not None:
+            values["stribeck"] = case.stribeck
+        subject = replace(SUBJECTS[1], name=f"finger-{number}", **values)
+        if case.sweats:
+            subject = replace(subject, occlusion=_SWEAT, occlusion_time=_SWEAT / _SWEAT_RATE)
+        most, least = (
+            sliding_coefficient(subject, W, speed, force, 0.0, f0=F0) for W in (W_LEAST, W_MOST)
+        )
+        if most - least >= SPAN:
+            break
+    mu_left = float(rng.uniform(least, most - STEP))
+    stroke_seed, noise_seed = rng.integers(2**32, size=2).tolist()
+    return Finger(subject, force, speed, mu_left, mu_left + STEP, stroke_seed, noise_seed)
+
+
+def stroke_of(finger: Finger, case: Case) -> Stroke:
+    """Return how a finger moves, apart from lifting."""
+    return Stroke(
+        finger.force,
+        finger.speed,
+        TRAVEL,
+        force_variation=case.variation,
+        speed_variation=case.variation,
+        seed=finger.stroke_seed,
+    )
+
+
+def _draw(rng: np.random.Generator, wider: float) -> dict[str, float]:
+    """Draw all that differs, from ranges that much wider."""
+    values = {}
+    draws = iter(rng.random(len(_UNIFORM) + len(_LOGARITHMIC)).tolist())
+    for name, bounds in _UNIFORM.items():
+        more = 0.5 * wider * (bounds[1] - bounds[0])
+        low = max(bounds[0] - more, _LEAST.get(name, 0.0))
+        high = min(bounds[1] + more, _MOST.get(name, inf))
+        values[name] = low + (high - low) * next(draws)
+    for name, (low, high) in _LOGARITHMIC.items():
+        more = 0.5 * wider * log(high / low)
+        values[name] = low * exp(-more) * exp((log(high / low) + 2.0 * more) * next(draws))
+    return values

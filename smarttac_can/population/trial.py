@@ -1,0 +1,194 @@
+"""One finger of a campaign: its set-up, its run, and what came out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+from math import ceil
+from typing import Any, Final
+
+import numpy as np
+
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.predictive import prior_of
+from smarttac_can.control.schedule import ROWS, Gains, Schedule
+from smarttac_can.control.tribometer import calibration, gauging_of
+from smarttac_can.plant.finger import Pass, Path, ramp_of
+from smarttac_can.plant.motion import making
+from smarttac_can.plant.parameters import PlateParameters
+from smarttac_can.plant.sensors import NOISE_BLOCK, noise_block, sensing
+from smarttac_can.population.cases import CASES, Case
+from smarttac_can.population.compiled import can_compile, compiled
+from smarttac_can.population.fingers import Finger, draw_finger, stroke_of
+from smarttac_can.population.loop import (
+    FRICTION_LAWS,
+    LIFT_LENGTH,
+    LIFT_PERIOD,
+    LIFT_RAMP,
+    Laws,
+    Setup,
+    Table,
+    run,
+)
+from smarttac_can.population.outcome import Flags, Outcome, Traces, outcome
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
+from smarttac_can.vocabulary.signals import TICK
+
+Loop = tuple[Callable[..., None], Callable[[Any], Table]]
+"""`smarttac_can.population.loop.run`, and what makes its tables."""
+AMBIENT: Final = 20.0
+"""Temperature in degC of plate and surroundings at the beginning."""
+AMPLITUDE: Final = 1e-6
+"""Nominal amplitude in m, held out of contact."""
+PASSES: Final = 16
+"""Passes of a finger; six up-steps are after the fourth switch."""
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What the fingers of a campaign have in common.
+
+    Raises
+    ------
+    ValueError
+        If there is no such case or friction law, or the dead time is out of its range.
+    """
+
+    seed: int = 1
+    """Of the fingers, their motion and the noise, 0..2^32 - 1."""
+    law: Law = Law.MEASURED
+    """Friction law."""
+    vibration_law: VibrationLaw = VibrationLaw.PI
+    """How amplitude and resonance are regulated."""
+    dead_time: float = 0.0
+    """Time in s from the tick until the new drive is in force, 0..999e-6."""
+    case: str = "nominal"
+    """Name in `CASES`."""
+    parameters: CascadeParameters = field(init=False)
+    """Of the controllers, which follow from these."""
+
+    def __post_init__(self) -> None:
+        if self.law not in FRICTION_LAWS:
+            raise ValueError(f"a campaign has no friction law {self.law.name.lower()}")
+        if self.case not in CASES:
+            raise ValueError(f"there is no case {self.case!r}: {', '.join(CASES)}")
+        p = CascadeParameters(
+            law=self.law,
+            vibration_law=self.vibration_law,
+            dead_time=self.dead_time,
+            lateral=calibration(PlateParameters().sensors.crosstalk),
+        )
+        slope = p.slope * CASES[self.case].slope
+        object.__setattr__(self, "parameters", replace(p, slope=slope))
+
+
+def plate_of(case: Case) -> PlateParameters:
+    """Return the plate of a case."""
+    p = PlateParameters()
+    sensors = replace(p.sensors, path_frequency=p.sensors.path_frequency * case.path_frequency)
+    if case.path_damping is not None:
+        sensors = replace(sensors, path_damping=case.path_damping)
+    contact = replace(p.contact, film_lag=case.film_lag, ripple=case.ripple)
+    return replace(p, sensors=sensors, contact=contact)
+
+
+def traces_of(campaign: Campaign, finger: Finger) -> Traces:
+    """Run a finger of a campaign.
+
+    Parameters
+    ----------
+    campaign
+        What all fingers have in common.
+    finger
+        The finger.
+    """
+    case = CASES[campaign.case]
+    plate = plate_of(case)
+    stroke = stroke_of(finger, case)
+    passes = stroke.passes(PASSES)
+    ticks = int((passes[-1].start + passes[-1].duration) / TICK)
+    noise = np.concatenate(
+        [noise_block(plate.sensors, finger.noise_seed, n) for n in range(-(-ticks // NOISE_BLOCK))]
+    )[:ticks]
+    traces = np.empty((ticks, 3))
+    run_loop, table = fastest()
+    setup = Setup(
+        making(
+            plate,
+            finger.subject,
+            ambient=AMBIENT,
+            dead_time=campaign.dead_time,
+            sound_f0=plate.resonator.f0,
+        ),
+        sensing(plate.sensors),
+        laws_of(campaign.parameters, finger),
+        stroke.path,
+        case.lifts,
+    )
+    run_loop(setup, table(gains_of(campaign.parameters)), table(passes), table(noise), traces)
+    mu_true, mu, right = np.ascontiguousarray(traces.T)
+    return Traces(mu_true, mu, right, _steady(ticks, stroke.path, passes, case.lifts))
+
+
+def _steady(ticks: int, path: Path, passes: list[Pass], lifts: bool) -> Flags:
+    """Return where the finger slides at the constant force and speed of a pass."""
+    steady = np.zeros(ticks, dtype=np.bool_)
+    for now in passes:
+        ramp = ramp_of(path, now)
+        begin, end = now.start + ramp, now.start + now.duration - ramp
+        steady[ceil(begin / TICK) : int(end / TICK) + 1] = True
+    if lifts:
+        steady &= np.arange(ticks) * TICK % LIFT_PERIOD > LIFT_LENGTH + LIFT_RAMP
+    return steady
+
+
+def outcome_of(campaign: Campaign, number: int) -> tuple[Outcome, float]:
+    """Return what came out of a finger of a campaign, by its number, and how long it ran in s."""
+    finger = draw_finger(campaign.seed, number, CASES[campaign.case])
+    run_ = traces_of(campaign, finger)
+    return outcome(run_, finger.mu_left, finger.mu_right), len(run_.mu) * TICK
+
+
+@cache
+def fastest() -> Loop:
+    """Return the loop, compiled if it can be, and what makes its tables."""
+    if can_compile():
+        return compiled(run), lambda rows: np.asarray(rows, dtype=np.float64)
+    return plain()
+
+
+def plain() -> Loop:
+    """Return the loop as it stands in the file; Python reads lists faster than arrays."""
+    return run, lambda rows: rows.tolist() if isinstance(rows, np.ndarray) else rows
+
+
+def laws_of(parameters: CascadeParameters, finger: Finger) -> Laws:
+    """Return what a finger's stimulator regulates by."""
+    p = parameters
+    return Laws(
+        law=int(p.law),
+        slope=p.slope,
+        step_max=p.step_max,
+        vibration_law=int(p.vibration_law),
+        prior=prior_of(PlateModel(), p.dead_time),
+        gauging=gauging_of(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force),
+        half=0.5 * p.hysteresis,
+        V_max=p.V_max,
+        W_max=p.W_max,
+        f_min=p.f_min,
+        f_max=p.f_max,
+        amplitude=AMPLITUDE,
+        mu_left=finger.mu_left,
+        mu_right=finger.mu_right,
+    )
+
+
+@cache
+def gains_of(parameters: CascadeParameters) -> list[Gains]:
+    """Return the gains of both PIs by the normal force, or one row of them."""
+    p = parameters
+    schedule = Schedule(PlateModel(), p.amplitude_pole, p.resonance_pole, p.dead_time)
+    rows = ROWS if p.vibration_law is VibrationLaw.SCHEDULED else 1
+    return [schedule.gains(row) for row in range(rows)]

@@ -1,0 +1,124 @@
+import threading
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+
+from smarttac_can.campaign import runner
+from smarttac_can.campaign.chunk import COLUMNS, SIZE, chunks_of, run_chunk
+from smarttac_can.campaign.record import Record
+from smarttac_can.campaign.runner import run_campaign
+from smarttac_can.population.compiled import can_compile
+from smarttac_can.population.trial import Campaign
+
+CAMPAIGN = Campaign(seed=5, dead_time=540e-6)
+FINGERS = 2 * SIZE + 3
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return run_campaign(CAMPAIGN, FINGERS, workers=1).rows
+
+
+def test_the_rows_are_the_same_to_the_bit_for_any_number_of_workers(rows):
+    for workers in (2, 5):
+        again = run_campaign(CAMPAIGN, FINGERS, workers=workers).rows
+        assert again.tobytes() == rows.tobytes()
+    assert run_campaign(CAMPAIGN, 7, workers=2).rows.tobytes() == rows[:7].tobytes()
+
+
+def test_another_seed_gives_other_fingers(rows):
+    other = run_campaign(Campaign(seed=6, dead_time=540e-6), 3).rows
+    assert not (other == rows[:3]).any()
+
+
+def test_every_finger_has_a_row(rows):
+    assert rows.shape == (FINGERS, len(COLUMNS))
+    assert (rows[:, -1] > 5.0).all()
+    assert (rows[:, COLUMNS.index("rise_time_ms")] > 0.0).all()
+
+
+def test_progress_rises_to_all():
+    shares = []
+    result = run_campaign(CAMPAIGN, FINGERS, workers=2, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert result.ran_s == pytest.approx(result.rows[:, -1].sum())
+    assert result.wall_s > 0.0
+
+
+def test_an_interrupted_campaign_goes_on_with_the_same_bits(rows, tmp_path):
+    file = tmp_path / "rows"
+
+    def interrupt(share):
+        if share > 0.4:
+            raise KeyboardInterrupt
+
+    with Record(file, CAMPAIGN) as record, pytest.raises(KeyboardInterrupt):
+        run_campaign(CAMPAIGN, FINGERS, workers=2, record=record, progress=interrupt)
+    assert threading.active_count() == 1
+    with Record(file, CAMPAIGN) as record:
+        result = run_campaign(CAMPAIGN, FINGERS, workers=2, record=record)
+    assert result.rows.tobytes() == rows.tobytes()
+    assert 0.0 < result.ran_s < 0.7 * rows[:, -1].sum()
+    with Record(file, CAMPAIGN) as record:
+        again = run_campaign(CAMPAIGN, FINGERS, record=record)
+    assert again.rows.tobytes() == rows.tobytes()
+    assert again.ran_s == 0.0
+
+
+def test_a_worker_that_fails_ends_it(monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError("in the loop")
+
+    monkeypatch.setattr(runner, "run_chunk", fail)
+    with pytest.raises(ZeroDivisionError, match="in the loop"):
+        run_campaign(CAMPAIGN, FINGERS, workers=2)
+    assert threading.active_count() == 1
+
+
+def test_few_chunks_are_under_way_at_a_time(monkeypatch):
+    """Memory stays bounded: what is not begun is a range."""
+    most, under_way = 0, set()
+
+    class Pool:
+        def __init__(self, workers):
+            self.workers = workers
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def submit(self, run, campaign, numbers, compiled):
+            nonlocal most
+            future = Future()
+            future.set_result((numbers, np.zeros((len(numbers), len(COLUMNS)))))
+            under_way.add(numbers)
+            most = max(most, len(under_way))
+            return future
+
+        def shutdown(self, **_):
+            pass
+
+    monkeypatch.setattr(runner, "ThreadPoolExecutor", Pool)
+    for numbers, _ in runner._in_threads(CAMPAIGN, [range(n, n + 1) for n in range(500)], 3, True):
+        under_way.discard(numbers)
+    assert most <= 6
+
+
+def test_chunks_are_of_neighbours_that_are_missing():
+    missing = np.array([0, 1, 2, 10, 11, *range(40, 40 + SIZE + 2)])
+    assert chunks_of(missing) == [
+        range(3),
+        range(10, 12),
+        range(40, 40 + SIZE),
+        range(40 + SIZE, 42 + SIZE),
+    ]
+    assert chunks_of(np.array([], dtype=np.intp)) == []
+
+
+def test_a_worker_that_does_not_compile_where_others_do_is_refused():
+    with pytest.raises(RuntimeError, match="numba"):
+        run_chunk(CAMPAIGN, range(1), not can_compile())

@@ -1,0 +1,87 @@
+import json
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from smarttac_can.campaign.chunk import COLUMNS
+from smarttac_can.campaign.folder import FINGERS, PICTURE, RESULTS, write_folder
+from smarttac_can.campaign.runner import Result
+from smarttac_can.campaign.summary import LIMIT_CYCLE, lines, summary
+from smarttac_can.population.trial import Campaign
+
+CAMPAIGN = Campaign(seed=3, dead_time=540e-6)
+METRICS = ("rise_time_ms", "overshoot_percent", "static_error_percent", "chatter")
+
+
+def result(rows):
+    return Result(rows, ran_s=2000.0, wall_s=1.6, compile_s=9.5, compiled=True)
+
+
+def hundred():
+    """Row n holds n + 1 in every column, chatter a thousandth of it."""
+    rows = np.repeat(np.arange(1.0, 101.0)[:, None], len(COLUMNS), axis=1)
+    rows[:, COLUMNS.index("chatter")] *= 1e-3
+    return rows
+
+
+def test_percentiles_are_those_of_fingers():
+    results = summary(CAMPAIGN, result(hundred()))
+    assert list(results["metrics"]) == [*METRICS, *(f"measured_{name}" for name in METRICS)]
+    assert results["metrics"]["rise_time_ms"] == {"p5": 5.0, "p50": 50.0, "p95": 95.0}
+    assert results["fingers"] == 100
+    assert results["finger_seconds_per_second"] == 1250.0
+    assert results["compile_s"] == 9.5
+    assert results["dead_time_us"] == 540.0
+
+
+def test_the_share_in_a_limit_cycle_is_that_of_the_true_chatter_above_its_bound():
+    rows = hundred()
+    assert LIMIT_CYCLE == 0.03
+    assert summary(CAMPAIGN, result(rows))["limit_cycle_share"] == 0.7
+    rows[:, COLUMNS.index("measured_chatter")] = 0.0
+    assert summary(CAMPAIGN, result(rows))["limit_cycle_share"] == 0.7
+
+
+def test_no_rise_is_slower_than_any_and_what_is_unknown_is_left_out():
+    rows = hundred()
+    rows[:10, 0] = np.inf
+    rows[:50, COLUMNS.index("static_error_percent")] = np.nan
+    results = summary(CAMPAIGN, result(rows))
+    assert results["metrics"]["rise_time_ms"] == {"p5": 15.0, "p50": 60.0, "p95": None}
+    assert results["metrics"]["static_error_percent"]["p50"] == 75.0
+    assert results["without_rise"] == 10
+    rows[:, 0], rows[:, 3] = np.inf, np.nan
+    empty = summary(CAMPAIGN, result(rows))
+    assert empty["metrics"]["rise_time_ms"] == dict.fromkeys(("p5", "p50", "p95"))
+    assert empty["metrics"]["chatter"] == dict.fromkeys(("p5", "p50", "p95"))
+    assert json.loads(json.dumps(empty, allow_nan=False)) == empty
+    assert any(line.split()[:2] == ["rise_time_ms", "-"] for line in lines(empty))
+
+
+def test_the_hash_is_that_of_the_rows():
+    rows = hundred()
+    first = summary(CAMPAIGN, result(rows))["rows_sha256"]
+    rows[3, 3] = np.nextafter(rows[3, 3], 1.0)
+    assert summary(CAMPAIGN, result(rows))["rows_sha256"] != first
+
+
+def test_nothing_left_to_run_has_no_pace():
+    results = summary(CAMPAIGN, result(hundred())._replace(ran_s=0.0))
+    assert results["finger_seconds_per_second"] is None
+    assert "nothing left to run" in lines(results)[-1]
+
+
+def test_a_folder_holds_results_fingers_and_a_picture(tmp_path):
+    rows = hundred()
+    rows[0, 0], rows[1, 2] = np.inf, np.nan
+    results = summary(CAMPAIGN, result(rows))
+    picture = write_folder(tmp_path / "new" / "folder", results, rows)
+    folder = picture.parent
+    assert {path.name for path in folder.iterdir()} == {RESULTS, FINGERS, PICTURE}
+    assert json.loads((folder / RESULTS).read_text()) == results
+    header, *table = (folder / FINGERS).read_text().splitlines()
+    assert header.split(",") == ["finger", *COLUMNS]
+    read = np.array([[float(cell) for cell in line.split(",")[1:]] for line in table])
+    assert read.tobytes() == rows.tobytes()
+    assert np.ptp(imread(picture)) == pytest.approx(1.0, abs=0.2)

@@ -1,0 +1,96 @@
+"""The command ``campaign``: results, files, and exit codes."""
+
+import json
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from smarttac_can.campaign import chunk, runner
+from smarttac_can.cli import main
+from smarttac_can.population import trial
+
+# The package shows the command under the name of its module.
+command = import_module("smarttac_can.cli.campaign")
+FEW = ("campaign", "--fingers", "4", "--dead-time", "auto", "--workers", "2")
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(main, arguments)
+
+
+def test_json_has_the_agreed_keys() -> None:
+    result = run(*FEW, "--json", "-")
+    assert result.exit_code == 0, result.output
+    said = json.loads(result.stdout)
+    names = ("rise_time_ms", "overshoot_percent", "static_error_percent", "chatter")
+    for name in (*names, *(f"measured_{name}" for name in names)):
+        assert list(said["metrics"][name]) == ["p5", "p50", "p95"]
+    assert said["fingers"] == 4
+    assert 0.0 <= said["limit_cycle_share"] <= 1.0
+    assert said["finger_seconds_per_second"] > 0.0
+    assert said["dead_time_us"] == 540.0
+
+
+def test_lines_and_a_folder(tmp_path: Path) -> None:
+    result = run(*FEW, "--output", str(tmp_path / "out"))
+    assert result.exit_code == 0, result.output
+    first, *_, last = result.stdout.splitlines()
+    assert first.startswith("4 fingers, seed 1, law measured, vibration law pi, dead time 540 us")
+    assert last == f"picture: {tmp_path / 'out' / 'campaign.png'}"
+    assert (tmp_path / "out" / "fingers.csv").read_text().count("\n") == 5
+
+
+def test_it_goes_on_and_a_damaged_file_is_one_line(tmp_path: Path) -> None:
+    rows = tmp_path / "rows"
+    first = json.loads(run(*FEW, "--resume", str(rows), "--json", "-").stdout)
+    again = json.loads(run(*FEW, "--resume", str(rows), "--json", "-").stdout)
+    assert again["rows_sha256"] == first["rows_sha256"]
+    assert again["finger_seconds_per_second"] is None
+    other = run(*FEW, "--resume", str(rows), "--seed", "2")
+    assert other.exit_code == 1
+    assert f"{rows}: is of another campaign: seed 1, not 2" in other.stderr
+    rows.write_text("nonsense\n")
+    damaged = run(*FEW, "--resume", str(rows))
+    assert damaged.exit_code == 1
+    assert damaged.stderr == f"Error: {rows}: line 1 is damaged\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("--fingers", "0"), 2, "0 is not in the range 1<=x<=1000000"),
+        (("--fingers", "-3"), 2, "-3 is not in the range"),
+        (("--fingers", "x"), 2, "'x' is not a valid integer"),
+        ((), 2, "Missing option '--fingers'"),
+        (("--fingers", "3", "--case", "odd"), 2, "'odd' is not one of 'nominal'"),
+        (("--fingers", "3", "--law", "odd"), 2, "'odd' is not one of 'measured'"),
+        (("--fingers", "3", "--vibration-law", "odd"), 2, "'odd' is not one of 'pi'"),
+        (("--fingers", "3", "--dead-time", "1000"), 2, "1000 us is outside 0..999"),
+        (("--fingers", "3", "--workers", "0"), 2, "0 is not in the range x>=1"),
+        (("--fingers", "3", "--seed", "-1"), 2, "-1 is not in the range"),
+        (("--fingers", "3", "--workers", "2", "--dask", "tcp://x"), 2, "no meaning with --dask"),
+        (("--fingers", "3", "--resume", "/nowhere/rows"), 1, "/nowhere/rows: No such file"),
+        (("--fingers", "3", "--json", "/nowhere/rows"), 1, "/nowhere/rows: No such file"),
+    ],
+)
+def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: int, message: str) -> None:
+    result = run("campaign", *arguments)
+    assert result.exit_code == code
+    assert message in result.stderr.splitlines()[-1]
+
+
+def test_without_numba_it_says_so_and_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = ("campaign", "--fingers", "1", "--json", "-")
+    compiled_ = json.loads(run(*one).stdout)
+    for module in (command, chunk, runner):
+        monkeypatch.setattr(module, "can_compile", lambda: False)
+    monkeypatch.setattr(trial, "fastest", trial.plain)
+    result = run(*one)
+    assert "numba is not installed" in result.stderr
+    assert "smarttac-can[campaign]" in result.stderr
+    plain = json.loads(result.stdout)
+    assert plain["compiled"] is False
+    for name, values in plain["metrics"].items():
+        assert values == pytest.approx(compiled_["metrics"][name], rel=1e-6)

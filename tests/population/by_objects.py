@@ -1,0 +1,40 @@
+"""A finger of a campaign by `Plate` and `Cascade`, as a bench would run it."""
+
+import numpy as np
+
+from smarttac_can.control import Cascade
+from smarttac_can.plant import Plate
+from smarttac_can.population.cases import CASES
+from smarttac_can.population.fingers import Lifting, stroke_of
+from smarttac_can.population.trial import AMBIENT, AMPLITUDE, plate_of
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, Drive, Setpoint
+
+
+def traces_by_objects(campaign, finger, ticks):
+    """Return true COF, measured COF and side, a row a tick."""
+    case = CASES[campaign.case]
+    stroke = stroke_of(finger, case)
+    plate = Plate(
+        plate_of(case),
+        finger.subject,
+        Lifting(stroke) if case.lifts else stroke,
+        seed=finger.noise_seed,
+        ambient=AMBIENT,
+        dead_time=campaign.dead_time,
+    )
+    cascade = Cascade(campaign.parameters)
+    off = Drive(0.0, cascade.model.f0)
+    setpoint = Setpoint(0.0, off.frequency, AMPLITUDE, finger.mu_left, finger.mu_right, 0.0)
+    old = off
+    rows = []
+    for tick in range(ticks):
+        mu_true = plate.mu_true
+        new = cascade.update(plate.sample(), setpoint)
+        rows.append((mu_true, cascade.contact.mu, float(cascade.mu_ref == finger.mu_right)))
+        plate.step(old, new)
+        old = new
+        if tick == TARE_SAMPLES - 1:
+            cascade.tribometer.tare()
+            cascade.set_mode(Mode.FRICTION)
+    return np.array(rows)

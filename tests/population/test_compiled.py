@@ -1,0 +1,37 @@
+import subprocess
+import sys
+
+import pytest
+
+from smarttac_can.plant.friction import bare_friction, friction_map
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.population.compiled import compiled
+
+
+def doubled(x):
+    return 2.0 * x
+
+
+def test_a_function_of_another_package_is_left_alone():
+    with pytest.raises(Exception, match="doubled"):
+        compiled(_calls_doubled)(1.0)
+
+
+def _calls_doubled(x):
+    return doubled(x)
+
+
+def test_a_compiled_function_gives_the_number_of_the_plain_one_and_leaves_it():
+    friction = friction_map(SUBJECTS[0], 43390.0)
+    fast = compiled(bare_friction)
+    assert fast(friction, 0.5, 0.0) == pytest.approx(bare_friction(friction, 0.5, 0.0), rel=1e-15)
+    assert bare_friction.__class__.__name__ == "function"
+
+
+def test_plant_control_and_their_loop_know_nothing_of_numba():
+    code = (
+        "import sys, smarttac_can.population.trial, smarttac_can.population.loop;"
+        "print([name for name in sys.modules if name.split('.')[0] in ('numba', 'llvmlite')])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"

@@ -1,0 +1,96 @@
+import math
+
+import numpy as np
+import pytest
+
+from smarttac_can.population.outcome import NO_STEP, Traces, outcome
+
+LOW, HIGH = 0.3, 0.4
+PASS = 300
+"""Ticks between two switches."""
+SWITCHES = 12
+
+
+def synthetic(rise=4, over=0.0, wobble=0.0, noise=0.0, **changes):
+    """A run whose COF follows the side with a linear rise in ms, and some overshoot for 5 ms."""
+    ticks = PASS * (SWITCHES + 1)
+    right = np.arange(ticks) // PASS % 2.0
+    mu = np.where(right > 0, HIGH, LOW)
+    for switch in range(PASS, ticks, PASS):
+        low, high = mu[switch - 1], mu[switch]
+        mu[switch : switch + rise + 1] = low + (high - low) * np.arange(rise + 1) / rise
+        mu[switch + rise + 1 : switch + rise + 6] = high + over * (high - low)
+    mu = mu + wobble * np.sin(np.arange(ticks))
+    measured = mu + noise * np.random.default_rng(1).standard_normal(ticks)
+    run = Traces(mu, measured, right, np.ones(ticks, dtype=np.bool_))
+    return run._replace(**changes)
+
+
+def test_a_step_is_judged_by_its_own_levels():
+    true, measured = outcome(synthetic(over=0.3, noise=1e-3), LOW, HIGH)
+    assert true.rise_time_ms == pytest.approx(0.8 * 4)
+    assert true.overshoot_percent == pytest.approx(30.0)
+    assert true.static_error_percent == pytest.approx(0.0, abs=1e-9)
+    assert true.chatter == pytest.approx(0.0, abs=1e-9)
+    assert measured.rise_time_ms == pytest.approx(3.2, abs=0.1)
+    assert measured.chatter == pytest.approx(1e-3, rel=0.1)
+
+
+def test_chatter_is_the_standard_deviation_where_all_is_steady():
+    run = synthetic(wobble=0.05)
+    true, _ = outcome(run, LOW, HIGH)
+    assert true.chatter == pytest.approx(0.05 / math.sqrt(2.0), rel=0.01)
+    turns = np.zeros(len(run.mu), dtype=np.bool_)
+    turns[PASS // 2 :: PASS] = True
+    spiked = np.where(turns, 0.0, synthetic().mu)
+    assert outcome(synthetic(mu_true=spiked), LOW, HIGH).true.chatter > 0.02
+    still, _ = outcome(synthetic(mu_true=spiked, steady=~turns), LOW, HIGH)
+    assert still.chatter == pytest.approx(0.0, abs=1e-9)
+
+
+def test_levels_of_either_side_are_no_chatter():
+    run = synthetic()
+    drift = np.where(np.arange(len(run.mu)) // PASS % 3 == 0, 0.02, 0.0)
+    assert outcome(run._replace(mu_true=run.mu + drift), LOW, HIGH).true.chatter < 1e-9
+
+
+def test_what_comes_before_the_fourth_switch_is_not_judged():
+    run = synthetic()
+    early = run.mu.copy()
+    early[: 4 * PASS] += 0.1 * np.sin(np.arange(4 * PASS))
+    assert outcome(run._replace(mu_true=early), LOW, HIGH).true == outcome(run, LOW, HIGH).true
+
+
+def test_a_touch_that_is_lost_is_left_out_and_the_tick_after_it_is_not_chatter():
+    run = synthetic()
+    lost = run.mu.copy()
+    ragged = run.mu_true.copy()
+    lost[5 * PASS + 10 : 5 * PASS + 20] = 0.0
+    ragged[5 * PASS + 10 : 5 * PASS + 60] += 0.2
+    true, _ = outcome(run._replace(mu=lost, mu_true=ragged), LOW, HIGH)
+    assert true.overshoot_percent == pytest.approx(0.0, abs=1e-9)
+    assert true.chatter == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_finger_without_a_usable_touch_counts_as_bad():
+    run = synthetic()
+    true, measured = outcome(run._replace(mu=np.zeros(len(run.mu))), LOW, HIGH)
+    assert (true.rise_time_ms, true.overshoot_percent) == (math.inf, NO_STEP)
+    assert math.isnan(true.static_error_percent)
+    assert math.isnan(measured.chatter)
+
+
+def test_a_finger_that_makes_no_step_counts_as_bad_with_its_static_error():
+    run = synthetic()
+    flat = np.full(len(run.mu), 0.35)
+    true, _ = outcome(run._replace(mu_true=flat), LOW, HIGH)
+    assert (true.rise_time_ms, true.overshoot_percent) == (math.inf, NO_STEP)
+    assert true.static_error_percent == pytest.approx(100 * 0.05 / 0.3)
+
+
+def test_no_switch_at_all():
+    ticks = 500
+    run = Traces(*(np.full(ticks, 0.3),) * 2, np.zeros(ticks), np.ones(ticks, dtype=np.bool_))
+    true, _ = outcome(run, LOW, HIGH)
+    assert true.rise_time_ms == math.inf
+    assert math.isnan(true.chatter)
