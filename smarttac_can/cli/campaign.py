@@ -123,8 +123,8 @@ def campaign(
         need_matplotlib()
     if not can_compile():
         click.echo(
-            "numba is not installed, or this is a build by mypyc: it takes some 30 times as long, and "
-            "more workers do not help: pip install 'smarttac-can[campaign]'",
+            "numba is not installed, or this is a build by mypyc: it takes some 30 times as long, "
+            "and more workers do not help: pip install 'smarttac-can[campaign]'",
             err=True,
         )
     with plain_errors(), ExitStack() as stack:
