@@ -18,6 +18,7 @@ from smarttac_can.control.limit import (
 )
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive_friction import PredictiveFriction
+from smarttac_can.control.texture import TexturePlayer
 from smarttac_can.control.tribometer import Tribometer
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, Mode
@@ -26,6 +27,7 @@ from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoin
 # To look a member up costs ten times as much as a name, and every cycle asks for these.
 _FIXED: Final = Mode.AMPLITUDE
 _FRICTION: Final = Mode.FRICTION
+_TEXTURE: Final = Mode.TEXTURE
 
 _ABSURD = 1e6
 """Bound of the squares of a measurement: 1 km, 1 kN. NaN and infinity do not pass either."""
@@ -42,10 +44,10 @@ class Cascade:
     AMPLITUDE) is put out as it stands. From OFF the resonance loop starts at the set-point's
     frequency; the law ``predictive`` starts where model and thermometer put the resonance.
 
-    Out of contact the friction mode holds the amplitude at the set-point's nominal one. The COF is
-    unknown then, and the last reference before lift-off was made of a COF whose uncertainty grows
-    as 1/Fn; a known amplitude keeps the resonance locked and meets the next finger at a chosen
-    friction.
+    Out of contact the modes FRICTION and TEXTURE hold the amplitude at the set-point's nominal
+    one. The COF is unknown then, and the last reference before lift-off was made of a COF whose
+    uncertainty grows as 1/Fn; a known amplitude keeps the resonance locked and meets the next
+    finger at a chosen friction.
 
     Parameters
     ----------
@@ -65,7 +67,8 @@ class Cascade:
     amplitude, W_ref : float
         Measured ``|W|`` and its reference in m; without an amplitude loop W_ref follows ``|W|``.
     mu_ref, E : float
-        Reference of the COF and friction error in %, 0 outside FRICTION; E is 0 out of contact.
+        Reference of the COF and friction error in %, 0 outside FRICTION and TEXTURE; E is 0 out of
+        contact.
     drive : Drive
         The drive put out last.
     limited : int
@@ -74,6 +77,8 @@ class Cascade:
         The last one started.
     tribometer : Tribometer
         For its tare and offsets.
+    texture : TexturePlayer or None
+        What mode TEXTURE plays; may be replaced at any time.
     """
 
     __slots__ = (
@@ -96,6 +101,7 @@ class Cascade:
         "mode",
         "mu_ref",
         "reason",
+        "texture",
         "tribometer",
     )
 
@@ -112,6 +118,7 @@ class Cascade:
         self.limited = 0
         self.identification: Identification | None = None
         self.tribometer = Tribometer(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force)
+        self.texture: TexturePlayer | None = None
         self._boundary = Boundary(p.hysteresis)
         self._fresh = False
         self._from_off = True
@@ -184,8 +191,8 @@ class Cascade:
         """Return the drive of this tick, in force until the next.
 
         A measurement or set-point that is not finite turns the cascade OFF, with 0 V and a
-        :attr:`reason`. So does a COF reference of 0 or less in mode FRICTION. Set-points beyond a
-        limit are cut to it.
+        :attr:`reason`. So does a COF reference of 0 or less in mode FRICTION, and no texture in
+        mode TEXTURE. Set-points beyond a limit are cut to it.
         """
         W, gauges, temperature, _ = measurement
         s1, s2, s3, s4, s5, s6 = gauges
@@ -199,6 +206,8 @@ class Cascade:
             fault = "set-point is not finite"
         elif mode is _FRICTION and (setpoint.mu_left <= 0.0 or setpoint.mu_right <= 0.0):
             fault = "COF reference is not above 0"
+        elif mode is _TEXTURE and self.texture is None:
+            fault = "there is no texture"
         if fault:
             if self._predictive is not None:
                 self._predictive.interrupt()
@@ -209,7 +218,7 @@ class Cascade:
             self._predictive.observe(W, self.drive, self.contact, temperature)
         if self._fresh:
             self._enter(setpoint)
-        if mode is _FRICTION:
+        if mode is _FRICTION or mode is _TEXTURE:
             return self._closed_loop(W, self._friction(setpoint), setpoint)
         if mode is Mode.AMPLITUDE_RESONANCE or mode is Mode.AMPLITUDE:
             return self._closed_loop(W, setpoint.amplitude, setpoint)
@@ -261,8 +270,7 @@ class Cascade:
     def _friction(self, setpoint: Setpoint) -> float:
         """Return the amplitude reference in m that C_mu asks for."""
         contact, by_map = self.contact, self._map
-        right = self._boundary.update(contact.position, setpoint.boundary)
-        self.mu_ref = mu_ref = setpoint.mu_right if right else setpoint.mu_left
+        self.mu_ref = mu_ref = self._cof_reference(contact, setpoint)
         if not contact.touching:
             self.E = 0.0
             if by_map is not None:
@@ -272,6 +280,13 @@ class Cascade:
         if by_map is not None:
             return by_map.reference(contact, self.amplitude, mu_ref)
         return self._law.reference(E, self.amplitude, self.W_ref, setpoint.amplitude)
+
+    def _cof_reference(self, contact: Contact, setpoint: Setpoint) -> float:
+        """Return the COF asked for where the finger is, or will be."""
+        if self.mode is _TEXTURE and self.texture is not None:
+            return self.texture.reference(contact, self._parameters.preview)
+        right = self._boundary.update(contact.position, setpoint.boundary)
+        return setpoint.mu_right if right else setpoint.mu_left
 
     def _identify(self, W: complex, temperature: float) -> Drive:
         identification = self.identification
@@ -297,10 +312,12 @@ class Cascade:
         self._fresh = False
         voltage, frequency = self.drive
         self._inner.preset(Drive(voltage, f_set if self._from_off else frequency))
+        if self._map is not None:
+            self._map.release()
         if self.mode is Mode.FRICTION:
             self._boundary.place(self.contact.position, setpoint.boundary)
-            if self._map is not None:
-                self._map.release()
+        elif self.mode is _TEXTURE and self.texture is not None:
+            self.texture.start()
         else:
             self.mu_ref = self.E = 0.0
         if self.mode is Mode.IDENTIFY:

@@ -44,6 +44,9 @@ class CascadeParameters:
     """Lowest excitation frequency in Hz, 1e3..1e6."""
     f_max: float = 44000.0
     """Highest excitation frequency in Hz, f_min..1e6."""
+    preview: float = 2e-3
+    """Time in s by which the reference of a texture is ahead of the finger, 0..0.02: what the COF
+    takes to follow it under the law ``measured``."""
     dead_time: float = 0.0
     """Time from the tick until the new drive is in force in s, 0..999e-6: it ends in the tick."""
     lateral: Matrix = ((1.0, 0.0), (0.0, 1.0))
@@ -66,6 +69,7 @@ class CascadeParameters:
         require("W_max", self.W_max, 0.0, 10e-6)
         require("f_min", self.f_min, 1e3, 1e6)
         require("f_max", self.f_max, self.f_min, 1e6)
+        require("preview", self.preview, 0.0, 20e-3)
         require("dead_time", self.dead_time, 0.0, 999e-6)
         for row in self.lateral:
             for element in row:

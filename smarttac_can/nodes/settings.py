@@ -17,7 +17,8 @@ CALIBRATION: Final = "Calibration"
 MODEL: Final = "Model"
 LIMIT: Final = "Limit"
 GAUGE_ZERO: Final = "Gauge zero"
-DESIGN: Final = ("Friction law", "Controller", LIMIT, CALIBRATION)
+TEXTURE: Final = "Texture"
+DESIGN: Final = ("Friction law", "Controller", LIMIT, CALIBRATION, TEXTURE)
 """Names of the records that hold the parameters of the cascade."""
 
 
@@ -31,6 +32,7 @@ _FIELDS: Final = {
     "Controller.Contact force": "contact_force",
     "Controller.Boundary hysteresis": "hysteresis",
     "Controller.Dead time": "dead_time",
+    "Texture.Preview": "preview",
     "Limit.Voltage": "V_max",
     "Limit.Amplitude": "W_max",
     "Limit.Lowest frequency": "f_min",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.tribometer import Forces
@@ -27,6 +27,7 @@ from smarttac_can.nodes.settings import (
     DESIGN,
     GAUGE_ZERO,
     MODEL,
+    TEXTURE,
     cascade_parameters,
     plate_model,
     with_change,
@@ -34,6 +35,7 @@ from smarttac_can.nodes.settings import (
 from smarttac_can.nodes.state_machine import Event
 from smarttac_can.nodes.stricter import OF_STIMULATOR, Stricter
 from smarttac_can.nodes.supervisor import Supervisor
+from smarttac_can.nodes.texture_slots import TABLES, TextureSlots
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import Entry, ObjectDictionary
 from smarttac_can.vocabulary.faults import FaultKind
@@ -53,7 +55,8 @@ from smarttac_can.vocabulary.watchdogs import Watchdog
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _RUNNING: Final = State.RUNNING
 _IDENTIFY: Final = Mode.IDENTIFY
-_DESIGNED_FROM: Final = (*DESIGN, MODEL, GAUGE_ZERO)
+_DESIGNED_FROM: Final = (*DESIGN, MODEL, GAUGE_ZERO, TABLES)
+_TEXTURES: Final = (TEXTURE, TABLES)
 
 
 class StimulatorBlock:
@@ -102,6 +105,7 @@ class StimulatorBlock:
         self._message = od["Message"]
         self._model_sheet = ModelSheet(od)
         self._stricter = Stricter(od, OF_STIMULATOR)
+        self._textures = TextureSlots(od)
         self.supervisor = Supervisor(od, deadlines(od, MEASUREMENT_RPDOS) if plate is None else ())
         self._shown: State | None = None
         self.start_run()
@@ -138,6 +142,8 @@ class StimulatorBlock:
         self._parameters = cascade_parameters(self.od)
         self.cascade = Cascade(self._parameters, plate_model(self.od))
         self._restore_zeros()
+        self._textures.reload()
+        self.cascade.texture = self._textures.player()
         supervisor.watchdogs.configure()
         self._changed: set[str] = set()
         self._begun = False
@@ -280,7 +286,7 @@ class StimulatorBlock:
         self.supervisor.take_controlword()
         self._follow()
 
-    def write(self, name: str, raw: int) -> None:
+    def write(self, name: str, raw: int | bytes) -> None:
         """Write a raw value to an object by name, as an SDO write does.
 
         Raises
@@ -293,7 +299,7 @@ class StimulatorBlock:
         self.on_write(entry, raw)
         entry.value = raw
 
-    def on_write(self, entry: Entry, value: int) -> None:
+    def on_write(self, entry: Entry, value: Any) -> None:
         """Act on a write before it is made.
 
         Raises
@@ -301,12 +307,14 @@ class StimulatorBlock:
         Abort
             STATE for what makes a limit or a watch laxer while armed or running, an auto-zero
             without 64 samples or with a null outside its window, zeros and calibration that would
-            hide a force that has latched a fault, simulation objects without the plate inside, or
-            an illegal controlword; VALUE for a wrong signature, unknown bits of the controlword, or
-            limits that contradict each other.
+            hide a force that has latched a fault, simulation objects without the plate inside, an
+            illegal controlword, or emptying the texture that is played; VALUE for a wrong signature,
+            unknown bits of the controlword, limits that contradict each other, or a texture that
+            cannot be played; NO_DATA for playing an empty slot.
         """
         if self.supervisor.sharp:
             self._stricter.require(entry, value)
+        self._textures.on_write(entry, value)
         record = entry.name.partition(".")[0]
         if entry is self._controlword:
             try:
@@ -382,6 +390,8 @@ class StimulatorBlock:
         if MODEL in changed:
             self.cascade.adopt(plate_model(self.od))
             self._model_sheet.show_quality(self.cascade.model)
+        if not changed.isdisjoint(_TEXTURES):
+            self.cascade.texture = self._textures.player()
         self.cascade.configure(self._parameters)
         if GAUGE_ZERO in changed:
             self._restore_zeros()

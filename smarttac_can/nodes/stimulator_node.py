@@ -86,7 +86,7 @@ class StimulatorNode(Application):
         produce_sync: bool = False,
         lockstep: bool = False,
         deadline_ms: int | None = None,
-        presets: Mapping[str, int] | None = None,
+        presets: Mapping[str, int | bytes] | None = None,
         storage: Storage | None = None,
         node_id: int | None = None,
     ) -> None:

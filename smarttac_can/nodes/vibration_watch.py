@@ -53,7 +53,7 @@ _PHASE_FROM: Final = 20e-9
 _PHASE_MIN: Final = 0.05
 """Cosine of the phase, at least; at the ends of the frequency range it is 0.13."""
 _IDENTIFY: Final = Mode.IDENTIFY
-_TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+_TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
 _AMPLITUDE: Final = 1 << Watchdog.AMPLITUDE
 _PICKUP: Final = 1 << Watchdog.PICKUP
 _RESONANCE: Final = 1 << Watchdog.RESONANCE

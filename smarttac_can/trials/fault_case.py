@@ -24,9 +24,10 @@ DRIVING: Final = (
     Mode.AMPLITUDE_RESONANCE,
     Mode.FRICTION,
     Mode.IDENTIFY,
+    Mode.TEXTURE,
 )
 """Modes with a voltage."""
-TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
 """Modes in which the frequency follows the resonance."""
 REGULATED: Final = tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)
 """Modes that do not end by themselves."""

@@ -35,6 +35,7 @@ from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
 from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 MASTER_ID: Final = 1
 """Node-ID of the master."""
@@ -50,6 +51,11 @@ _STAGE: Final = TPDO_COMMUNICATION + 3
 """TPDO 4: what the power stage does, be it of the plate node or of the plate inside."""
 TARE_CYCLES: Final = TARE_SAMPLES + 6
 """Cycles without a finger that are enough for the tare, even if some are lost."""
+_TEXTURE: Final = TextureTable(
+    Axis.POSITION, repeats=True, start=0, step=100_000, values=(3000,) * 10 + (4000,) * 10
+)
+"""A square grating of 2 mm in the first slot, so that every mode may drive."""
+_PRESETS: Final[dict[str, int | bytes]] = {"Texture table.Table 1": _TEXTURE.pack()}
 _READY_CYCLES: Final = 5
 """Cycles in which the stimulator sees that all is well."""
 
@@ -125,14 +131,17 @@ class Rig:
         if plate_inside:
             self.plate_block = PlateBlock(plate_od())
             od = stimulator_od() if log is None else _telling_stimulator_od()
-            self.stimulator = StimulatorNode(od, self.plate_block)
+            self.stimulator = StimulatorNode(od, self.plate_block, presets=_PRESETS)
             self.plate_port = None
         else:
             od = plate_od() if log is None else _telling_plate_od()
             plate = PlateNode(od, deadline_ms=SHORT_DEADLINE_MS)
             self.plate_block = plate.block
             self.stimulator = StimulatorNode(
-                stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=SHORT_DEADLINE_MS
+                stimulator_od(),
+                plate_node_id=PLATE_ID,
+                deadline_ms=SHORT_DEADLINE_MS,
+                presets=_PRESETS,
             )
             self.plate_port = self.bus.attach(plate, lockstep=False)
             self.plate = plate

@@ -20,6 +20,8 @@ class Mode(IntEnum):
     """COF by amplitude, over both loops of the mode before."""
     IDENTIFY = 5
     """Identification of the unloaded plate; ends by itself in OFF."""
+    TEXTURE = 6
+    """COF by amplitude as in FRICTION; its reference is played from a table."""
 
 
 class Law(IntEnum):

@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.texture import POSITION_LAG, TexturePlayer
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Measurement
+from smarttac_can.vocabulary.textures import Axis, TextureTable
 
-REGULATING = (Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE, Mode.FRICTION)
+REGULATING = (Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
+GRATING = TextureTable(Axis.POSITION, True, 0, 1_000_000, (3000, 4000))
 LAWS = list(VibrationLaw)
 LIMITS = CascadeParameters(V_max=40.0, W_max=2e-6, f_min=43000.0, f_max=43800.0)
 
@@ -40,6 +43,12 @@ setpoints = st.builds(
 )
 
 
+def cascade_with_texture(parameters=None):
+    cascade = Cascade(parameters)
+    cascade.texture = TexturePlayer(GRATING)
+    return cascade
+
+
 def run(cascade, plate, target, ticks, forces=None):
     """Step the closed loop; return the drives."""
     drives = []
@@ -60,7 +69,7 @@ def run(cascade, plate, target, ticks, forces=None):
 @settings(max_examples=150)
 @pytest.mark.parametrize("law", LAWS)
 def test_no_drive_leaves_the_limits_whatever_comes_in(law, ticks):
-    cascade = Cascade(replace(LIMITS, vibration_law=law, dead_time=540e-6))
+    cascade = cascade_with_texture(replace(LIMITS, vibration_law=law, dead_time=540e-6))
     for mode, measurement, target in ticks:
         cascade.set_mode(mode)
         drive = cascade.update(measurement, target)
@@ -77,7 +86,7 @@ def test_no_drive_leaves_the_limits_whatever_comes_in(law, ticks):
 @pytest.mark.parametrize("mode", [Mode.OPEN_LOOP, *REGULATING, Mode.IDENTIFY])
 @pytest.mark.parametrize("law", LAWS)
 def test_a_bad_measurement_turns_the_drive_off(law, mode, where, bad):
-    cascade, plate = Cascade(CascadeParameters(vibration_law=law)), FirstOrderPlate()
+    cascade, plate = cascade_with_texture(CascadeParameters(vibration_law=law)), FirstOrderPlate()
     cascade.set_mode(mode)
     run(cascade, plate, setpoint(voltage=20.0), 10)
     numbers = [1e-6, 0.0, *gauges(Fn=0.5)]
@@ -140,14 +149,14 @@ def test_the_reason_lasts_until_another_mode_is_chosen():
 
 def test_there_is_no_such_mode():
     cascade = Cascade()
-    with pytest.raises(ValueError, match=r"^6 is not a valid Mode$"):
-        cascade.set_mode(6)
+    with pytest.raises(ValueError, match=r"^7 is not a valid Mode$"):
+        cascade.set_mode(7)
     assert cascade.mode is Mode.OFF
 
 
 @pytest.mark.parametrize("mode", [Mode.OPEN_LOOP, *REGULATING, Mode.IDENTIFY])
 def test_off_is_at_once(mode):
-    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade, plate = cascade_with_texture(), FirstOrderPlate()
     cascade.set_mode(mode)
     run(cascade, plate, setpoint(voltage=20.0), 150)
     assert cascade.drive.voltage > 0.0
@@ -168,7 +177,7 @@ def test_off_is_at_once(mode):
 def test_a_mode_change_moves_the_drive_by_what_the_new_error_asks_for(
     before, after, ticks, amplitude, detuning
 ):
-    cascade, plate, finger = Cascade(), FirstOrderPlate(), Finger()
+    cascade, plate, finger = cascade_with_texture(), FirstOrderPlate(), Finger()
     target = setpoint(voltage=15.0, frequency=43390.0 + detuning, amplitude=amplitude)
     cascade.set_mode(before)
     old = run(cascade, plate, target, ticks, finger.touch)[-1]
@@ -508,3 +517,36 @@ def test_two_runs_are_the_same_bits():
 def test_parameters_are_checked(wrong, message):
     with pytest.raises(ValueError, match=f"^{message}"):
         CascadeParameters(**wrong)
+
+
+def test_a_texture_is_the_reference_of_the_friction_loop():
+    cascade, plate, finger = cascade_with_texture(), FirstOrderPlate(), Finger()
+    cascade.set_mode(Mode.TEXTURE)
+    run(cascade, plate, setpoint(), 200, finger.touch)
+    contact = cascade.contact
+    ahead = 1e9 * (contact.position + (POSITION_LAG + 2e-3) * contact.speed)
+    assert cascade.mu_ref == GRATING.at(ahead)
+    assert 100.0 * (contact.mu - cascade.mu_ref) / cascade.mu_ref == cascade.E
+    cascade.set_mode(Mode.AMPLITUDE)
+    cascade.update(plate.measure(finger.touch(plate.W)), setpoint())
+    assert (cascade.mu_ref, cascade.E) == (0.0, 0.0)
+
+
+def test_mode_texture_without_one_turns_itself_off():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.TEXTURE)
+    assert cascade.update(plate.measure(), setpoint()).voltage == 0.0
+    assert (cascade.mode, cascade.reason) == (Mode.OFF, "there is no texture")
+
+
+def test_a_profile_begins_with_the_mode_and_goes_on_without_a_finger():
+    profile = TextureTable(Axis.TIME, False, 0, 1000, tuple(range(3000, 3100)))
+    cascade, plate = Cascade(replace(CascadeParameters(), preview=0.0)), FirstOrderPlate()
+    cascade.texture = TexturePlayer(profile)
+    references = []
+    for mode in [Mode.TEXTURE] * 5 + [Mode.AMPLITUDE] * 5 + [Mode.TEXTURE] * 5:
+        cascade.set_mode(mode)
+        run(cascade, plate, setpoint(), 1)
+        references.append(round(1e4 * cascade.mu_ref))
+    assert references == [*range(3000, 3005), *[0] * 5, *range(3000, 3005)]
+    assert cascade.W_ref == 1e-6, "the set-point's amplitude, while nobody touches"

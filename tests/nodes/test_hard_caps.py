@@ -130,7 +130,7 @@ def test_a_plate_node_of_another_make_does_not_lift_the_caps_of_the_stimulator()
 
 
 @pytest.mark.parametrize(
-    ("name", "high"), [("Mode", 5), ("Friction law", 3), ("Controller.Vibration law", 2)]
+    ("name", "high"), [("Mode", 6), ("Friction law", 3), ("Controller.Vibration law", 2)]
 )
 def test_a_mode_or_law_that_there_is_not_is_refused(name: str, high: int) -> None:
     od = load_eds(STIMULATOR, 32)

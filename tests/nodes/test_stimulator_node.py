@@ -248,7 +248,7 @@ def test_simulation_is_refused_without_the_plate_inside(name: str, raw: int) -> 
         ("Controller.Contact force", 19, TOO_LOW),
         ("Setpoint.Voltage", 20_001, TOO_HIGH),
         ("Setpoint.COF left", 499, TOO_LOW),
-        ("Mode", 6, TOO_HIGH),
+        ("Mode", 7, TOO_HIGH),
         ("Statusword", 0, READ_ONLY),
         ("AI auto-zero.AI auto-zero force x", 0x6F72657A, STATE),
         ("AI auto-zero.AI auto-zero force x", 1, VALUE),

@@ -1,0 +1,97 @@
+"""The textures that a stimulator keeps: tables in DOMAIN objects, one of which plays."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from smarttac_can.control.texture import TexturePlayer
+from smarttac_can.nodes.settings import TEXTURE
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.textures import SLOTS, TextureTable
+
+TABLES: Final = "Texture table"
+"""Name of the array that holds the tables; the record `TEXTURE` chooses among them."""
+
+
+class TextureSlots:
+    """Refuses tables that cannot be played before they replace what is there.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    """
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self._entries = [od[f"{TABLES}.Table {number}"] for number in range(1, SLOTS + 1)]
+        self._slot = od[f"{TEXTURE}.Slot"]
+        self._mode = od["Mode"]
+        self._message = od["Message"]
+        self._latched = od["Diagnosis.Latched"]
+        bounds = od["Setpoint.COF left"]
+        self._bounds = int(bounds.low), int(bounds.high)
+        self._tables: dict[Entry, TextureTable | None] = dict.fromkeys(self._entries)
+
+    def reload(self) -> None:
+        """Take what the objects hold; one that cannot be played is emptied.
+
+        It was stored by a version with other bounds: what is written is looked at before.
+        """
+        for entry in self._entries:
+            try:
+                self._tables[entry] = self._read(entry.value)
+            except ValueError:
+                self._tables[entry] = None
+                entry.value = entry.default
+
+    def player(self) -> TexturePlayer | None:
+        """Return what plays the chosen slot from its beginning; None if it is empty."""
+        table = self._tables[self._entries[self._slot.value - 1]]
+        return None if table is None else TexturePlayer(table)
+
+    def on_write(self, entry: Entry, value: Any) -> None:
+        """Look at a write before it is made; what is accepted plays from the next cycle on.
+
+        No bytes empty a slot.
+
+        Raises
+        ------
+        Abort
+            VALUE for what is no table that can be played, STATE for emptying the slot that is
+            played, NO_DATA for playing an empty one; the Message says why.
+        """
+        if entry in self._tables:
+            self._take(entry, value)
+        elif entry is self._mode and value == Mode.TEXTURE:
+            self._require(self._slot.value)
+        elif entry is self._slot and self._mode.value == Mode.TEXTURE:
+            self._require(value)
+
+    def _require(self, number: int) -> None:
+        if self._tables[self._entries[number - 1]] is None:
+            raise self._refusal(AbortCode.NO_DATA, f"texture slot {number} is empty")
+
+    def _take(self, entry: Entry, data: bytes) -> None:
+        try:
+            table = self._read(data)
+        except ValueError as error:
+            raise self._refusal(AbortCode.VALUE, f"texture refused: {error}") from error
+        chosen = entry is self._entries[self._slot.value - 1]
+        if table is None and chosen and self._mode.value == Mode.TEXTURE:
+            raise self._refusal(AbortCode.STATE, "texture is played: its slot cannot be emptied")
+        self._tables[entry] = table
+
+    def _refusal(self, code: AbortCode, reason: str) -> Abort:
+        """Have the Message say why, unless it says why a fault is latched."""
+        if not self._latched.value:
+            self._message.value = reason
+        return Abort(code)
+
+    def _read(self, data: bytes) -> TextureTable | None:
+        if not data:
+            return None
+        table = TextureTable.unpack(data)
+        table.require_within(*self._bounds)
+        return table

@@ -1,0 +1,140 @@
+"""A texture: a table of COF over position or time, and the bytes that carry it."""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc32
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+COF_COUNT: Final = 1e-4
+"""What one count of a COF stands for."""
+SLOTS: Final = 4
+"""Tables that a stimulator keeps."""
+MAX_VALUES: Final = 4096
+"""Most values of a table: 76 mm of plate in steps of 19 um."""
+MAX_STEP: Final = 10_000_000
+"""Largest step: 10 mm or 10 s."""
+MAX_START: Final = 100_000_000
+"""Largest distance of the first value from the middle of the plate in nm."""
+
+_MAGIC: Final = b"STX1"
+_HEADER: Final = struct.Struct("<4sBBHiI")
+_CRC_BYTES: Final = 4
+_LEAST_BYTES: Final = _HEADER.size + 2 + _CRC_BYTES
+MAX_BYTES: Final = _HEADER.size + 2 * MAX_VALUES + _CRC_BYTES
+"""Bytes of the longest table."""
+
+
+class Axis(IntEnum):
+    """What a table goes over."""
+
+    POSITION = 0
+    """Position of the finger in nm from the middle of the plate."""
+    TIME = 1
+    """Time in us from when the table begins to be played."""
+
+
+@dataclass(frozen=True, slots=True)
+class TextureTable:
+    """A table of COF in equal steps, with straight lines between its values.
+
+    Before the first value and after the last one it holds them, unless it repeats.
+
+    Raises
+    ------
+    ValueError
+        Names the first of its parts that is out of range, and the range.
+    """
+
+    axis: Axis
+    """What it goes over."""
+    repeats: bool
+    """Whether it begins anew a step after its last value, and goes on before its first one."""
+    start: int
+    """Place of the first value: -100000000..100000000 nm, or 0 us."""
+    step: int
+    """Distance of two values in nm or us, 1..10000000."""
+    values: tuple[int, ...]
+    """COF in 1e-4, 1 to 4096 of them, each 1..65535; a device has narrower bounds."""
+
+    def __post_init__(self) -> None:
+        most = MAX_START if self.axis is Axis.POSITION else 0
+        _require("start", self.start, -most, most)
+        _require("step", self.step, 1, MAX_STEP)
+        _require("number of values", len(self.values), 1, MAX_VALUES)
+        _require("value", min(self.values), 1, 0xFFFF)
+        _require("value", max(self.values), 1, 0xFFFF)
+
+    def at(self, place: float) -> float:
+        """Return the COF at a place in nm or us."""
+        values = self.values
+        count = len(values)
+        steps = (place - self.start) / self.step
+        if self.repeats:
+            steps %= count
+            number = int(steps)
+            # A remainder just below 0 may be rounded up to the whole.
+            if number >= count:
+                return values[0] * COF_COUNT
+            after = values[(number + 1) % count]
+        elif steps <= 0.0:
+            return values[0] * COF_COUNT
+        elif steps >= count - 1:
+            return values[-1] * COF_COUNT
+        else:
+            number = int(steps)
+            after = values[number + 1]
+        before = values[number]
+        return (before + (after - before) * (steps - number)) * COF_COUNT
+
+    def require_within(self, low: int, high: int) -> None:
+        """Refuse values in 1e-4 outside bounds of a device.
+
+        Raises
+        ------
+        ValueError
+            Names the first one, its place in the table, and the bounds.
+        """
+        for number, value in enumerate(self.values):
+            if not low <= value <= high:
+                raise ValueError(
+                    f"COF {value * COF_COUNT:g} of value {number} is outside "
+                    f"{low * COF_COUNT:g}..{high * COF_COUNT:g}"
+                )
+
+    def pack(self) -> bytes:
+        """Return the bytes: header, values, and a CRC-32 of both, all little-endian."""
+        count = len(self.values)
+        header = _HEADER.pack(_MAGIC, self.axis, self.repeats, count, self.start, self.step)
+        body = header + struct.pack(f"<{count}H", *self.values)
+        return body + crc32(body).to_bytes(_CRC_BYTES, "little")
+
+    @classmethod
+    def unpack(cls, data: bytes) -> TextureTable:
+        """Return the table of bytes made by `pack`.
+
+        Raises
+        ------
+        ValueError
+            If they are no table, or a broken one; says what is wrong with them.
+        """
+        _require("number of bytes", len(data), _LEAST_BYTES, MAX_BYTES)
+        body, crc = data[:-_CRC_BYTES], data[-_CRC_BYTES:]
+        magic, axis, repeats, count, start, step = _HEADER.unpack_from(body)
+        if magic != _MAGIC:
+            raise ValueError(f"they begin with {magic.hex(' ')}, not {_MAGIC.hex(' ')}")
+        if crc32(body) != int.from_bytes(crc, "little"):
+            raise ValueError("the checksum is not that of the content")
+        if len(body) != _HEADER.size + 2 * count:
+            raise ValueError(f"number of values {count} is not that of {len(data)} bytes")
+        _require("axis", axis, Axis.POSITION, Axis.TIME)
+        _require("repeat flag", repeats, 0, 1)
+        values = struct.unpack_from(f"<{count}H", body, _HEADER.size)
+        return cls(Axis(axis), bool(repeats), start, step, values)
+
+
+def _require(name: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{name} {value} is outside {low}..{high}")
