@@ -13,7 +13,9 @@ from smarttac_can.bench.recording_file import make_recording
 from smarttac_can.bench.self_test import selftest
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import Trace, read_csv, sha256, write_csv
+from smarttac_can.bench.tracking import Tracking, track
 from smarttac_can.bench.weighings import Placing, Weighing, read_plan
 from smarttac_can.master.errors import (
     BenchError,
@@ -44,7 +46,9 @@ __all__ = [
     "RunInterruptedError",
     "State",
     "Stimulator",
+    "Texture",
     "Trace",
+    "Tracking",
     "VibrationLaw",
     "Weighing",
     "WrongDeviceError",
@@ -55,5 +59,6 @@ __all__ = [
     "selftest",
     "sha256",
     "stimulator_od",
+    "track",
     "write_csv",
 ]

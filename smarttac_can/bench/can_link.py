@@ -111,6 +111,14 @@ class CanLink:
         device = self._owner(name)
         device.write(device.od[name], raw)
 
+    def read_table(self, name: str) -> bytes:
+        """Read an object over SDO that is a DOMAIN."""
+        return bytes(self._stimulator.read(self._stimulator.od[name]))
+
+    def write_table(self, name: str, data: bytes) -> None:
+        """Write an object over SDO that is a DOMAIN, by block transfer."""
+        self._stimulator.write_block(self._stimulator.od[name], data)
+
     def snapshot(self) -> Snapshot:
         """Return what the public TPDOs carried last."""
         self._check()

@@ -116,6 +116,14 @@ class Link(Protocol):
         """Write a raw value to an object of the stimulator, or of the simulation."""
         ...
 
+    def read_table(self, name: str) -> bytes:
+        """Read an object of the stimulator that is a DOMAIN."""
+        ...
+
+    def write_table(self, name: str, data: bytes) -> None:
+        """Write an object of the stimulator that is a DOMAIN; it may take a while."""
+        ...
+
     def snapshot(self) -> Snapshot:
         """Return the newest values the stimulator has published."""
         ...

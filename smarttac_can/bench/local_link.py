@@ -90,6 +90,23 @@ class LocalLink:
             for frame in (download(node_id, entry, raw), downloaded(node_id, entry)):
                 self._hear(frame.can_id, frame.data)
 
+    def read_table(self, name: str) -> bytes:
+        """Read an object that is a DOMAIN."""
+        return bytes(self._block.od[name].read())
+
+    def write_table(self, name: str, data: bytes) -> None:
+        """Write an object that is a DOMAIN.
+
+        Raises
+        ------
+        RefusedError
+            If the stimulator refuses it.
+        """
+        try:
+            self._block.write(name, data)
+        except Abort as error:
+            raise RefusedError(f"cannot write {name}: {error}", error.code) from error
+
     def snapshot(self) -> Snapshot:
         """Return the present values of the published objects; their age is 0 s."""
         return Snapshot({name: int(self._block.od[name].read()) for name in PUBLISHED}, 0.0)

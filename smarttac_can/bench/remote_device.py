@@ -115,6 +115,26 @@ class RemoteDevice:
             except SdoAbortedError as error:
                 raise refused_write(entry, raw, Abort(error.code)) from error
 
+    def write_block(self, entry: Entry, data: bytes) -> None:
+        """Write the bytes of a DOMAIN by SDO block transfer; of none, by a segmented one."""
+        client = canopen.sdo.SdoClient(
+            self._sdo.rx_cobid, self._sdo.tx_cobid, canopen.ObjectDictionary()
+        )
+        client.network = self._network
+        client.RESPONSE_TIMEOUT = self._sdo.RESPONSE_TIMEOUT
+        # The client of `read` knows no answers to blocks; this one listens beside it.
+        self._network.subscribe(client.tx_cobid, client.on_response)
+        try:
+            with (
+                self._explained(f"write {entry.name}"),
+                client.open(
+                    entry.index, entry.subindex, "wb", size=len(data), block_transfer=bool(data)
+                ) as stream,
+            ):
+                stream.write(data)
+        finally:
+            self._network.unsubscribe(client.tx_cobid, client.on_response)
+
     def start(self) -> None:
         """Command the device into the NMT state OPERATIONAL."""
         self._network.send_message(NMT_ID, [NMTCommand.START, self.od.node_id])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import IntEnum
 from re import sub
 from typing import Final
 
 from smarttac_can.bench.named_objects import NamedObjects, finite
+from smarttac_can.bench.textures import Texture
+from smarttac_can.master.errors import RefusedError
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
+from smarttac_can.vocabulary.textures import TextureTable
 
 _SIDES: Final = 2
 
@@ -37,7 +40,7 @@ class InUnit:
 
 
 class SetPoints(NamedObjects):
-    """Laws and set-points of a stimulator over a link."""
+    """Laws, set-points and textures of a stimulator over a link."""
 
     __slots__ = ()
 
@@ -79,6 +82,51 @@ class SetPoints(NamedObjects):
         left, right = (finite("cof", one) for one in pair)
         self.set("Setpoint.COF left", left)
         self.set("Setpoint.COF right", right)
+
+    @property
+    def texture_slot(self) -> int:
+        """Slot that mode TEXTURE plays, 1 to 4, and that `texture` is of; also while running."""
+        return self._link.read("Texture.Slot")
+
+    @texture_slot.setter
+    def texture_slot(self, slot: int) -> None:
+        if type(slot) is not int:
+            raise ValueError(f"texture slot {slot!r} is no integer")
+        self._give_texture(lambda: self._write("Texture.Slot", slot), "Texture.Slot")
+
+    @property
+    def texture(self) -> Texture | None:
+        """Texture in the chosen slot, None if it is empty; also while it is played.
+
+        Setting one raises `ValueError` if it has a COF beyond the bounds of the stimulator, and
+        `RefusedError` if the stimulator refuses it; what was there stays then.
+        """
+        data = self._link.read_table(self._table)
+        return Texture(TextureTable.unpack(data)) if data else None
+
+    @texture.setter
+    def texture(self, texture: Texture | None) -> None:
+        data = b""
+        if texture is not None:
+            bounds = self._od["Setpoint.COF left"]
+            texture.table.require_within(int(bounds.low), int(bounds.high))
+            data = texture.table.pack()
+        name = self._table
+        self._give_texture(lambda: self._link.write_table(name, data), name)
+
+    @property
+    def _table(self) -> str:
+        return f"Texture table.Table {self.texture_slot}"
+
+    def _give_texture(self, write: Callable[[], None], name: str) -> None:
+        """Write something of a texture; where it is refused, say why as the stimulator does."""
+        try:
+            write()
+        except RefusedError as error:
+            reason = self._link.text("Message")
+            if "texture" not in reason:
+                raise
+            raise RefusedError(f"cannot write {name}: {reason}", error.code) from error
 
 
 def by_name(choices: type[IntEnum], choice: int | str) -> int:

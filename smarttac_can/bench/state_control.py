@@ -9,6 +9,7 @@ from smarttac_can.bench.link import Link
 from smarttac_can.bench.set_points import SetPoints, by_name
 from smarttac_can.bench.traces import Trace
 from smarttac_can.master.errors import RefusedError
+from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import NOT_TARED, UNWATCHED
@@ -58,9 +59,12 @@ class StateControl(SetPoints):
             self._link.write("Mode", number)
             if not running:
                 self._link.write(_CONTROLWORD, Control.ARM | Control.RUN)
-        except RefusedError:
+        except RefusedError as error:
             # A watchdog that trips in between is the reason, not the state that it leads to.
             self._require_no_fault(self.state)
+            if number == Mode.TEXTURE and error.code == AbortCode.NO_DATA:
+                hint = f"cannot play: {self.message}: set bench.texture first"
+                raise RefusedError(hint, error.code) from error
             raise
 
     @property

@@ -197,6 +197,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
     broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.PICKUP,
             FaultKind.GAIN, PICKUP_D, 6000, instead={
                 Mode.OPEN_LOOP: Watchdog.SATURATED, Mode.FRICTION: Watchdog.SATURATED,
+                Mode.TEXTURE: Watchdog.SATURATED,
             }, why="six times the vibration is beyond the end of the range where no amplitude "
             "loop takes it back"),
     *WEAK_PICKUP,

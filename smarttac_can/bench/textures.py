@@ -1,0 +1,317 @@
+"""Textures as a person makes them: gratings, profiles, rows of a picture, recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from smarttac_can.bench.named_objects import finite
+from smarttac_can.bench.texture_files import read_columns, read_grey_row
+from smarttac_can.vocabulary.textures import COF_COUNT, MAX_VALUES, Axis, TextureTable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Floats = npt.NDArray[np.float64]
+
+PLATE_MM: Final = 76.0
+"""Length of the plate along which a finger strokes."""
+_NM_PER_MM: Final = 1e6
+_US_PER_S: Final = 1e6
+_MS_US: Final = 1000
+_PERIOD_VALUES: Final = 500
+_PROFILES: Final = {
+    "step": ((0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (1.0, 1.0)),
+    "ramp": ((0.0, 0.0), (1.0, 1.0)),
+    "trapezoid": ((0.0, 0.0), (1 / 3, 1.0), (2 / 3, 1.0), (1.0, 0.0)),
+    "sine": tuple((t, 0.5 - 0.5 * float(np.cos(2.0 * np.pi * t))) for t in np.linspace(0, 1, 201)),
+}
+"""Time over the whole, and the share of the way from low to high."""
+
+
+@dataclass(frozen=True)
+class Texture:
+    """COF over position or time, to be played by a stimulator: ``bench.texture = texture``.
+
+    Made by `grating`, `profile`, `from_png` and `from_csv`.
+    """
+
+    table: TextureTable
+    """As the stimulator has it."""
+
+    @classmethod
+    def grating(
+        cls,
+        period_mm: float,
+        low: float,
+        high: float,
+        duty: float = 0.5,
+        shape: str = "square",
+    ) -> Self:
+        """Make a grating over the whole plate; at its middle a ridge, of the higher COF, begins.
+
+        Parameters
+        ----------
+        period_mm
+            Distance of two ridges in mm, 0.1..76.
+        low, high
+            COF between the ridges and on them.
+        duty
+            Share of a ridge of the period, 0.01..0.99; 0.5 with a sine.
+        shape
+            ``square`` or ``sine``.
+
+        Raises
+        ------
+        ValueError
+            If a number is outside its range, or there is no such shape.
+        """
+        period = _within("period_mm", period_mm, 0.1, PLATE_MM)
+        ridge = _within("duty", duty, 0.01, 0.99)
+        if shape not in ("square", "sine"):
+            raise ValueError(f"shape {shape!r} is none of square, sine")
+        if shape == "sine" and ridge != 0.5:  # noqa: PLR2004 - half of the period
+            raise ValueError(f"duty {duty} of a sine is not 0.5")
+        low, high = _levels(low, high)
+        # The middles of the steps, so that a ridge is as wide as it should be.
+        phase = np.arange(_PERIOD_VALUES) / _PERIOD_VALUES
+        if shape == "sine":
+            share = 0.5 + 0.5 * np.sin(2.0 * np.pi * phase)
+        else:
+            share = np.where(phase < ridge, 1.0, 0.0)
+        step = round(period * _NM_PER_MM / _PERIOD_VALUES)
+        return cls._of(Axis.POSITION, True, 0, step, low + (high - low) * share)
+
+    @classmethod
+    def profile(
+        cls,
+        shape: str | Iterable[tuple[float, float]],
+        low: float | None = None,
+        high: float | None = None,
+        seconds: float = 1.0,
+        *,
+        repeats: bool = False,
+    ) -> Self:
+        """Make a profile over the time from when it begins to be played.
+
+        Parameters
+        ----------
+        shape
+            ``step`` (in the middle), ``ramp``, ``trapezoid`` (in thirds), ``sine`` (one period,
+            from low to high and back); or points (time in s, COF) with straight lines between
+            them, two at one time for a step.
+        low, high
+            COF of a shape by name.
+        seconds
+            Length of a shape by name in s, 0.002..1000.
+        repeats
+            Whether it begins anew at its end; else its last COF stays.
+
+        Raises
+        ------
+        ValueError
+            If there is no such shape, the times fall, or a number is outside its range.
+        """
+        if isinstance(shape, str):
+            if shape not in _PROFILES:
+                raise ValueError(f"shape {shape!r} is none of {', '.join(_PROFILES)}")
+            if low is None or high is None:
+                raise ValueError(f"shape {shape!r} needs low and high")
+            low, high = _levels(low, high)
+            whole = _within("seconds", seconds, 0.002, 1000.0)
+            shares = _PROFILES[shape]
+            points = [(whole * t, low + (high - low) * share) for t, share in shares]
+        else:
+            points = [(finite("time", t), finite("COF", cof)) for t, cof in shape]
+            if low is not None or high is not None:
+                raise ValueError("points have their own COF: low and high belong to a name")
+        return cls._over_time(points, repeats)
+
+    @classmethod
+    def from_png(
+        cls, path: Path | str, row: int, low: float, high: float, width_mm: float = PLATE_MM
+    ) -> Self:
+        """Make a texture of a row of a grey picture: black is low, white is high.
+
+        Needs the extra ``report``.
+
+        Parameters
+        ----------
+        path
+            PNG of grey values.
+        row
+            Number of the row from the top, from 0.
+        low, high
+            COF of black and white.
+        width_mm
+            Width of the picture on the plate, about its middle, 1..76.
+
+        Raises
+        ------
+        ValueError
+            If it is no grey picture, has no such row, or a number is outside its range.
+        OSError
+            If it cannot be read.
+        """
+        low, high = _levels(low, high)
+        width = _within("width_mm", width_mm, 1.0, PLATE_MM)
+        grey = read_grey_row(Path(path), row)
+        pixel = width / len(grey)
+        middles = np.asarray((np.arange(len(grey)) + 0.5) * pixel - 0.5 * width)
+        return cls._over_position(middles, low + (high - low) * grey)
+
+    @classmethod
+    def from_csv(
+        cls,
+        path: Path | str,
+        *,
+        position: str = "",
+        time: str = "",
+        cof: str = "",
+        lateral: str = "",
+        normal: str = "",
+        step_mm: float = 0.05,
+        least_force: float = 0.05,
+    ) -> Self:
+        """Make a texture of a recording: COF, or lateral and normal force, over position or time.
+
+        Positions may be irregular, come more than once and go back and forth: the mean of all
+        samples near a place counts. Where there are none, the line between their neighbours does.
+
+        Parameters
+        ----------
+        path
+            CSV with a header.
+        position, time
+            Name of the column that it goes over, in mm from the middle of the plate or in s.
+        cof
+            Name of the column of the COF.
+        lateral, normal
+            Names of the columns of the forces, instead, in one unit; of the lateral one the sign
+            does not count.
+        step_mm
+            Distance of two values over position in mm, 0.01..10.
+        least_force
+            Samples of a lower normal force are left out.
+
+        Raises
+        ------
+        ValueError
+            If columns are missing or contradict each other, or a number is none; names the line.
+        OSError
+            If it cannot be read.
+        """
+        if bool(position) == bool(time):
+            raise ValueError("give one of position and time, the column that it goes over")
+        if bool(cof) == bool(lateral and normal) or bool(lateral) != bool(normal):
+            raise ValueError("give cof, or both lateral and normal, the columns of the COF")
+        place, *forces = read_columns(
+            Path(path), [position or time, *([cof] if cof else [lateral, normal])]
+        )
+        if cof:
+            (mu,) = forces
+        else:
+            pressed = forces[1] >= max(least_force, 1e-9)
+            if not pressed.any():
+                raise ValueError(f"{path}: no normal force is {least_force:g} or more")
+            place = place[pressed]
+            mu = np.abs(forces[0][pressed]) / forces[1][pressed]
+        if time:
+            order = np.argsort(place, kind="stable")
+            times = place[order] - place[order][0]
+            return cls._over_time(list(zip(times.tolist(), mu[order].tolist(), strict=True)), False)
+        step = _within("step_mm", step_mm, 0.01, 10.0)
+        cells = np.round(place / step).astype(np.int64)
+        found, which = np.unique(cells, return_inverse=True)
+        return cls._over_position(
+            np.asarray(found * step, dtype=np.float64), np.bincount(which, mu) / np.bincount(which)
+        )
+
+    def cof(self, place: npt.ArrayLike) -> Floats:
+        """Return the COF at places in mm from the middle of the plate, or times in s."""
+        counts = np.atleast_1d(np.asarray(place, dtype=np.float64)) * self._counts_per_unit
+        return np.array([self.table.at(count) for count in counts.tolist()])
+
+    @property
+    def over_time(self) -> bool:
+        """Whether it goes over time, not over position."""
+        return self.table.axis is Axis.TIME
+
+    @property
+    def _counts_per_unit(self) -> float:
+        return _US_PER_S if self.over_time else _NM_PER_MM
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """From where to where it goes: the plate in mm, or its time in s, twice if it repeats."""
+        if not self.over_time:
+            return -0.5 * PLATE_MM, 0.5 * PLATE_MM
+        table = self.table
+        whole = table.step * len(table.values) / _US_PER_S
+        return 0.0, 2.0 * whole if table.repeats else whole
+
+    def figure(self) -> Figure:
+        """Draw the COF over the plate, or over the time. Needs the extra ``report``."""
+        # Who plays textures needs no pictures.
+        from smarttac_can.bench.texture_figure import texture_figure  # noqa: PLC0415
+
+        return texture_figure(self)
+
+    def save_figure(self, path: Path | str) -> None:
+        """Draw it into a file, PNG or SVG by its ending."""
+        self.figure().savefig(Path(path))
+
+    @classmethod
+    def _over_position(cls, places: Floats, cof: Floats) -> Self:
+        """Return the texture through COF at rising places in mm, in as many values as they are."""
+        first, last = float(places[0]), float(places[-1])
+        _within("position", first, -100.0, 100.0)
+        _within("position", last, -100.0, 100.0)
+        count = min(max(2, len(places)), MAX_VALUES)
+        if count > len(places):
+            return cls._of(Axis.POSITION, False, round(first * _NM_PER_MM), 1, cof)
+        nearest = float(np.diff(places).min())
+        count = min(round((last - first) / nearest) + 1, MAX_VALUES)
+        grid = np.linspace(first, last, count)
+        step = round((last - first) / (count - 1) * _NM_PER_MM)
+        start = round(first * _NM_PER_MM)
+        return cls._of(Axis.POSITION, False, start, step, np.interp(grid, places, cof))
+
+    @classmethod
+    def _over_time(cls, points: list[tuple[float, float]], repeats: bool) -> Self:
+        """Return the profile through points, in steps of 1 ms or as many ms as it takes."""
+        if not points:
+            raise ValueError("a profile of no points has no COF")
+        times = np.array([t for t, _ in points])
+        if points[0][0] < 0.0 or np.any(np.diff(times) < 0.0):
+            raise ValueError("the times of a profile are below 0, or fall")
+        end = _within("length of the profile in s", float(times[-1]), 0.0, 40_000.0)
+        steps = max(1, round(end * _US_PER_S / _MS_US))
+        step = -(-steps // (MAX_VALUES - 1))
+        grid = np.arange(0.0, steps + (not repeats), step) * _MS_US / _US_PER_S
+        cof = np.interp(grid, times, [value for _, value in points])
+        return cls._of(Axis.TIME, repeats, 0, step * _MS_US, cof)
+
+    @classmethod
+    def _of(cls, axis: Axis, repeats: bool, start: int, step: int, cof: Floats) -> Self:
+        counts = np.round(cof / COF_COUNT).astype(np.int64)
+        return cls(TextureTable(axis, repeats, start, step, tuple(counts.tolist())))
+
+
+def _levels(low: float, high: float) -> tuple[float, float]:
+    low, high = _within("low", low, 0.0, 2.0), _within("high", high, 0.0, 2.0)
+    if low > high:
+        raise ValueError(f"low {low:g} is above high {high:g}")
+    return low, high
+
+
+def _within(name: str, value: float, low: float, high: float) -> float:
+    number = finite(name, value)
+    if not low <= number <= high:
+        raise ValueError(f"{name} {number:g} is outside {low:g}..{high:g}")
+    return number
