@@ -10,10 +10,13 @@ from typing import Final
 from smarttac_can.bench.named_objects import NamedObjects, finite
 from smarttac_can.bench.textures import Texture
 from smarttac_can.master.errors import RefusedError
+from smarttac_can.od.cia import AbortCode
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
 from smarttac_can.vocabulary.textures import TextureTable
 
 _SIDES: Final = 2
+_TOLD: Final = (AbortCode.NO_DATA, AbortCode.VALUE, AbortCode.STATE)
+"""Refusals of a texture whose reason is in the Message."""
 
 
 class InUnit:
@@ -123,9 +126,9 @@ class SetPoints(NamedObjects):
         try:
             write()
         except RefusedError as error:
-            reason = self._link.text("Message")
-            if "texture" not in reason:
+            if error.code not in _TOLD:
                 raise
+            reason = self._link.text("Message")
             raise RefusedError(f"cannot write {name}: {reason}", error.code) from error
 
 

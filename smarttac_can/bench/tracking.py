@@ -12,7 +12,7 @@ from smarttac_can.bench.textures import Floats, Texture
 
 GRID_MM: Final = 0.02
 """Distance of the places at which passes are compared."""
-_LEAST_SHARE: Final = 0.01
+_LEAST_SHARE: Final = 0.05
 """Amplitudes of a texture below this share of its largest one are none of its frequencies."""
 _LEAST_ROWS: Final = 8
 
@@ -41,7 +41,7 @@ class Tracking:
     correlations: tuple[float, ...]
     """Of each pass alone."""
     mean_correlation: float
-    """Of the mean of all passes over position."""
+    """Of the mean of all passes over position; the cycles alone cost a square 0.02 at 60 mm/s."""
     harmonics: tuple[Harmonic, ...]
     """Spatial frequencies of the texture, of the mean of all passes."""
 

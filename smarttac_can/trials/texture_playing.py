@@ -113,6 +113,7 @@ def play(
 def _tare(block: StimulatorBlock, tares: int) -> None:
     """Have the zero be the mean of some tares, without a finger."""
     zeros = []
+    block.write(START_RUN, 1)
     for _ in range(tares):
         _cycle(block, TARE_SAMPLES)
         block.write(AUTO_ZERO[0], ZERO)

@@ -1,0 +1,226 @@
+"""Textures as a person makes them, and over every link into the stimulator."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imsave
+
+from smarttac_can.bench import Mode, RefusedError, Stimulator, Texture
+from smarttac_can.vocabulary.textures import Axis, TextureTable
+
+
+@pytest.fixture(params=["local", "bus", "inside", "virtual"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Stimulator]:
+    """A stimulator over each link; the last one is a node in a thread."""
+    if request.param == "virtual":
+        yield request.getfixturevalue("stimulator")
+        return
+    link = "local" if request.param == "local" else "bus"
+    with Stimulator.simulate(link, plate_inside=request.param == "inside") as made:
+        yield made
+
+
+GRATING = Texture.grating(period_mm=2, low=0.25, high=0.4)
+LONGEST = Texture(TextureTable(Axis.POSITION, False, 0, 18_555, tuple(range(2000, 6096))))
+
+
+def test_a_texture_is_what_was_set_and_is_played(bench: Stimulator) -> None:
+    assert bench.texture is None
+    bench.texture = LONGEST
+    bench.texture_slot = 3
+    assert bench.texture is None
+    bench.texture = Texture.grating(2, 0.3, 0.4)
+    assert bench.texture == Texture.grating(2, 0.3, 0.4)
+    bench.texture_slot = 1
+    assert bench.texture == LONGEST
+    bench.texture_slot = 3
+    bench.finger.stroke(2, force=1.0, speed=60.0, travel=30.0)
+    bench.start_run()
+    bench.amplitude = 1.0
+    bench.mode = "texture"
+    trace = bench.run(1.2)
+    assert bench.mode is Mode.TEXTURE
+    late = trace.mu_ref[600:]
+    assert {late.min(), late.max()} == {3000, 4000}
+    bench.disarm()
+    bench.texture = None
+    assert bench.texture is None
+
+
+def test_what_cannot_be_played_is_refused_in_one_line(bench: Stimulator) -> None:
+    bench.run(0.07)
+    with pytest.raises(RefusedError, match=r"^cannot play: texture slot 1 is empty: set bench"):
+        bench.mode = "texture"
+    bench.texture = GRATING
+    with pytest.raises(
+        ValueError, match=r"^COF 2\.0001 of value 0 is outside 0\.05\.\.2$"
+    ) as refused:
+        bench.texture = Texture(TextureTable(Axis.POSITION, False, 0, 1, (20_001,)))
+    assert refused.value.__cause__ is None
+    assert bench.texture == GRATING
+    bench.mode = "texture"
+    with pytest.raises(RefusedError, match=r"Slot: texture slot 2 is empty$"):
+        bench.texture_slot = 2
+    with pytest.raises(RefusedError, match=r"Table 1: texture is played: its slot cannot be em"):
+        bench.texture = None
+    with pytest.raises(RefusedError, match=r"cannot write 5 to Texture.Slot: .*: 1 to 4$"):
+        bench.texture_slot = 5
+    with pytest.raises(ValueError, match=r"^texture slot 2\.0 is no integer$"):
+        bench.texture_slot = 2.0  # type: ignore[assignment]
+    assert bench.texture == GRATING
+
+
+@pytest.mark.parametrize("shape", ["square", "sine"])
+@pytest.mark.parametrize("period", [0.1, 1.0, 2.0, 7.3, 76.0])
+def test_a_grating_repeats_over_the_plate(shape: str, period: float) -> None:
+    texture = Texture.grating(period, 0.25, 0.4, shape=shape)
+    places = np.linspace(-38.0, 38.0 - period, 311)
+    phase = places / period % 1.0
+    away = np.minimum(abs(phase - 0.5), np.minimum(phase, 1.0 - phase)) > 0.02
+    wanted = (
+        np.where(phase < 0.5, 0.4, 0.25)
+        if shape == "square"
+        else 0.325 + 0.075 * np.sin(2.0 * np.pi * phase)
+    )
+    assert texture.cof(places)[away] == pytest.approx(wanted[away], abs=3e-3)
+
+
+def test_the_duty_is_the_share_of_the_ridge() -> None:
+    texture = Texture.grating(2.0, 0.2, 0.3, duty=0.25)
+    assert texture.cof(np.linspace(0, 20, 20_000)).mean() == pytest.approx(0.225, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("shape", "wanted"),
+    [
+        ("step", [0.3, 0.3, 0.3, 0.4, 0.4, 0.4]),
+        ("ramp", [0.3, 0.325, 0.345, 0.355, 0.375, 0.4]),
+        ("trapezoid", [0.3, 0.375, 0.4, 0.4, 0.375, 0.4 - 0.1]),
+        ("sine", [0.3, 0.35, 0.3976, 0.3976, 0.35, 0.3]),
+    ],
+)
+def test_profiles(shape: str, wanted: list[float]) -> None:
+    profile = Texture.profile(shape, 0.3, 0.4, seconds=2.0)
+    assert profile.over_time
+    places = np.array([0.0, 0.5, 0.9, 1.1, 1.5, 2.5])
+    assert profile.cof(places) == pytest.approx(wanted, abs=2e-3)
+
+
+def test_a_profile_of_points_holds_its_last_cof_or_repeats() -> None:
+    points = [(0.0, 0.3), (1.0, 0.3), (1.0, 0.5), (3.0, 0.4)]
+    once, again = Texture.profile(points), Texture.profile(points, repeats=True)
+    assert once.cof([0.9, 1.01, 2.0, 9.0]) == pytest.approx([0.3, 0.4995, 0.45, 0.4], abs=1e-3)
+    assert again.cof([0.9, 3.9, 4.5]) == pytest.approx([0.3, 0.3, 0.475], abs=1e-3)
+
+
+def test_a_long_profile_has_longer_steps() -> None:
+    profile = Texture.profile("ramp", 0.2, 0.6, seconds=100.0)
+    assert profile.table.step == 25_000
+    assert profile.cof([0.0, 50.0, 100.0]) == pytest.approx([0.2, 0.4, 0.6], abs=1e-3)
+
+
+def test_a_row_of_a_grey_picture(tmp_path: Path) -> None:
+    pixels = np.zeros((3, 200))
+    pixels[1] = np.linspace(0.0, 1.0, 200)
+    path = tmp_path / "ramp.png"
+    imsave(path, pixels, cmap="gray", vmin=0.0, vmax=1.0)
+    texture = Texture.from_png(path, row=1, low=0.2, high=0.6, width_mm=40.0)
+    assert texture.cof([-30, 0, 30]) == pytest.approx([0.2, 0.4, 0.6], abs=3e-3)
+    assert texture.cof([-19.9, -10, 10]) == pytest.approx([0.2, 0.3, 0.5], abs=3e-3)
+    assert Texture.from_png(path, row=0, low=0.2, high=0.6).cof(0.0) == pytest.approx([0.2])
+
+
+def test_a_recording_with_reversals_and_irregular_positions(tmp_path: Path) -> None:
+    draw = np.random.default_rng(1)
+    x = 10.0 * np.sin(np.cumsum(draw.uniform(0.001, 0.02, 20_000)))
+    lateral = -np.sign(np.gradient(x)) * (0.3 + 0.005 * x) * 0.8
+    rows = [f"{a:.4f};{b:.5f};0.8".replace(";", ",") for a, b in zip(x, lateral, strict=True)]
+    path = tmp_path / "recording.csv"
+    path.write_text("\n".join([" where , Fx,press", *rows, "3.0,,0.8", "4.0,9.0,0.001"]) + "\n")
+    texture = Texture.from_csv(path, position="where", lateral="Fx", normal="press")
+    places = np.linspace(-9.0, 9.0, 50)
+    assert texture.cof(places) == pytest.approx(0.3 + 0.005 * places, abs=1e-3)
+
+
+def test_a_recording_over_time(tmp_path: Path) -> None:
+    path = tmp_path / "profile.csv"
+    path.write_text("t,mu\n5.0,0.3\n6.0,0.4\n5.5,0.35\n")
+    texture = Texture.from_csv(path, time="t", cof="mu")
+    assert texture.cof([0.0, 0.25, 1.0]) == pytest.approx([0.3, 0.325, 0.4], abs=1e-3)
+
+
+@pytest.mark.parametrize("end", [".png", ".svg"])
+@pytest.mark.parametrize("texture", [GRATING, Texture.profile("step", 0.2, 0.4)])
+def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Path) -> None:
+    path = tmp_path / f"texture{end}"
+    texture.save_figure(path)
+    assert path.stat().st_size > 5000
+    (line,) = texture.figure().axes[0].lines
+    assert line.get_ydata().max() == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda: Texture.grating(0.05, 0.2, 0.3), "period_mm 0.05 is outside 0.1..76"),
+        (lambda: Texture.grating(2, 0.4, 0.3), "low 0.4 is above high 0.3"),
+        (lambda: Texture.grating(2, -0.1, 0.3), "low -0.1 is outside 0..2"),
+        (lambda: Texture.grating(2, 0.2, 0.3, duty=1), "duty 1 is outside 0.01..0.99"),
+        (lambda: Texture.grating(2, 0.2, 0.3, shape="saw"), "shape 'saw' is none of square, sine"),
+        (lambda: Texture.grating(2, 0.2, 0.3, 0.3, "sine"), "duty 0.3 of a sine is not 0.5"),
+        (lambda: Texture.grating(2, float("nan"), 0.3), "low nan is not a finite number"),
+        (
+            lambda: Texture.profile("x", 0.2, 0.3),
+            "shape 'x' is none of step, ramp, trapezoid, sine",
+        ),
+        (lambda: Texture.profile("step"), "shape 'step' needs low and high"),
+        (lambda: Texture.profile([]), "a profile of no points has no COF"),
+        (
+            lambda: Texture.profile([(1, 0.2), (0, 0.2)]),
+            "the times of a profile are below 0, or fall",
+        ),
+        (
+            lambda: Texture.profile([(0, 0.2)], low=0.3),
+            "points have their own COF: low and high be",
+        ),
+        (lambda: Texture.from_csv("x"), "give one of position and time, the column that it goes"),
+        (lambda: Texture.from_csv("x", time="t"), "give cof, or both lateral and normal, the co"),
+    ],
+)
+def test_what_makes_no_texture_is_refused(make, reason: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError) as refused:
+        make()
+    assert str(refused.value).startswith(reason)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "there is no column 'x' among "),
+        ("t,mu\n1,2\n", "there is no column 'x' among t, mu"),
+        ("x,mu\n", "no row has all of x, mu"),
+        ("x,mu\n1,0.3\n2,many\n", "line 3: could not convert string to float: 'many'"),
+        ("x,mu\n1,inf\n", "line 2: a number is not finite"),
+    ],
+)
+def test_what_is_no_recording_is_refused(text: str, reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError) as refused:
+        Texture.from_csv(path, position="x", cof="mu")
+    assert str(refused.value) == f"{path}: {reason}"
+
+
+def test_what_is_no_grey_picture_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"no picture")
+    with pytest.raises(ValueError, match=r"picture\.png: is no PNG that can be read: "):
+        Texture.from_png(path, 0, 0.2, 0.3)
+    imsave(path, np.random.default_rng(1).random((2, 8, 3)))
+    with pytest.raises(ValueError, match=r"picture\.png: is not grey$"):
+        Texture.from_png(path, 0, 0.2, 0.3)
+    imsave(path, np.zeros((2, 8)), cmap="gray")
+    with pytest.raises(ValueError, match=r"picture\.png: row 2 is outside 0\.\.1$"):
+        Texture.from_png(path, 2, 0.2, 0.3)
