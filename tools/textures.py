@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def tracked(
     return track(grating(subject, shape), played.position, played.cof)
 
 
-def followed() -> list[str]:
+def followed() -> Iterator[str]:
     """Return the table of subjects and shapes."""
     rows = []
     for shape in SHAPES:
@@ -60,7 +61,7 @@ def followed() -> list[str]:
     return table(head, *rows)
 
 
-def previews() -> list[str]:
+def previews() -> Iterator[str]:
     """Return the table of previews."""
     rows = [
         (shape, *(f"{np.mean(tracked(2, shape, us).correlations):.3f}" for us in PREVIEWS_US))
@@ -69,7 +70,7 @@ def previews() -> list[str]:
     return table(("Preview in ms", *(f"{us / 1000:g}" for us in PREVIEWS_US)), *rows)
 
 
-def one_tare() -> list[str]:
+def one_tare() -> Iterator[str]:
     """Return the table of single tares."""
     found = [tracked(2, "square", tares=1, seed=seed) for seed in range(1, 6)]
     return table(
@@ -88,7 +89,11 @@ def picture() -> None:
             axes.plot(places, grating(2, shape).cof(places), color=INK, lw=1.0, label="texture")
             one = slice(0, 600)
             axes.plot(played.position[one], played.cof[one], color=RED, lw=1.6, label="COF")
-            axes.set(xlim=(-8, 8), title=f"One pass over a {shape}, 60 mm/s (simulated)")
+            axes.set(
+                xlim=(-8, 8),
+                ylim=(0.2, 0.45),
+                title=f"One pass over a {shape}, 60 mm/s (simulated)",
+            )
             axes.set_ylabel("COF")
         axes.set_xlabel("position on the plate (mm)")
         axes.legend(loc="lower left", ncols=2)
