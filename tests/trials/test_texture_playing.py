@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from smarttac_can.bench import Texture, track
+from smarttac_can.bench import Texture, stimulator_od, track
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.trials import texture_playing
 from smarttac_can.trials.texture_playing import LEVELS, play
 
 PASSES = 20
@@ -27,10 +29,10 @@ def test_a_grating_of_2_mm_at_60_mm_per_s(
 
 
 def test_without_a_preview_it_is_late() -> None:
-    texture = Texture.grating(2.0, *LEVELS[2], shape="sine")
+    texture = Texture.grating(2.0, *LEVELS[2])
     late, ahead = (play(texture, 2, passes=6, preview_us=us) for us in (0, 2000))
-    assert np.mean(track(texture, late.position, late.cof).correlations) < 0.88
-    assert np.mean(track(texture, ahead.position, ahead.cof).correlations) > 0.93
+    assert np.mean(track(texture, late.position, late.cof).correlations) < 0.80
+    assert np.mean(track(texture, ahead.position, ahead.cof).correlations) > 0.85
 
 
 def test_a_run_is_the_same_to_the_bit() -> None:
@@ -38,7 +40,13 @@ def test_a_run_is_the_same_to_the_bit() -> None:
     assert play(texture, 2, passes=2) == play(texture, 2, passes=2)
 
 
-def test_a_run_that_ends_by_itself_says_so() -> None:
+def test_a_run_that_ends_by_itself_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def weak() -> ObjectDictionary:
+        od = stimulator_od()
+        od["Limit.Normal force"].value = 500
+        return od
+
+    monkeypatch.setattr(texture_playing, "stimulator_od", weak)
     texture = Texture.grating(2.0, *LEVELS[2])
-    with pytest.raises(RuntimeError, match=r"^the run has ended: the normal force is above its"):
-        play(texture, 2, passes=1, force=3.0)
+    with pytest.raises(RuntimeError, match=r"^the run has ended: .*normal force"):
+        play(texture, 2, passes=1)
