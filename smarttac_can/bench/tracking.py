@@ -41,9 +41,10 @@ class Tracking:
     correlations: tuple[float, ...]
     """Of each pass alone."""
     mean_correlation: float
-    """Of the mean of all passes over position; the cycles alone cost a square 0.02 at 60 mm/s."""
+    """Of the mean over position of the passes in one direction; the lower one of both directions,
+    as in the mean of both a delay would cancel. The cycles alone cost a square 0.02 at 60 mm/s."""
     harmonics: tuple[Harmonic, ...]
-    """Spatial frequencies of the texture, of the mean of all passes."""
+    """Spatial frequencies of the texture, of the mean of the passes in that direction."""
 
 
 def track(
@@ -81,7 +82,9 @@ def track(
         raise ValueError(f"no pass goes from {first:g} to {last:g} mm")
     alone = [_correlation(c, texture.cof(x)) for x, c in passes]
     squares = np.concatenate([(c - texture.cof(x)) ** 2 for x, c in passes])
-    mean = np.mean([_over(grid, x, c) for x, c in passes], axis=0)
+    ways = [[p for p in passes if (p[0][-1] > p[0][0]) == rises] for rises in (True, False)]
+    means = [np.mean([_over(grid, x, c) for x, c in way], axis=0) for way in ways if way]
+    mean = min(means, key=lambda mean: _correlation(mean, wanted))
     return Tracking(
         len(passes),
         float(np.sqrt(squares.mean())),

@@ -36,6 +36,13 @@ def test_half_of_the_amplitude_a_quarter_of_a_period_late() -> None:
     assert late.harmonics[0].gain == pytest.approx(0.0, abs=0.02)
 
 
+def test_a_delay_does_not_cancel_between_two_directions() -> None:
+    x = strokes()
+    ways = np.sign(np.gradient(x))
+    found = track(SINE, x, SINE.cof(x - 0.25 * ways))
+    assert found.mean_correlation == pytest.approx(np.cos(np.pi / 4), abs=0.03)
+
+
 def test_a_square_has_its_odd_frequencies() -> None:
     x = strokes()
     frequencies = [h.per_mm for h in track(SQUARE, x, SQUARE.cof(x)).harmonics[:4]]

@@ -15,7 +15,7 @@ PASSES = 20
 @pytest.mark.parametrize(
     ("shape", "one_pass", "mean"),
     # Of a square the third of the period is too fast for the law `measured`: 0.95 is not reached.
-    [("sine", 0.93, 0.95), ("square", 0.80, 0.92)],
+    [("sine", 0.93, 0.95), ("square", 0.80, 0.90)],
 )
 def test_a_grating_of_2_mm_at_60_mm_per_s(
     subject: int, shape: str, one_pass: float, mean: float
