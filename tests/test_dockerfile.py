@@ -29,7 +29,8 @@ def test_it_copies_what_the_package_is_built_of() -> None:
     assert [source for source in copied if not (ROOT / source).exists()] == []
     wheel = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
     project = PROJECT["project"]
-    needed = {"pyproject.toml", project["readme"], *project["license-files"]}
+    readme = PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["fragments"]
+    needed = {"pyproject.toml", *(part["path"] for part in readme), *project["license-files"]}
     assert copied == needed | set(wheel["packages"]) | set(wheel["force-include"])
 
 

@@ -124,7 +124,8 @@ def test_history_that_is_cut_short_is_seen(rig: Rig, invariants: Invariants) -> 
     count = rig.od.entry(ERROR_FIELD, 0)
     for code in range(0xFF00, 0xFF00 + len(rig.od.objects[ERROR_FIELD].entries)):
         rig.stimulator.device.emergency(code, 0)
-        rig.bus.answer(rig.stimulator_port, rig.stimulator.device.take())
+        rig.cycle()  # the inhibit time of EMCY is 1 ms
+    rig.cycle()
     assert len(rig.emergencies) == count.value + 1, "one more than there are places"
     invariants.check_history()
     assert not invariants.violated
