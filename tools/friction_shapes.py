@@ -18,7 +18,6 @@ import numpy as np
 
 from smarttac_can.control.friction_map import LAST, SPACING
 from smarttac_can.plant.friction import sliding_coefficient
-from smarttac_can.plant.mathematics import SCALAR
 from smarttac_can.plant.parameters import ResonatorParameters
 from smarttac_can.plant.subjects import SUBJECTS
 
@@ -50,7 +49,7 @@ def maps() -> np.ndarray:
             SUBJECTS[0], mu0=drawn["mu0"], rho=drawn["rho"], W0=drawn["W0"], p=drawn["p"]
         )
         row = [
-            sliding_coefficient(SCALAR, subject, node * SPACING, speed, force, 0.0, f0=f0)
+            sliding_coefficient(subject, node * SPACING, speed, force, 0.0, f0=f0)
             for node in range(LAST + 1)
         ]
         if row[_NARROW] - row[_WIDE] >= SPAN_MIN:

@@ -18,7 +18,8 @@ from smarttac_can.control.predictive_friction import (
     begin,
     follow,
 )
-from smarttac_can.plant.force_path import ForcePath, propagator
+from smarttac_can.plant.force_path import follow as through_path
+from smarttac_can.plant.force_path import propagator
 from smarttac_can.vocabulary.signals import Contact
 
 STEEP = PRIOR._replace(a=1.5, b=-0.5)
@@ -31,8 +32,8 @@ class Bench:
     def __init__(self, weights=STEEP, mu0=0.6, noise=0.0, known=ANYBODY):
         self.nodes, self.ln_mu0 = shape(weights), math.log(mu0)
         self.W, self.push, self.noise = 1e-6, 1.0, noise
-        self.path, self.step = ForcePath(), propagator(1e-3, 100.0, 0.7)
-        self.path.y = math.exp(value(self.nodes, self.W))
+        self.step = propagator(1e-3, 100.0, 0.7)
+        self.y, self.rate = math.exp(value(self.nodes, self.W)), 0.0
         self.random = random.Random(5)
         self.touch = begin(self.felt(LOW), known)
 
@@ -41,7 +42,7 @@ class Bench:
         return math.exp(self.ln_mu0 + value(self.nodes, self.W))
 
     def felt(self, mu_ref):
-        mu = math.exp(self.ln_mu0) * self.path.y + self.random.gauss(0.0, self.noise)
+        mu = math.exp(self.ln_mu0) * self.y + self.random.gauss(0.0, self.noise)
         return Felt(mu, self.noise, self.push * mu * 0.5, 0.0, self.W, mu_ref)
 
     def run(self, ticks, mu_ref):
@@ -52,7 +53,7 @@ class Bench:
             self.touch = follow(self.touch, self.felt(mu_ref(tick) if callable(mu_ref) else mu_ref))
             before, self.W = self.W, min(max(amplitude_asked(self.touch), 0.0), 3e-6)
             ends = [math.exp(value(self.nodes, W)) for W in (before, self.W)]
-            self.path.follow(self.step, [sum(ends) / 2])
+            self.y, self.rate = through_path(self.step, self.y, self.rate, sum(ends) / 2)
         return found
 
     def turn(self):

@@ -12,7 +12,6 @@ from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.friction import sliding_coefficient
-from smarttac_can.plant.mathematics import SCALAR
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import random_subjects
@@ -35,8 +34,7 @@ def fingers():
     found = []
     for subject in random_subjects(20, seed=404):
         high, low = (
-            sliding_coefficient(SCALAR, subject, W, SPEED, FORCE, 0.0, f0=43390.0)
-            for W in (0.4e-6, 2.5e-6)
+            sliding_coefficient(subject, W, SPEED, FORCE, 0.0, f0=43390.0) for W in (0.4e-6, 2.5e-6)
         )
         if high - low > STEP:
             found.append((subject, 0.5 * (high + low - STEP)))
