@@ -308,9 +308,9 @@ class StimulatorBlock:
             STATE for what makes a limit or a watch laxer while armed or running, an auto-zero
             without 64 samples or with a null outside its window, zeros and calibration that would
             hide a force that has latched a fault, simulation objects without the plate inside, an
-            illegal controlword, or emptying the texture that is played; VALUE for a wrong signature,
-            unknown bits of the controlword, limits that contradict each other, or a texture that
-            cannot be played; NO_DATA for playing an empty slot.
+            illegal controlword, or emptying the texture that is played; VALUE for a wrong
+            signature, unknown bits of the controlword, limits that contradict each other, or a
+            texture that cannot be played; NO_DATA for playing an empty slot.
         """
         if self.supervisor.sharp:
             self._stricter.require(entry, value)
