@@ -42,6 +42,8 @@ def on_cluster(
         raise ClusterError("a cluster needs Dask: pip install 'smarttac-can[dask]'")
     distributed = import_module("distributed")
     try:
+        # A client that takes the address for none leaves a complaint behind.
+        distributed.comm.resolve_address(address)
         client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ClusterError(f"no Dask scheduler at {address!r}: {error}") from error
