@@ -60,7 +60,7 @@ def through_nodes(campaign, finger, like, monkeypatch):
             force_variation=CASE.variation,
             speed_variation=CASE.variation,
         )
-        bench.finger.surroundings(seed=finger.noise_seed, dead_time=DEAD_TIME_US)
+        bench.finger.surroundings(seed=finger.noise_seed, drive_instant=DEAD_TIME_US)
         bench.start_run()
         bench.tare()
         bench.frequency = F0
