@@ -170,6 +170,18 @@ LARGEST = {
     ),
 }
 
+TELLS_ITS_SIZE = """
+import atexit, pathlib, re, sys
+size = pathlib.Path(sys.argv.pop(1))
+def tell():
+    status = pathlib.Path("/proc/self/status").read_text()
+    size.write_text(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1])
+atexit.register(tell)
+from smarttac_can.cli import main
+main()
+"""
+# What the system counts for a child holds what the test's own process had when it was forked.
+
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory of a child is in KiB there")
 @pytest.mark.parametrize("command", [("check",), ("doc",), ("dbc",), OTHER_DCF], ids=lambda c: c[0])
@@ -180,14 +192,14 @@ def test_the_largest_files_take_2_s_and_300_mib(
     path = tmp_path / "large.eds"
     path.write_text(content)
     child = subprocess.Popen(
-        [sys.executable, "-m", "smarttac_can", "eds", *command, str(path)],
+        [sys.executable, "-c", TELLS_ITS_SIZE, str(tmp_path / "size"), "eds", *command, str(path)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     _, _, used = os.wait4(child.pid, 0)
     child.returncode = 0
     assert used.ru_utime + used.ru_stime < 2.0
-    assert used.ru_maxrss < 300 * 1024
+    assert int((tmp_path / "size").read_text()) < 300 * 1024
 
 
 OTHERS = [
