@@ -89,6 +89,15 @@ def page(report: dict[str, Any]) -> str:
             ("Mode", "s"),
             *((mode.replace("_", " "), f"{s:.0f}") for mode, s in report["driving_s"].items()),
         ),
+        "Each run draws its laws, and draws them anew with its set-points, while it drives. A "
+        "friction law acts in the modes friction and texture, a vibration law in these two and "
+        "in those of the amplitude.",
+        "",
+        *table(
+            ("Law", "s"),
+            *((f"friction: {law}", f"{s:.0f}") for law, s in report["friction_law_s"].items()),
+            *((f"vibration: {law}", f"{s:.0f}") for law, s in report["vibration_law_s"].items()),
+        ),
         "## Faults",
         "",
         *table(("Fault", "Times"), *((name, str(n)) for name, n in report["faults"].items())),

@@ -48,7 +48,11 @@ _RUN_CYCLES: Final = 400
 """A run that goes on has done so for that long; an identification ends by itself soon after."""
 LEAST_HOLD: Final = 200
 """Cycles at 0 V, which the log leaves out, that are enough to tell its parts."""
-_MODES: Final = {mode.name.lower(): mode for mode in Mode}
+_MODES: Final = {
+    **{mode.name.lower(): mode for mode in Mode},
+    "friction_predictive": Mode.FRICTION,
+}
+"""Modes by what rows call them; the last is under other laws, of which no frame tells."""
 
 
 class DifferenceError(ValueError):
@@ -75,8 +79,7 @@ class _Claim(NamedTuple):
     row: dict[str, Any]
 
     def differs(self, what: str) -> DifferenceError:
-        name = self.mode.name.lower()
-        return DifferenceError(f"row {self.number} ({self.fault}, {name}): {what}")
+        return DifferenceError(f"row {self.number} ({self.fault}, {self.row['mode']}): {what}")
 
 
 def verify_rows(

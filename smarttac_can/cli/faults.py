@@ -27,18 +27,16 @@ from smarttac_can.cli.result_file import (
 )
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.candump import CandumpWriter, read_candump
-from smarttac_can.trials.fault_case import DRIVING
+from smarttac_can.trials.chosen_rows import WAYS, cases
 from smarttac_can.trials.fault_cases import CASES
-from smarttac_can.trials.fault_matrix import HOLD_CYCLES, cases, fault_matrix
+from smarttac_can.trials.fault_matrix import HOLD_CYCLES, fault_matrix
 from smarttac_can.trials.fault_row import FaultRow, rows_as_json
 from smarttac_can.trials.margins import Table, margin_rows
 from smarttac_can.trials.soak import CYCLES_PER_HOUR
 from smarttac_can.trials.soak_parts import parts, soak_in_parts
 from smarttac_can.trials.soak_report import SoakReport
-from smarttac_can.vocabulary.modes import Mode
 
 _NAMES = sorted({case.name for case in CASES})
-_MODES = [mode.name.lower() for mode in DRIVING]
 _ROWS_MAX_BYTES: Final = 4 << 20
 
 
@@ -94,8 +92,8 @@ _jobs_option = click.option(
     "--mode",
     "modes",
     multiple=True,
-    type=click.Choice(_MODES),
-    help="Only in this mode; may be given again.",
+    type=click.Choice(WAYS),
+    help="Only in this mode, or under these laws; may be given again.",
 )
 @click.option(
     "--hold",
@@ -131,6 +129,8 @@ def faults(
 ) -> None:
     """Inject every fault in every mode that drives, and show how soon the plate is at 0 V.
 
+    What acts through the loop comes under the predictive laws as well, as friction_predictive.
+
     Everything is simulated: stimulator, plate and master, on a bus inside the process unless there
     is a --channel. Nothing else may send there. The rows are the same either way.
     """
@@ -139,7 +139,7 @@ def faults(
         _verify(*verify)
         return
     try:
-        chosen = cases(faults_, [Mode[mode.upper()] for mode in modes])
+        chosen = cases(faults_, modes)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
     if channel is not None and jobs not in (None, 1):
@@ -206,8 +206,8 @@ def _verify(log: Path, rows: Path) -> None:
 def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> None:
     """Let everything happen for hours of simulated time, and check every cycle.
 
-    Modes, set-points, fingers, SDO traffic, faults and restarts come at random, in parts of an hour
-    at most. The same seed and time give the same run, whatever the number of processes.
+    Modes, laws, set-points, fingers, SDO traffic, faults and restarts come at random, in parts of
+    an hour at most. The same seed and time give the same run, whatever the number of processes.
     """
     steps = 1000
     with plain_errors(), ExitStack() as stack:
@@ -235,10 +235,19 @@ def _line(row: FaultRow) -> str:
 
 
 def _summary(report: SoakReport) -> str:
+    laws = ", ".join(
+        f"{kind} {law} {seconds:.0f} s"
+        for kind, times in (
+            ("friction", report.friction_law_s),
+            ("vibration", report.vibration_law_s),
+        )
+        for law, seconds in times.items()
+    )
     lines = [
         f"seed {report.seed}: {report.simulated_s:.0f} s simulated in {report.wall_s:.0f} s of a "
         f"process, {report.speed:.1f} times real time",
         f"{report.runs} runs, {sum(report.driving_s.values()):.0f} s of them with a voltage",
+        f"under the laws: {laws}",
         f"{sum(report.faults.values())} faults, {report.latched} of them latched; "
         f"{sum(report.tolerated.values())} tolerated ones",
         f"{report.emergencies} emergency messages, {report.master_restarts} restarts of the "

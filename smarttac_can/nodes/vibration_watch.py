@@ -130,7 +130,8 @@ class VibrationWatch:
         self._above = Lapses()
         self._excess = Lapses()
         self._unseen = Lapses()
-        self._silent = self._lack = self._detuned = 0
+        self._lack = Lapses()
+        self._silent = self._detuned = 0
 
     def note_voltage(self, voltage: float) -> None:
         """Remember the voltage in V that is in force until the next measurement."""
@@ -174,7 +175,7 @@ class VibrationWatch:
         late = self._late_cycles()
         excess = self._excess.share(EXCESS_CYCLES + late)
         none = self._silent / (SILENT_CYCLES + late)
-        lack = self._lack / (LACK_CYCLES + late)
+        lack = self._lack.share(LACK_CYCLES + late)
         return (
             self._above.share(AMPLITUDE_CYCLES),
             max(excess, none, lack),
@@ -198,9 +199,10 @@ class VibrationWatch:
         excess = self._excess.count(amplitude > most * E + _EXCESS_OFFSET, EXCESS_CYCLES + late)
         silent = E > _LOOKED_FOR and amplitude < _SILENCE * E
         self._silent = self._silent + 1 if silent else 0
+        # A loop that is led astray hunts: what is lacking comes and goes with the phase.
         lacking = least > _LOOKED_FOR and amplitude < _LACK * least and not identifying
-        self._lack = self._lack + 1 if lacking else 0
-        return excess or self._silent >= SILENT_CYCLES + late or self._lack >= LACK_CYCLES + late
+        lack = self._lack.count(lacking, LACK_CYCLES + late)
+        return excess or lack or self._silent >= SILENT_CYCLES + late
 
     def _bounds(self, W: complex, amplitude: float, contact: Contact) -> float:
         """Bring the bound from above up to date, and return that from below."""

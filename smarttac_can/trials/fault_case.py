@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.trials.fault_acts import Act
+from smarttac_can.trials.fault_row import mode_name
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import (
     PICKUP,
@@ -67,6 +68,10 @@ class FaultCase(NamedTuple):
     hides_vibration: bool = False
     """Whether the pick-up is broken, so that the plate may vibrate too much until that is seen."""
 
+    through_loop: bool = False
+    """Whether a controller that runs shapes its course, by what it makes of what it measures."""
+    predictive: bool = False
+    """Whether both laws are the predictive ones, and not those of the paper."""
     why: str = ""
     """Why another watchdog is first than the one of the name."""
     uncovered: str = ""
@@ -75,6 +80,10 @@ class FaultCase(NamedTuple):
     def trips(self, mode: Mode) -> Watchdog | None:
         """Return what trips first in a mode."""
         return self.instead.get(mode, self.watchdog)
+
+    def way(self, mode: Mode) -> str:
+        """Name the way to drive: a mode, and the laws where they are not those of the paper."""
+        return mode_name(mode) + ("_predictive" if self.predictive else "")
 
 
 def broken(
@@ -92,4 +101,6 @@ def broken(
         rig.inject(kind, sensor, value)
 
     hides = kind in SENSOR_KINDS and sensor in _PICKUPS
-    return FaultCase(name, bound, watchdog, inject, Rig.mend, hides_vibration=hides, **more)
+    return FaultCase(
+        name, bound, watchdog, inject, Rig.mend, hides_vibration=hides, through_loop=True, **more
+    )

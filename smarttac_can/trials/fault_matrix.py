@@ -14,14 +14,14 @@ from smarttac_can.host.bus import LogHook
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
+from smarttac_can.trials.chosen_rows import PREDICTED, Row
 from smarttac_can.trials.fault_case import FaultCase
-from smarttac_can.trials.fault_cases import CASES, TOLERATED
-from smarttac_can.trials.fault_row import FaultRow, mode_name
+from smarttac_can.trials.fault_cases import CASES
+from smarttac_can.trials.fault_row import FaultRow
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import Rig
-from smarttac_can.trials.weak_pickup import NOT_SEEN
 from smarttac_can.trials.workers import end_with_parent, interrupts_held
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
 
 HOLD_CYCLES: Final = 10_000
@@ -40,6 +40,10 @@ _SETPOINTS: Final = {
     "Setpoint.Amplitude": 1000,
     "Setpoint.COF left": 3500,
     "Setpoint.COF right": 3500,
+}
+_PREDICTIVE: Final = {
+    "Friction law": Law.PREDICTIVE,
+    "Controller.Vibration law": VibrationLaw.PREDICTIVE,
 }
 
 
@@ -69,39 +73,8 @@ class _Peak:
         self.um = max(self.um, abs(self._block.plate.W) * _UM_PER_M)
 
 
-def cases(faults: Sequence[str] = (), modes: Sequence[Mode] = ()) -> list[tuple[FaultCase, Mode]]:
-    """Return every fault with every mode it is injected in.
-
-    Parameters
-    ----------
-    faults, modes
-        Names and modes to keep; all if empty.
-
-    Raises
-    ------
-    ValueError
-        If there is no such fault, or it is injected in none of these modes.
-    """
-    known = {case.name for case in CASES}
-    for name in faults:
-        if name not in known:
-            raise ValueError(f"fault {name!r} is none of {', '.join(sorted(known))}")
-    chosen = [
-        (case, mode)
-        for case in CASES
-        for mode in case.modes
-        if (not faults or case.name in faults) and (not modes or mode in modes)
-    ]
-    found = {case.name for case, _ in chosen}
-    absent = " or ".join(repr(name) for name in faults if name not in found)
-    if absent or not chosen:
-        what = f"fault {absent} is not" if absent else "no fault is"
-        raise ValueError(f"{what} injected in mode {' or '.join(map(mode_name, modes))}")
-    return chosen
-
-
 def fault_matrix(
-    chosen: Sequence[tuple[FaultCase, Mode]],
+    chosen: Sequence[Row],
     *,
     hold: int = HOLD_CYCLES,
     log: LogHook | None = None,
@@ -142,9 +115,7 @@ _Result = tuple[FaultRow, list[tuple[int, Frame]], int]
 """A row, its frames with their times in us, and the time at its end."""
 
 
-def _results(
-    chosen: Sequence[tuple[FaultCase, Mode]], hold: int, jobs: int, channel: str | None
-) -> Iterator[_Result]:
+def _results(chosen: Sequence[Row], hold: int, jobs: int, channel: str | None) -> Iterator[_Result]:
     if jobs == 1:
         for case, mode in chosen:
             yield _row(case, mode, hold, channel)
@@ -153,7 +124,10 @@ def _results(
     pool = ProcessPoolExecutor(jobs, get_context("spawn"), end_with_parent)
     try:
         with interrupts_held():
-            rows = [pool.submit(_row_by_name, case.name, mode, hold) for case, mode in chosen]
+            rows = [
+                pool.submit(_row_by_name, case.name, case.predictive, mode, hold)
+                for case, mode in chosen
+            ]
         rows.reverse()
         while rows:
             yield rows.pop().result()
@@ -163,8 +137,8 @@ def _results(
             pool.shutdown(cancel_futures=True)
 
 
-def _row_by_name(name: str, mode: Mode, hold: int) -> _Result:
-    return _row(_BY_NAME[name], mode, hold, None)
+def _row_by_name(name: str, predictive: bool, mode: Mode, hold: int) -> _Result:
+    return _row(_BY_NAME[name, predictive], mode, hold, None)
 
 
 def _row(case: FaultCase, mode: Mode, hold: int, channel: str | None) -> _Result:
@@ -191,13 +165,13 @@ def _row_of(case: FaultCase, mode: Mode, hold: int, wire: SocketCanWire | None) 
         dict.fromkeys(f"{emcy.code:04X}h" for emcy in rig.emergencies[seen:] if emcy.code)
     )
     log.on = False
-    seed = crc32(f"{case.name}, {mode_name(mode)}".encode())
+    seed = crc32(f"{case.name}, {case.way(mode)}".encode())
     at_zero = _cycles_at_zero(rig, hold, MasterTraffic(rig, seed, commands=not case.forgets))
     log.on = True
     recovered = _recovers(rig, case, mode)
     row = FaultRow(
         fault=case.name,
-        mode=mode_name(mode),
+        mode=case.way(mode),
         voltage_before_v=round(before, 2),
         detection_bound_cycles=case.bound,
         cycles_to_zero=cycles_to_zero,
@@ -219,7 +193,7 @@ def driving_rig(
     """Return a rig that drives in a mode, just before the fault."""
     rig = Rig(plate_inside=case.plate_inside, log=log, wire=wire)
     rig.start()
-    begin_run(rig, mode)
+    begin_run(rig, case, mode)
     if case.prepare is not None:
         case.prepare(rig)
         rig.cycle(2)
@@ -228,9 +202,9 @@ def driving_rig(
     return rig
 
 
-def begin_run(rig: Rig, mode: Mode) -> None:
-    """Write set-points, and begin a run that a mode may drive in."""
-    for name, raw in _SETPOINTS.items():
+def begin_run(rig: Rig, case: FaultCase, mode: Mode) -> None:
+    """Write set-points and laws, and begin a run that a mode may drive in."""
+    for name, raw in (_SETPOINTS | _PREDICTIVE if case.predictive else _SETPOINTS).items():
         rig.write(name, raw)
     rig.start_run(touch=mode is not Mode.IDENTIFY)
 
@@ -265,7 +239,7 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
     try:
         rig.configure()
         rig.cycle(_SETTLE)
-        begin_run(rig, mode)
+        begin_run(rig, case, mode)
         if rig.state is State.FAULT:
             rig.reset_fault()
         else:
@@ -294,8 +268,4 @@ def reached_unseen(case: FaultCase, mode: Mode) -> float | None:
     return reached.um if rig.state is State.RUNNING else None
 
 
-_BY_NAME: Final = {case.name: case for case in CASES}
-ALL_NOT_SEEN: Final = tuple((case, mode) for case in NOT_SEEN for mode in case.modes)
-"""Every fault that is not seen, with every mode."""
-ALL_TOLERATED: Final = tuple((case, mode) for case in TOLERATED for mode in case.modes)
-"""Every fault that must not end a run, with every mode."""
+_BY_NAME: Final = {(case.name, case.predictive): case for case in (*CASES, *PREDICTED)}

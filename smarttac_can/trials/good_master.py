@@ -20,6 +20,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import Entry
 from smarttac_can.trials.fault_case import REGULATED
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
 from smarttac_can.vocabulary.states import State
 
 REST_CYCLES: Final = 100
@@ -27,13 +28,16 @@ REST_CYCLES: Final = 100
 _LOOK_CYCLES: Final = 10
 _FINGER_MN: Final = 500
 _NO_SETTING: Final = ("Simulation", "Fault", "AI auto-zero")
-_SETPOINTS: Final = {
+_DRAWN: Final = {
     "Setpoint.Voltage": (1000, 5000),
     "Setpoint.Frequency": (4_334_000, 4_344_000),
     "Setpoint.Amplitude": (300, 1800),
     "Setpoint.COF left": (2500, 6000),
     "Setpoint.COF right": (2500, 6000),
+    "Friction law": (min(Law), max(Law)),
+    "Controller.Vibration law": (min(VibrationLaw), max(VibrationLaw)),
 }
+"""What is drawn for each run, laws as well."""
 
 
 class GoodMaster:
@@ -47,7 +51,7 @@ class GoodMaster:
     rig
         Its pair, started.
     draw
-        Of modes and set-points.
+        Of modes, laws and set-points.
 
     Attributes
     ----------
@@ -101,7 +105,7 @@ class GoodMaster:
         rig, draw = self._rig, self._draw
         self._repair()
         rig.write("Controlword", 0)
-        for name, (low, high) in _SETPOINTS.items():
+        for name, (low, high) in _DRAWN.items():
             rig.write(name, draw.randint(low, high))
         rig.drive(draw.choice(REGULATED))
         self.arms += 1
@@ -126,11 +130,12 @@ class GoodMaster:
 
 
 def _is_setting(entry: Entry) -> bool:
-    """Tell whether an entry configures a node; what RPDOs bring does not."""
+    """Tell whether an entry configures a node; what RPDOs bring or a run draws does not."""
     named = entry.name.partition(".")[0] in _NO_SETTING
     return (
         entry.access == "rw"
         and 0 < entry.size <= EXPEDITED_BYTES
         and entry.index != ERROR_FIELD
+        and entry.name not in _DRAWN
         and not named
     )

@@ -11,6 +11,7 @@ from zlib import crc32
 
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
+from smarttac_can.trials.driven_time import DrivenTime
 from smarttac_can.trials.fault_case import DRIVING, FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
 from smarttac_can.trials.invariants import Invariants
@@ -20,7 +21,7 @@ from smarttac_can.trials.process_size import SAMPLE_CYCLES, ProcessSize
 from smarttac_can.trials.rig import PLATE_LOST_MS, Rig
 from smarttac_can.trials.soak_report import SoakReport
 from smarttac_can.trials.trip_cause import TripCause
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
@@ -67,7 +68,7 @@ class Soak:
         self._size = ProcessSize()
         self._report = SoakReport(seed)
         self._mode = Mode.OPEN_LOOP
-        self._driven = dict.fromkeys(DRIVING, 0)
+        self._driven = DrivenTime(rig)
         self._faults: Counter[str] = Counter()
         self._tolerated: Counter[str] = Counter()
         self._tripped_by: Counter[str] = Counter()
@@ -95,9 +96,9 @@ class Soak:
             if self._progress is not None:
                 self._progress(min(1.0, rig.cycles / self._length))
         report.simulated_s = rig.cycles * 1e-3
-        report.driving_s = {
-            mode.name.lower(): round(count * 1e-3, 3) for mode, count in self._driven.items()
-        }
+        report.driving_s = self._driven.by_mode()
+        report.friction_law_s = self._driven.by_friction_law()
+        report.vibration_law_s = self._driven.by_vibration_law()
         report.faults = dict(sorted(self._faults.items()))
         report.tolerated = dict(sorted(self._tolerated.items()))
         report.tripped = dict(sorted(self._tripped_by.items()))
@@ -145,7 +146,7 @@ class Soak:
             self._look_closer()
         voltage = self._rig.stage.value
         if voltage:
-            self._driven[self._mode] += 1
+            self._driven.count(self._mode)
         self._check_sum = crc32(voltage.to_bytes(4, "little"), self._check_sum)
         if self._rig.cycles % SAMPLE_CYCLES == 0:
             self._size.sample()
@@ -182,12 +183,15 @@ class Soak:
         self._report.runs += 1
 
     def _draw_setpoints(self) -> None:
+        """Draw set-points and laws, which may also change while a run drives."""
         rig, draw = self._rig, self._random
         rig.write("Setpoint.Voltage", draw.randint(1000, 5000))
         rig.write("Setpoint.Frequency", 4_339_000 + draw.randint(-5000, 5000))
         rig.write("Setpoint.Amplitude", draw.randint(300, 1800))
         for side in ("left", "right"):
             rig.write(f"Setpoint.COF {side}", draw.randint(2500, 6000))
+        rig.write("Friction law", draw.choice(tuple(Law)))
+        rig.write("Controller.Vibration law", draw.choice(tuple(VibrationLaw)))
 
     def _touch(self) -> None:
         """Let a finger stroke under other set-points, while the master asks a lot."""
@@ -229,12 +233,14 @@ class Soak:
         if not self._rig.stage.value:
             return
         invariants = self._invariants
-        self._faults[case.name] += 1
         invariants.stage_is_broken = case.breaks_stage
         invariants.deaf = case.deaf
         invariants.hidden_cycles = case.bound if case.hides_vibration else 0
         case.inject(self._rig)
-        self._wait(case)
+        if not self._wait(case):
+            self._mend(case)
+            return
+        self._faults[case.name] += 1
         if self._rig.stage.value:
             invariants.violate(f"{case.name}: {self._rig.stage.si_value:g} V too late")
         self._cycle(self._random.randint(20, 400), traffic=0.2)
@@ -242,17 +248,18 @@ class Soak:
             self._report.latched += 1
         self._mend(case)
 
-    def _wait(self, case: FaultCase) -> None:
-        """Let a fault have the time that it may take until 0 V."""
+    def _wait(self, case: FaultCase) -> bool:
+        """Let a fault have the time that it may take until 0 V; tell whether it could show."""
         rig, left = self._rig, case.bound + 1
         if not case.needs_voltage:
             self._cycle(left)
-            return
+            return True
         for _ in range(_PATIENCE_CYCLES):
             if not left or rig.state is not State.RUNNING:
-                return
+                return True
             self._cycle(1)
             left -= rig.stage.si_value >= _SHOWING_V
+        return False
 
     def _mend(self, case: FaultCase) -> None:
         case.remove(self._rig)

@@ -22,6 +22,10 @@ class SoakReport:
     violations: list[str] = field(default_factory=list)
     runs: int = 0
     driving_s: dict[str, float] = field(default_factory=dict)
+    friction_law_s: dict[str, float] = field(default_factory=dict)
+    """Seconds with a voltage by friction law, in the modes in which one acts."""
+    vibration_law_s: dict[str, float] = field(default_factory=dict)
+    """The same by vibration law."""
     faults: dict[str, int] = field(default_factory=dict)
     """How often each fault was injected, all while driving."""
     latched: int = 0
@@ -74,9 +78,9 @@ def merged(reports: Sequence[SoakReport]) -> SoakReport:
             for line in r.violations
         ][:MOST_VIOLATIONS],
         runs=sum(r.runs for r in reports),
-        driving_s={
-            mode: round(sum(r.driving_s[mode] for r in reports), 3) for mode in reports[0].driving_s
-        },
+        driving_s=_seconds([r.driving_s for r in reports]),
+        friction_law_s=_seconds([r.friction_law_s for r in reports]),
+        vibration_law_s=_seconds([r.vibration_law_s for r in reports]),
         faults=_sum([r.faults for r in reports]),
         latched=sum(r.latched for r in reports),
         tripped=_sum([r.tripped for r in reports]),
@@ -89,6 +93,10 @@ def merged(reports: Sequence[SoakReport]) -> SoakReport:
         fingerprint=f"{crc32(' '.join(r.fingerprint for r in reports).encode()):08x}",
         wall_s=round(sum(r.wall_s for r in reports), 2),
     )
+
+
+def _seconds(times: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {name: round(sum(time[name] for time in times), 3) for name in times[0]}
 
 
 def _sum(counts: Sequence[dict[str, int]]) -> dict[str, int]:

@@ -20,10 +20,8 @@ from smarttac_can.vocabulary.watchdogs import LACK_CYCLES, RESONANCE_CYCLES, Wat
 _PER_MILLE: Final = 1000
 _NAMES: Final = {PICKUP: "pick-up", PICKUP_D: "pick-up d", PICKUP_Q: "pick-up q"}
 LACK_BOUND: Final = 2 * LACK_CYCLES + RING_DOWN_CYCLES
-"""A friction loop that pauses begins the count of a lack anew, but not for longer."""
+"""A friction loop that pauses interrupts a lack, but not for longer."""
 _FIXED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
-_STEADY: Final = tuple(mode for mode in REGULATED if mode is not Mode.TEXTURE)
-"""Modes whose vibration lasts: under a texture each groove begins the count of a lack anew."""
 _BY_AMPLITUDE: Final = {
     Mode.AMPLITUDE: Watchdog.UNSEEN,
     Mode.AMPLITUDE_RESONANCE: Watchdog.UNSEEN,
@@ -61,7 +59,7 @@ WEAK_PICKUP: Final = (
     _weak(PICKUP, 100, instead=_BY_AMPLITUDE),
     _weak(PICKUP, 200, instead=_BY_AMPLITUDE),
     _weak(PICKUP, 300),
-    _weak(PICKUP, 400, _STEADY),
+    _weak(PICKUP, 400),
     _weak(PICKUP_D, 50, _FIXED),
     _weak(PICKUP_D, 100, _FIXED, _BY_AMPLITUDE),
     _weak(PICKUP_D, 200, _FIXED, _BY_AMPLITUDE),
@@ -69,15 +67,13 @@ WEAK_PICKUP: Final = (
     _detuned(100, {}),
     _detuned(200, {}),
     _weak(PICKUP_D, 300),
-    _weak(PICKUP_D, 400, _STEADY),
+    _weak(PICKUP_D, 400),
 )
 """Losses of gain that end a run."""
 NOT_SEEN: Final = (
-    _weak(PICKUP, 400, (Mode.TEXTURE,)),
     *(_weak(PICKUP, per_mille) for per_mille in (500, 600, 700, 800, 900)),
-    _weak(PICKUP_D, 400, (Mode.TEXTURE,)),
     *(_weak(PICKUP_D, per_mille) for per_mille in (500, 600, 700, 800, 900)),
     *(_weak(PICKUP_Q, per_mille) for per_mille in (50, 300, 600, 900)),
 )
-"""Losses that a finger of unknown damping explains as well, that the vibration does not show, or
-that a texture interrupts: what is left when all is watched."""
+"""Losses that a finger of unknown damping explains as well, or that the vibration does not show:
+what is left when all is watched."""

@@ -9,8 +9,9 @@ from smarttac_can.audit import DifferenceError, verify_rows
 from smarttac_can.audit.fault_rows import NOT_SHOWN
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
+from smarttac_can.trials.chosen_rows import cases
 from smarttac_can.trials.fault_cases import CASES
-from smarttac_can.trials.fault_matrix import cases, fault_matrix
+from smarttac_can.trials.fault_matrix import fault_matrix
 from smarttac_can.trials.fault_row import rows_as_json
 from smarttac_can.vocabulary.modes import Mode
 
@@ -24,7 +25,7 @@ SYNC, STAGE, DRIVE, STATUS, EMCY = 0x080, 0x4A1, 0x221, 0x1A0, 0x0A0
 @pytest.fixture(scope="module")
 def made() -> tuple[Log, Rows]:
     log: Log = []
-    chosen = [pair for name in FAULTS for pair in cases([name], [Mode.AMPLITUDE])]
+    chosen = [pair for name in FAULTS for pair in cases([name], ["amplitude"])]
     rows = list(fault_matrix(chosen, hold=200, log=lambda *frame: log.append(frame)))
     return log, [row | {"emcy_codes": list(row["emcy_codes"])} for row in rows_as_json(rows)]
 

@@ -213,14 +213,28 @@ def test_45_degrees_are_tuned_and_a_tuned_cycle_begins_the_count_anew() -> None:
     assert cycles_to(RESONANCE, watch, turned(2.0, 60), mode=TRACKED) == 100
 
 
-def test_a_cycle_that_is_sound_begins_the_counts_of_too_little_anew() -> None:
-    for um, most in ((0.1, 10), (1.0, 20)):
-        watch = settled(watch_of(), 5.0)
-        for at in range(4 * most):
-            watch.note_voltage(100.0)
-            read = 5.0 if at % most == most - 1 else um
-            assert not watch.look(read * 1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP
-        assert cycles_to(PICKUP, watch, um) == most
+def reads(watch: VibrationWatch, *um: float) -> list[bool]:
+    """Whether the watch trips at each of these readings under 100 V."""
+    tripped = []
+    for reading in um:
+        watch.note_voltage(100.0)
+        tripped.append(bool(watch.look(reading * 1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP))
+    return tripped
+
+
+def test_a_cycle_that_is_sound_begins_the_count_of_nothing_anew() -> None:
+    watch = settled(watch_of(), 5.0)
+    assert not any(reads(watch, *[0.1] * 9, 5.0, *[0.1] * 9))
+    watch = settled(watch_of(), 5.0)
+    assert reads(watch, *[0.1] * 10) == [False] * 9 + [True]
+
+
+def test_too_little_that_comes_and_goes_is_counted_and_forgotten_after_20_sound_cycles() -> None:
+    watch = settled(watch_of(), 5.0)
+    # 19 and a sound one leave 18.95 of 20: the second cycle after it is the fault.
+    assert reads(watch, *[1.0] * 19, 5.0, 1.0, 1.0) == [False] * 21 + [True]
+    watch = settled(watch_of(), 5.0)
+    assert not any(reads(watch, *([1.0] + [5.0] * 20) * 30))
 
 
 def test_a_watch_that_was_reset_has_seen_nothing() -> None:

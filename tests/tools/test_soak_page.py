@@ -25,6 +25,8 @@ def report() -> dict[str, Any]:
         seed=3,
         simulated_s=86_401.5,
         driving_s={"open_loop": 120.4},
+        friction_law_s={"predictive": 60.2},
+        vibration_law_s={"pi": 80.6},
         faults={"S1 dead": 7},
         tripped={"vibration above its limit": 5},
         margins=margins,
@@ -51,6 +53,8 @@ def test_page_of_a_report(page: Callable[[dict[str, Any]], str], report: dict[st
         "| Watch | Level | off | amplitude resonance |",
         "| nmt | event |  |  |",
         "| gauges | cycles with a contradiction, of what is a fault | 0.00 | 0.33 |",
+        "| friction: predictive | 60 |",
+        "| vibration: pi | 81 |",
         "| S1 dead | 7 |",
     ):
         assert line in lines

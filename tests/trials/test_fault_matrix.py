@@ -10,10 +10,16 @@ from smarttac_can.audit import verify_rows
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import EMCY_ID, RPDO_IDS, SYNC_ID
-from smarttac_can.trials.fault_case import DRIVING, REGULATED, FaultCase
-from smarttac_can.trials.fault_cases import CASES, TOLERATED
-from smarttac_can.trials.fault_matrix import (
+from smarttac_can.trials.chosen_rows import (
+    ALL_NOT_SEEN,
+    ALL_TOLERATED,
+    PREDICTED,
+    WAYS,
     cases,
+)
+from smarttac_can.trials.fault_case import DRIVING, FaultCase
+from smarttac_can.trials.fault_cases import CASES
+from smarttac_can.trials.fault_matrix import (
     driving_rig,
     fault_matrix,
     reached_unseen,
@@ -27,15 +33,20 @@ from smarttac_can.vocabulary.states import State
 
 HOLD = 200
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
-SAMPLE = [(case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES)]
+SAMPLE = [
+    *((case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES)),
+    *((case, Mode.FRICTION) for case in PREDICTED[::5]),
+]
 
 
-def one(name: str, mode: Mode) -> FaultRow:
-    (row,) = fault_matrix(cases([name], [mode]), hold=HOLD)
+def one(name: str, way: str) -> FaultRow:
+    (row,) = fault_matrix(cases([name], [way]), hold=HOLD)
     return row
 
 
-@pytest.mark.parametrize(("case", "mode"), SAMPLE, ids=[case.name for case, _ in SAMPLE])
+@pytest.mark.parametrize(
+    ("case", "mode"), SAMPLE, ids=[f"{case.name}, {case.way(mode)}" for case, mode in SAMPLE]
+)
 def test_fault_ends_in_0_v_in_time_and_recovers(case: FaultCase, mode: Mode) -> None:
     frames: list[tuple[int, Frame]] = []
     (row,) = fault_matrix([(case, mode)], hold=HOLD, log=lambda *frame: frames.append(frame))
@@ -75,7 +86,7 @@ def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(mo
 def test_the_time_of_a_fault_is_before_what_it_does() -> None:
     frames: list[tuple[int, Frame]] = []
     (row,) = fault_matrix(
-        cases(["NMT stop"], [Mode.AMPLITUDE]),
+        cases(["NMT stop"], ["amplitude"]),
         hold=HOLD,
         log=lambda time, frame: frames.append((time, frame)),
     )
@@ -84,7 +95,7 @@ def test_the_time_of_a_fault_is_before_what_it_does() -> None:
 
 
 def test_a_row_that_is_not_covered_says_so_and_is_not_over_its_bound() -> None:
-    row = one("plate paused for 2 s", Mode.AMPLITUDE)
+    row = one("plate paused for 2 s", "amplitude")
     assert not row.covered
     assert "| not covered | 0 |" in list(matrix_table([row]))[2]
     assert replace(row, cycles_to_zero=9).passed
@@ -113,27 +124,43 @@ def test_where_another_watchdog_is_first_it_says_why() -> None:
     assert all(case.why for case in CASES if case.instead)
 
 
-@pytest.mark.parametrize("case", TOLERATED, ids=[case.name for case in TOLERATED])
-def test_mishap_does_not_end_a_run(case: FaultCase) -> None:
-    assert tolerated(case, Mode.FRICTION)
+@pytest.mark.parametrize("way", ["friction", "friction_predictive"])
+def test_mishap_does_not_end_a_run(way: str) -> None:
+    given = [(case, mode) for case, mode in ALL_TOLERATED if case.way(mode) == way]
+    assert len(given) == 6
+    for case, mode in given:
+        assert tolerated(case, mode), case.name
 
 
 def test_every_fault_is_on_the_page_in_each_of_its_modes() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for case, mode in cases():
-        assert f"| {case.name} | {mode.name.lower().replace('_', ' ')} |" in page
+        assert f"| {case.name} | {case.way(mode).replace('_', ' ')} |" in page
 
 
 def test_every_driving_mode_is_there_for_most_faults() -> None:
     assert len(cases()) >= 200
     assert {mode for _, mode in cases()} == set(DRIVING)
+    assert {case.way(mode) for case, mode in cases()} == set(WAYS)
     assert len({case.name for case in CASES}) == len(CASES)
+
+
+def test_what_acts_through_the_loop_is_also_there_under_the_predictive_laws() -> None:
+    rows = cases([], ["friction_predictive"])
+    names = {case.name for case, _ in rows}
+    assert len(names) == len(rows) == 54
+    assert {"S1 dead", "pick-up d at 0.1, tracked", "thermometer jumps", "drives lost"} <= names
+    assert not names & {"NMT stop", "bus-off", "another plate", "S3 saturated, plate inside"}
+    for case, mode in rows[:2]:
+        rig = driving_rig(case, mode)
+        chosen = [rig.od[name].value for name in ("Friction law", "Controller.Vibration law")]
+        assert chosen == [3, 2]
 
 
 def test_row_can_be_checked_from_the_log() -> None:
     frames: list[tuple[int, Frame]] = []
     (row,) = fault_matrix(
-        cases(["S3 stuck"], [Mode.AMPLITUDE]),
+        cases(["S3 stuck"], ["amplitude"]),
         hold=HOLD,
         log=lambda time, frame: frames.append((time, frame)),
     )
@@ -156,24 +183,24 @@ def test_row_can_be_checked_from_the_log() -> None:
     assert codes[0] == row.emcy_code
 
 
-@pytest.mark.parametrize("mode", REGULATED)
-def test_what_is_not_seen_goes_on_and_reaches_the_setpoint_over_the_gain(mode: Mode) -> None:
-    for case in [case for case in NOT_SEEN if mode in case.modes]:
+@pytest.mark.parametrize("way", [way for way in WAYS if way != "identify"])
+def test_what_is_not_seen_goes_on_and_reaches_the_setpoint_over_the_gain(way: str) -> None:
+    for case, mode in [(case, mode) for case, mode in ALL_NOT_SEEN if case.way(mode) == way]:
         reached = reached_unseen(case, mode)
         assert reached is not None
         gain = 1.0 if "q" in case.name else float(case.name.rpartition(" ")[2])
-        most = {Mode.OPEN_LOOP: 1.2, Mode.FRICTION: 3.0, Mode.TEXTURE: 3.0}.get(mode, 1.02 / gain)
+        asked = 1.7 if case.predictive else 1.02
+        most = {"open_loop": 1.2, "friction": 3.0, "texture": 3.0}.get(way, asked / gain)
         assert 0.9 < reached < most
 
 
-def test_the_gains_that_are_not_seen_are_these_and_0_4_under_a_texture_alone() -> None:
-    both = [f"pick-up at {gain}" for gain in (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)]
-    along = [f"pick-up d at {gain}" for gain in (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)]
+def test_the_gains_that_are_not_seen_are_these() -> None:
+    both = [f"pick-up at {gain}" for gain in (0.5, 0.6, 0.7, 0.8, 0.9)]
+    along = [f"pick-up d at {gain}" for gain in (0.5, 0.6, 0.7, 0.8, 0.9)]
     across = [f"pick-up q at {gain}" for gain in (0.05, 0.3, 0.6, 0.9)]
     assert [case.name for case in NOT_SEEN] == both + along + across
     for case in NOT_SEEN:
-        of_texture_alone = case.name.endswith("at 0.4")
-        assert [int(mode) for mode in case.modes] == [6] if of_texture_alone else [1, 2, 3, 4, 6]
+        assert [int(mode) for mode in case.modes] == [1, 2, 3, 4, 6]
 
 
 @pytest.mark.parametrize(
@@ -193,7 +220,8 @@ def test_a_gain_is_lost_by_what_its_name_says(name: str, sensor: int, per_mille:
 
 
 def test_rows_repeat() -> None:
-    assert one("measurements corrupt", Mode.FRICTION) == one("measurements corrupt", Mode.FRICTION)
+    for way in ("friction", "friction_predictive"):
+        assert one("S3 stuck", way) == one("S3 stuck", way)
 
 
 def test_fault_that_goes_unnoticed_fails_its_row() -> None:
@@ -232,9 +260,9 @@ def test_unknown_fault_and_empty_choice_are_refused() -> None:
         ValueError,
         match="fault 'resonance out of reach' is not injected in mode open_loop or identify",
     ):
-        cases(["resonance out of reach", "NMT stop"], [Mode.OPEN_LOOP, Mode.IDENTIFY])
+        cases(["resonance out of reach", "NMT stop"], ["open_loop", "identify"])
     with pytest.raises(ValueError, match="no fault is injected in mode off"):
-        cases([], [Mode.OFF])
+        cases([], ["off"])
 
 
 def test_table_says_never_and_none() -> None:

@@ -37,6 +37,8 @@ def report(seed: int, **more: object) -> SoakReport:
         "violated": 0,
         "runs": 2,
         "driving_s": {"open_loop": 0.25, "friction": 0.5},
+        "friction_law_s": {"measured": 0.125, "predictive": 0.375},
+        "vibration_law_s": {"pi": 0.5, "predictive": 0.0},
         "faults": {"S1 dead": 1},
         "latched": 1,
         "tripped": {},
@@ -66,6 +68,8 @@ def test_reports_are_added_up() -> None:
     assert (both.runs, both.latched, both.emergencies) == (4, 2, 6)
     assert (both.master_restarts, both.transfers) == (2, 8)
     assert both.driving_s == {"open_loop": 0.5, "friction": 1.0}
+    assert both.friction_law_s == {"measured": 0.25, "predictive": 0.75}
+    assert both.vibration_law_s == {"pi": 1.0, "predictive": 0.0}
     assert list(both.faults.items()) == [("S1 dead", 3), ("bus-off", 1)]
     assert both.tripped == {"a": 2, "b": 2}
     assert both.tolerated == {"drives twice": 2}

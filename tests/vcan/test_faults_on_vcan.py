@@ -18,7 +18,8 @@ from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.od.cia import EMCY_ID, SYNC_ID
-from smarttac_can.trials.fault_matrix import cases, fault_matrix
+from smarttac_can.trials.chosen_rows import cases
+from smarttac_can.trials.fault_matrix import fault_matrix
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
 from smarttac_can.vocabulary.states import State
@@ -48,7 +49,7 @@ FAULTS = {
 
 @pytest.mark.parametrize(("name", "mode"), ROWS, ids=[name for name, _ in ROWS])
 def test_row_of_the_fault_matrix_is_the_same(name: str, mode: Mode) -> None:
-    chosen = cases([name], [mode])
+    chosen = cases([name], [mode.name.lower()])
     carried = list(fault_matrix(chosen, hold=HOLD_CYCLES, channel=CHANNEL))
     assert carried == list(fault_matrix(chosen, hold=HOLD_CYCLES))
     assert carried[0].passed
