@@ -68,6 +68,8 @@ class FaultCase(NamedTuple):
     hides_vibration: bool = False
     """Whether the pick-up is broken, so that the plate may vibrate too much until that is seen."""
 
+    detunes: bool = False
+    """Whether it may lead a resonance loop astray, whose wrong phase then ends the run later."""
     through_loop: bool = False
     """Whether a controller that runs shapes its course, by what it makes of what it measures."""
     predictive: bool = False

@@ -12,7 +12,7 @@ from zlib import crc32
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.trials.driven_time import DrivenTime
-from smarttac_can.trials.fault_case import DRIVING, FaultCase
+from smarttac_can.trials.fault_case import DRIVING, TRACKED, FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
 from smarttac_can.trials.invariants import Invariants
 from smarttac_can.trials.margins import Margins
@@ -23,7 +23,7 @@ from smarttac_can.trials.soak_report import SoakReport
 from smarttac_can.trials.trip_cause import TripCause
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import RESONANCE_CYCLES, Watchdog
 
 CYCLES_PER_HOUR: Final = 3_600_000
 _READY_CYCLES: Final = 5
@@ -235,7 +235,7 @@ class Soak:
         invariants = self._invariants
         invariants.stage_is_broken = case.breaks_stage
         invariants.deaf = case.deaf
-        invariants.hidden_cycles = case.bound if case.hides_vibration else 0
+        invariants.hidden_cycles = self._bound(case) if case.hides_vibration else 0
         case.inject(self._rig)
         if not self._wait(case):
             self._mend(case)
@@ -248,9 +248,14 @@ class Soak:
             self._report.latched += 1
         self._mend(case)
 
+    def _bound(self, case: FaultCase) -> int:
+        """Return the cycles to the detection: with small set-points a phase may be led astray."""
+        astray = case.detunes and self._mode in TRACKED
+        return case.bound + RESONANCE_CYCLES * astray
+
     def _wait(self, case: FaultCase) -> bool:
         """Let a fault have the time that it may take until 0 V; tell whether it could show."""
-        rig, left = self._rig, case.bound + 1
+        rig, left = self._rig, self._bound(case) + 1
         if not case.needs_voltage:
             self._cycle(left)
             return True

@@ -38,7 +38,7 @@ def _weak(
     name = f"{_NAMES[sensor]} at {per_mille / _PER_MILLE:g}"
     return broken(
         name, LACK_BOUND, Watchdog.PICKUP, FaultKind.GAIN, sensor, per_mille,
-        modes=modes, instead=instead, needs_voltage=True,
+        modes=modes, instead=instead, needs_voltage=True, detunes=sensor == PICKUP_D,
         why="the loop drives the plate beyond what it may reach before the lack has lasted"
         if instead else "",
     )  # fmt: skip
