@@ -55,7 +55,14 @@ def run(page: Path, names: dict[str, Any], request: pytest.FixtureRequest) -> No
             if name.startswith("test_"):
                 test = names[name]
                 fixtures = inspect.signature(test).parameters
-                test(**{fixture: request.getfixturevalue(fixture) for fixture in fixtures})
+                test(**{fixture: fresh(fixture, request) for fixture in fixtures})
+
+
+def fresh(fixture: str, request: pytest.FixtureRequest) -> Any:
+    """Return a fixture as pytest gives it to each of several tests."""
+    if fixture == "stimulator":
+        return request.getfixturevalue("make_stimulator")()
+    return request.getfixturevalue(fixture)
 
 
 @pytest.mark.parametrize("page", ALONE, ids=[page.stem for page in ALONE])
@@ -90,18 +97,25 @@ def test_page(
         assert printed.endswith(shown)
 
 
-def test_the_model_that_the_page_of_bench_scripts_shows_is_that_of_a_new_simulation() -> None:
+def test_the_page_of_bench_scripts_shows_the_model_and_the_load_of_a_new_simulation(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     page = (ROOT / "docs" / "how-to" / "bench-scripts.md").read_text("utf-8")
     shown = re.search(r"^# (\d.*) nm/V, (\d.*) ms, (\d.*) Hz$", page, re.MULTILINE)
     assert shown is not None
+    blocks = BLOCK.findall(page)
+    (identify,) = (block for block in blocks if "stimulator.identify()" in block)
+    (press,) = (block for block in blocks if "load_of_press" in block)
+    load = re.search(r'print\(f"{load:.2f}"\)  # (\d.*)$', press, re.MULTILINE)
+    assert load is not None
     with Stimulator.simulate() as bench:
-        bench.tare()
-        model = bench.identify()
-    assert shown.groups() == (
-        f"{model.gain * 1e9:.2f}",
-        f"{model.tau * 1e3:.4f}",
-        f"{model.f0:.0f}",
-    )
+        names = {"stimulator": bench}
+        exec(identify, names)
+        exec(press, names)
+    assert capsys.readouterr().out.splitlines() == [
+        "{} nm/V, {} ms, {} Hz".format(*shown.groups()),
+        load[1],
+    ]
 
 
 @pytest.fixture
