@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from smarttac_can.cli import main
 from smarttac_can.paper.summary import summary
 
 COMMANDS = sorted(main.commands)
+FIRST_RUN = Path(__file__).parents[2] / "docs" / "tutorial" / "first-run.md"
 
 
 def paths(group: click.Group, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -307,5 +309,7 @@ def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         *("index.html", "results.json", "traces.csv", "candump.log"),
         *(f"fig{n}.png" for n in (2, 3, 5, 6, 7)),
     }
-    assert "5 % response time, both loops" in result.stdout
+    shown = re.findall(r"^.*  inside$", FIRST_RUN.read_text("utf-8"), re.MULTILINE)
+    assert len(shown) == 3
+    assert set(shown) <= set(result.stdout.splitlines())
     assert "dead time 0 us" in result.stdout
