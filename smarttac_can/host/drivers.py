@@ -34,7 +34,18 @@ _PACKAGES: Final = {
 """Packages by interface, as the extras of python-can 4.6 name them."""
 _OF_ALL: Final = ("can_filters", "config_context", "fd", "ignore_config", "timing")
 """What python-can itself takes."""
-_NO_ROUTE: Final = (errno.ENODEV, errno.ENETUNREACH, errno.EADDRNOTAVAIL)
+_NO_ROUTE: Final = (
+    "no route to the group: ip link set lo up; for IPv4 ip route add 239.0.0.0/8 dev lo"
+)
+_BY_NUMBER: Final[dict[tuple[str | None, int | None], str]] = {
+    ("socketcan", errno.EAFNOSUPPORT): "this kernel has no SocketCAN; udp_multicast needs none",
+    ("socketcan", errno.ENODEV): "there is no such interface; ip link lists those there are",
+    ("udp_multicast", errno.ENODEV): _NO_ROUTE,
+    ("udp_multicast", errno.ENETUNREACH): _NO_ROUTE,
+    ("udp_multicast", errno.EADDRNOTAVAIL): _NO_ROUTE,
+    ("udp_multicast", errno.EINVAL): "the channel has to be a group, such as 239.74.163.2",
+}
+"""What the system's refusal means, by interface."""
 _MAKERS: Final = {
     "etas": "BOA of ETAS",
     "ixxat": "VCI of HMS",
@@ -88,11 +99,9 @@ def cure(interface: str | None, error: BaseException) -> str:
     package = _PACKAGES.get(interface or "")
     if package is not None and find_spec(package.module) is None:
         return f"; it needs a package: pip install '{package.pip}'"
-    cause = error.__cause__
-    if interface == "udp_multicast" and isinstance(cause, OSError) and cause.errno in _NO_ROUTE:
-        return (
-            "; no route to the group: ip link set lo up; for IPv4 ip route add 239.0.0.0/8 dev lo"
-        )
+    system = error.__cause__ or error
+    if isinstance(system, OSError) and (interface, system.errno) in _BY_NUMBER:
+        return f"; {_BY_NUMBER[interface, system.errno]}"
     if interface in _MAKERS:
         return f"; is the library {_MAKERS[interface]} installed?"
     return ""

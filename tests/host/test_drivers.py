@@ -73,3 +73,30 @@ def test_a_group_without_a_route_has_its_cure(number: int, monkeypatch: pytest.M
         PythonCanBus("udp_multicast", "239.74.163.2")
     cured = "; no route to the group: ip link set lo up; for IPv4 ip route add 239.0.0.0/8 dev lo"
     assert str(refusal.value).endswith(cured) == (number != errno.EACCES)
+
+
+@pytest.mark.parametrize(
+    ("number", "cured"),
+    [
+        (errno.EAFNOSUPPORT, "; this kernel has no SocketCAN; udp_multicast needs none"),
+        (errno.ENODEV, "; there is no such interface; ip link lists those there are"),
+        (errno.EACCES, "no"),
+    ],
+)
+def test_socketcan_that_is_not_there_has_its_cure(
+    number: int, cured: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def bus(**_options: object) -> None:
+        raise OSError(number, "no")
+
+    monkeypatch.setattr(can, "Bus", bus)
+    with pytest.raises(BusError) as refusal:
+        PythonCanBus("socketcan", "can0")
+    assert str(refusal.value).endswith(cured)
+
+
+def test_a_channel_that_is_no_group_has_its_cure() -> None:
+    with pytest.raises(
+        BusError, match=r"; the channel has to be a group, such as 239\.74\.163\.2$"
+    ):
+        PythonCanBus("udp_multicast", "9.74.163.2")
