@@ -111,6 +111,8 @@ class SetPoints(NamedObjects):
     def texture(self, texture: Texture | None) -> None:
         data = b""
         if texture is not None:
+            if not isinstance(texture, Texture):
+                raise ValueError(f"texture {texture!r} is no Texture")
             bounds = self._od["Setpoint.COF left"]
             texture.table.require_within(int(bounds.low), int(bounds.high))
             data = texture.table.pack()

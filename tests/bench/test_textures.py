@@ -69,6 +69,8 @@ def test_what_cannot_be_played_is_refused_in_one_line(bench: Stimulator) -> None
         bench.texture_slot = 5
     with pytest.raises(ValueError, match=r"^texture slot 2\.0 is no integer$"):
         bench.texture_slot = 2.0  # type: ignore[assignment]
+    with pytest.raises(ValueError, match=r"^texture 'wood\.png' is no Texture$"):
+        bench.texture = "wood.png"  # type: ignore[assignment]
     assert bench.texture == GRATING
 
 
