@@ -24,9 +24,13 @@ def main() -> None:
     parser.add_argument("--node-id", type=int, default=32)
     parser.add_argument("--seconds", type=float, default=1.0)
     options = parser.parse_args()
-    database = cantools.database.load_file(options.dbc)
+    try:
+        database = cantools.database.load_file(options.dbc)
+        connection = can.Bus(interface=options.interface, channel=options.channel)
+    except (OSError, can.CanError, cantools.Error) as error:
+        parser.error(f"{error}")
     known = {message.frame_id: message for message in database.messages}
-    with can.Bus(interface=options.interface, channel=options.channel) as bus:
+    with connection as bus:
         data = bytes((START, options.node_id))
         bus.send(can.Message(arbitration_id=NMT, data=data, is_extended_id=False))
         end = time.monotonic() + options.seconds

@@ -43,6 +43,32 @@ def test_python_can_with_cantools(
     assert re.search(r"TPDO2 .*'Contact_Normal_force': -?\d", "\n".join(printed))
 
 
+@pytest.mark.parametrize(
+    ("dbc", "channel", "refusal"),
+    [
+        ("missing.dbc", "can0", "No such file or directory: 'missing.dbc'"),
+        ("broken.dbc", "can0", "Invalid syntax at line 1"),
+        ("empty.dbc", "nocan7", "[Errno "),
+    ],
+)
+def test_python_can_with_cantools_says_what_is_missing(
+    dbc: str,
+    channel: str,
+    refusal: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("broken.dbc").write_text("nonsense")
+    Path("empty.dbc").write_text('VERSION ""\n')
+    options = ["--interface", "socketcan", "--channel", channel]
+    monkeypatch.setattr(sys, "argv", ["with_cantools.py", dbc, *options])
+    with pytest.raises(SystemExit, match="2"):
+        runpy.run_path(str(EXAMPLES / "with_cantools.py"), run_name="__main__")
+    assert refusal in capsys.readouterr().err
+
+
 @pytest.fixture
 def configured(tmp_path: Path) -> Path:
     """Folder with what dcfgen makes of the bus configuration."""
