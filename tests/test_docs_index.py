@@ -1,0 +1,34 @@
+"""A reader of the index, or of the site, finds every page, and once."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[1] / "docs"
+INDEX = (DOCS / "index.md").read_text(encoding="utf-8")
+CONTENTS = (DOCS / "_toc.yml").read_text(encoding="utf-8")
+PAGES = sorted(
+    page.relative_to(DOCS).as_posix()
+    for folder in ("how-to", "explanation", "reference", "decisions")
+    for page in (DOCS / folder).glob("*.md")
+)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_each_page_is_in_the_index_and_in_the_contents(page: str) -> None:
+    assert f"]({page})" in INDEX
+    folder, _, _ = page.partition("/")
+    assert f"glob: {folder}/*\n" in CONTENTS or f"file: {page.removesuffix('.md')}\n" in CONTENTS
+
+
+def test_a_reader_has_one_row() -> None:
+    readers = re.findall(r"^\| ([a-z].*?) \|", INDEX, re.MULTILINE)
+    assert len(readers) > 5
+    assert len(set(readers)) == len(readers)
+
+
+def test_decisions_stand_in_the_order_of_their_numbers() -> None:
+    numbers = re.findall(r"^\| \[(\d{4})\]", INDEX, re.MULTILINE)
+    assert len(numbers) > 5
+    assert numbers == sorted(set(numbers))
