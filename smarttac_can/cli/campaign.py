@@ -27,7 +27,6 @@ from smarttac_can.cli.result_file import (
 )
 from smarttac_can.population.cases import CASES
 from smarttac_can.population.compiled import can_compile
-from smarttac_can.population.loop import FRICTION_LAWS
 from smarttac_can.population.trial import Campaign
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
@@ -44,7 +43,7 @@ _FINGERS_MAX = 1_000_000
 @seed_option("Seed of the fingers, their motion and the noise.")
 @click.option(
     "--law",
-    type=click.Choice([law.name.lower() for law in FRICTION_LAWS]),
+    type=click.Choice([law.name.lower() for law in Law]),
     default="measured",
     show_default=True,
     help="Friction law.",

@@ -29,6 +29,8 @@ from smarttac_can.control.predictive import (
     resonance_of,
     unlearned,
 )
+from smarttac_can.control.predictive_friction import ANYBODY, Felt, amplitude_asked, begin, follow
+from smarttac_can.control.predictive_friction import Touch as Sliding
 from smarttac_can.control.schedule import row_of
 from smarttac_can.control.tribometer import UNTOUCHED, Forces, Gauging, Touch, contact_of
 from smarttac_can.control.vibration import lost, resonance_error
@@ -41,9 +43,10 @@ from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Drive
 Floats = NDArray[np.float64]
 Table = Floats | Sequence[Sequence[float]]
 """Rows of numbers: an array where it is compiled, lists where not, of which Python reads faster."""
-FRICTION_LAWS: Final = (Law.MEASURED, Law.ACCUMULATE, Law.NOMINAL)
-"""Those that `controlled` has: eq. (9) added to something."""
+_MAPPED: Final = int(Law.PREDICTIVE)
 _PREDICTIVE: Final = int(VibrationLaw.PREDICTIVE)
+_NOBODY: Final = begin(Felt(0.0, 0.0, 0.0, 0.0, 0.0, 1.0), ANYBODY)
+"""Before the first touch, which takes nothing of it but `ANYBODY`."""
 LIFT_PERIOD, LIFT_LENGTH, LIFT_RAMP = 1.0, 0.1, 0.01
 """A finger that lifts does so each second, for 100 ms with a ramp of 10 ms at both ends."""
 
@@ -87,6 +90,8 @@ class Controls(NamedTuple):
 
     on: bool
     touch: Touch
+    sliding: Sliding
+    """The law ``predictive`` in this touch, or in the last one: what it learned there it keeps."""
     right: bool
     W_ref: float
     voltage_state: float
@@ -132,11 +137,12 @@ def controlled(
     reading
         Of `smarttac_can.plant.sensors.readings`.
     """
-    on, touch, right, W_ref, V_state, f_state, learned, drive = controls
+    on, touch, sliding, right, W_ref, V_state, f_state, learned, drive = controls
     W, gauges, temperature, _ = reading
     amplitude = sqrt(W.real * W.real + W.imag * W.imag)
+    touched = touch[0]
     touch, contact = contact_of(laws.gauging, zero, touch, gauges)
-    _, _, Fn, mu, _, position, _, touching = contact
+    Fx, Fy, Fn, mu, u_mu, position, _, touching = contact
     if not touching:
         Fn = 0.0
     predictive = laws.vibration_law == _PREDICTIVE
@@ -144,14 +150,17 @@ def controlled(
         learned = observed(laws.prior, learned, W, drive, Fn, temperature)
     if not on:
         drive = Drive(0.0, laws.prior.f0)
-        return Controls(on, touch, right, 0.0, V_state, f_state, learned, drive), mu
+        return Controls(on, touch, sliding, right, 0.0, V_state, f_state, learned, drive), mu
     right = is_right(right, position, 0.0, laws.half)
-    if touching:
-        E = relative_error(mu, laws.mu_right if right else laws.mu_left)
-        dW = limited_step(laws.slope, laws.step_max, E)
+    mu_ref = laws.mu_right if right else laws.mu_left
+    if not touching:
+        W_ref = laws.amplitude
+    elif laws.law != _MAPPED:
+        dW = limited_step(laws.slope, laws.step_max, relative_error(mu, mu_ref))
         W_ref = asked_amplitude(laws.law, dW, amplitude, W_ref, laws.amplitude)
     else:
-        W_ref = laws.amplitude
+        felt = Felt(mu, u_mu, Fx, Fy, amplitude, mu_ref)
+        sliding, W_ref = _by_map(sliding, touched, felt)
     W_ref = allowed_amplitude(W_ref, laws.W_max, W, amplitude, True)
     if predictive:
         f = min(max(resonance_of(learned), laws.f_min), laws.f_max)
@@ -169,7 +178,15 @@ def controlled(
         drive = Drive(V, f)
     else:
         on, W_ref, drive = False, 0.0, Drive(0.0, drive.frequency)
-    return Controls(on, touch, right, W_ref, V_state, f_state, learned, drive), mu
+    return Controls(on, touch, sliding, right, W_ref, V_state, f_state, learned, drive), mu
+
+
+def _by_map(sliding: Sliding, touched: bool, felt: Felt) -> tuple[Sliding, float]:
+    """Return the law ``predictive`` after a tick of a touch, and the amplitude in m it asks for."""
+    if touched:
+        sliding = follow(sliding, felt)
+        return sliding, amplitude_asked(sliding)
+    return begin(felt, sliding.known), felt.W
 
 
 def run(setup: Setup, gains: Table, passes: Table, noise: Table, traces: Floats) -> None:
@@ -192,7 +209,8 @@ def run(setup: Setup, gains: Table, passes: Table, noise: Table, traces: Floats)
     state = at_rest(making.ambient)
     off = Drive(0.0, laws.prior.f0)
     learned = unlearned(laws.prior)
-    controls = Controls(False, UNTOUCHED, False, 0.0, 0.0, off.frequency, learned, off)
+    f = off.frequency
+    controls = Controls(False, UNTOUCHED, _NOBODY, False, 0.0, 0.0, f, learned, off)
     zero = sums = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     number = 0
     finger = finger_at(path, passes, 0, 0.0, lifts)
@@ -231,5 +249,5 @@ def _mean(sums: Forces) -> Forces:
 
 def _turned_on(controls: Controls) -> Controls:
     """Return the stimulator after its tare, in mode FRICTION from 0 V, left of the boundary."""
-    f = controls.drive.frequency
-    return Controls(True, UNTOUCHED, False, 0.0, 0.0, f, controls.learned, controls.drive)
+    drive, learned = controls.drive, controls.learned
+    return Controls(True, UNTOUCHED, _NOBODY, False, 0.0, 0.0, drive.frequency, learned, drive)

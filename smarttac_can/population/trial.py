@@ -22,7 +22,6 @@ from smarttac_can.population.cases import CASES, Case
 from smarttac_can.population.compiled import can_compile, compiled
 from smarttac_can.population.fingers import Finger, draw_finger, stroke_of
 from smarttac_can.population.loop import (
-    FRICTION_LAWS,
     LIFT_LENGTH,
     LIFT_PERIOD,
     LIFT_RAMP,
@@ -53,7 +52,7 @@ class Campaign:
     Raises
     ------
     ValueError
-        If there is no such case or friction law, or the dead time is out of its range.
+        If there is no such case, or the dead time is out of its range.
     """
 
     seed: int = 1
@@ -70,8 +69,6 @@ class Campaign:
     """Of the controllers, which follow from these."""
 
     def __post_init__(self) -> None:
-        if self.law not in FRICTION_LAWS:
-            raise ValueError(f"a campaign has no friction law {self.law.name.lower()}")
         if self.case not in CASES:
             raise ValueError(f"there is no case {self.case!r}: {', '.join(CASES)}")
         p = CascadeParameters(

@@ -7,7 +7,7 @@ from by_objects import traces_by_objects
 from smarttac_can.population import trial
 from smarttac_can.population.cases import CASES
 from smarttac_can.population.fingers import draw_finger
-from smarttac_can.population.loop import FRICTION_LAWS, lift
+from smarttac_can.population.loop import lift
 from smarttac_can.population.trial import Campaign, fastest, plain, traces_of
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
@@ -22,6 +22,9 @@ CAMPAIGNS = [
     Campaign(9, vibration_law=VibrationLaw.PREDICTIVE, dead_time=540e-6),
     Campaign(10, law=Law.ACCUMULATE),
     Campaign(10, law=Law.NOMINAL, dead_time=300e-6),
+    Campaign(10, law=Law.PREDICTIVE, dead_time=540e-6),
+    Campaign(10, Law.PREDICTIVE, VibrationLaw.PREDICTIVE, 540e-6),
+    Campaign(10, Law.PREDICTIVE, VibrationLaw.PREDICTIVE, 540e-6, "lifting"),
     *(Campaign(11, dead_time=540e-6, case=case) for case in CASES),
 ]
 FINGERS = 2
@@ -54,23 +57,21 @@ def test_the_fastest_loop_is_that_of_plate_and_cascade(campaign):
         assert apart(campaign, number).max() <= BOUND
 
 
-@pytest.mark.parametrize("law", VibrationLaw)
-def test_the_loop_that_is_not_compiled_is_the_same(law, monkeypatch):
+@pytest.mark.parametrize(
+    ("law", "vibration_law"),
+    [*((Law.MEASURED, law) for law in VibrationLaw), (Law.PREDICTIVE, VibrationLaw.PREDICTIVE)],
+)
+def test_the_loop_that_is_not_compiled_is_the_same(law, vibration_law, monkeypatch):
     monkeypatch.setattr(trial, "fastest", plain)
-    assert apart(Campaign(12, vibration_law=law, dead_time=540e-6), 0).max() <= BOUND
+    assert apart(Campaign(12, law, vibration_law, 540e-6), 0).max() <= BOUND
 
 
 def test_it_is_compiled_here():
     assert fastest()[0].__class__.__module__.startswith("numba")
 
 
-def test_a_campaign_knows_every_friction_law_it_offers():
-    for law in Law:
-        if law in FRICTION_LAWS:
-            assert Campaign(law=law).parameters.law is law
-        else:
-            with pytest.raises(ValueError, match="a campaign has no friction law"):
-                Campaign(law=law)
+def test_every_friction_law_is_among_those_that_are_compared():
+    assert {campaign.law for campaign in CAMPAIGNS} == set(Law)
 
 
 def test_a_lift_takes_a_tenth_of_each_second():
