@@ -10,7 +10,7 @@ from smarttac_can.population.cases import CASES
 from smarttac_can.population.fingers import F0, TRAVEL, draw_finger
 from smarttac_can.population.outcome import outcome
 from smarttac_can.population.trial import Campaign, traces_of
-from smarttac_can.vocabulary.modes import VibrationLaw
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 CASE = CASES["nominal"]
 DEAD_TIME_US = 540
@@ -50,7 +50,7 @@ def through_nodes(campaign, finger, like, monkeypatch):
     monkeypatch.setattr(simulated_plate, "_FINGERS", (finger.subject,))
     monkeypatch.setattr(simulated_plate, "Plate", Watched)
     with Stimulator.simulate("bus") as bench:
-        bench.vibration_law = campaign.vibration_law
+        bench.law, bench.vibration_law = campaign.law, campaign.vibration_law
         bench.set("Controller.Dead time", DEAD_TIME_US)
         bench.finger.stroke(
             1,
@@ -78,10 +78,18 @@ def through_nodes(campaign, finger, like, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("number", "law"), [(1, VibrationLaw.PI), (3, VibrationLaw.PI), (4, VibrationLaw.SCHEDULED)]
+    ("number", "law", "vibration_law"),
+    [
+        (1, Law.MEASURED, VibrationLaw.PI),
+        (3, Law.MEASURED, VibrationLaw.PI),
+        (4, Law.MEASURED, VibrationLaw.SCHEDULED),
+        (1, Law.PREDICTIVE, VibrationLaw.PREDICTIVE),
+    ],
 )
-def test_a_finger_through_two_nodes_is_that_of_the_campaign(number, law, monkeypatch):
-    campaign = Campaign(seed=21, vibration_law=law, dead_time=DEAD_TIME_US * 1e-6)
+def test_a_finger_through_two_nodes_is_that_of_the_campaign(
+    number, law, vibration_law, monkeypatch
+):
+    campaign = Campaign(21, law, vibration_law, DEAD_TIME_US * 1e-6)
     finger = rounded(campaign, number)
     mine = traces_of(campaign, finger)
     theirs = through_nodes(campaign, finger, mine, monkeypatch)
