@@ -35,6 +35,7 @@ _FINGERS_MAX = 1_000_000
 
 @click.command(
     epilog="\b\nExamples:\n  smarttac campaign --fingers 1000 --dead-time auto --json -\n"
+    "  smarttac campaign --fingers 1000 --law predictive --vibration-law predictive --seed 2\n"
     "  smarttac campaign --fingers 10000 --case lifting --resume lifting.rows --output lifting"
 )
 @click.option(

@@ -33,6 +33,18 @@ def test_json_has_the_agreed_keys() -> None:
     assert said["dead_time_us"] == 540.0
 
 
+def test_the_predictive_laws_overshoot_less_than_the_papers() -> None:
+    overshoot, rise = [], []
+    for laws in (("measured", "pi"), ("predictive", "predictive")):
+        options = ("--fingers", "40", "--law", laws[0], "--vibration-law", laws[1])
+        said = json.loads(run(*FEW, *options, "--json", "-").stdout)
+        assert (said["law"], said["vibration_law"]) == laws
+        overshoot.append(said["metrics"]["overshoot_percent"]["p50"])
+        rise.append(said["metrics"]["rise_time_ms"]["p50"])
+    assert overshoot[1] <= 3.0 < overshoot[0]
+    assert rise[1] <= 3.0 < rise[0]
+
+
 def test_lines_and_a_folder(tmp_path: Path) -> None:
     result = run(*FEW, "--output", str(tmp_path / "out"))
     assert result.exit_code == 0, result.output
