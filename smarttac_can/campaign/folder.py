@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from smarttac_can.campaign.chunk import COLUMNS, Rows
-from smarttac_can.campaign.figures import distributions
 from smarttac_can.campaign.summary import lines
 
 RESULTS, FINGERS, PICTURE = "campaign.json", "fingers.csv", "campaign.png"
@@ -22,6 +21,8 @@ def write_folder(folder: Path, results: dict[str, Any], rows: Rows) -> Path:
     OSError
         If it cannot be written.
     """
+    from smarttac_can.campaign.figures import distributions  # noqa: PLC0415  # matplotlib is an extra
+
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=2) + "\n"
     (folder / RESULTS).write_text(text, encoding="utf-8")

@@ -1,6 +1,7 @@
 """The self-test passes a sound plate, and each of its verdicts can be made to fail."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,9 +124,9 @@ def test_a_finger_on_the_plate_fails(bench: Stimulator) -> None:
 def test_what_the_node_counts_fails(bench: Stimulator, counter: str, name: str) -> None:
     run = bench._link.run
 
-    def counting(cycles: int) -> list[tuple[int, ...]]:
+    def counting(cycles: int, *others: Any) -> None:
         bench._link._block.od[f"Cycle.{counter}"].count(300 if cycles == 1000 else 0)
-        return run(cycles)
+        run(cycles, *others)
 
     bench._link.run = counting
     assert failures(selftest(bench)) == {name}
@@ -133,16 +134,24 @@ def test_what_the_node_counts_fails(bench: Stimulator, counter: str, name: str) 
 
 def test_rows_that_are_lost_fail(bench: Stimulator) -> None:
     run = bench._link.run
-    bench._link.run = lambda cycles: [r for r in run(cycles) if cycles < 1000 or r[0] % 10]
+
+    def losing(cycles: int, rows: list[tuple[int, ...]], *others: Any) -> None:
+        run(cycles, rows, *others)
+        rows[:] = [row for row in rows if cycles < 1000 or row[0] % 10]
+
+    bench._link.run = losing
     assert failures(selftest(bench)) == {"timing.lost rows"}
 
 
 def test_a_plate_that_goes_on_vibrating_fails(bench: Stimulator) -> None:
     run = bench._link.run
-    bench._link.run = lambda cycles: [
-        (*row[:3], 500, 100, *row[5:]) if bench.state is not State.RUNNING else row
-        for row in run(cycles)
-    ]
+
+    def vibrating(cycles: int, rows: list[tuple[int, ...]], *others: Any) -> None:
+        run(cycles, rows, *others)
+        if bench.state is not State.RUNNING:
+            rows[:] = [(*row[:3], 500, 100, *row[5:]) for row in rows]
+
+    bench._link.run = vibrating
     assert failures(selftest(bench)) == {"end.voltage", "end.amplitude"}
 
 

@@ -261,7 +261,7 @@ def test_a_raw_value_is_refused_with_value_and_bounds_too(bench: Stimulator) -> 
     for name, raw, text in (
         ("Setpoint.Voltage", 20_001, "200010 mV to .* too high: 0 to 200000 mV$"),
         ("Setpoint.Voltage", -1, "-10 mV to .* too low: 0 to 200000 mV$"),
-        ("Mode", 9, "9 to Mode: abort 06090031: value written too high: 0 to 5$"),
+        ("Mode", 9, "9 to Mode: abort 06090031: value written too high: 0 to 6$"),
     ):
         with pytest.raises(RefusedError, match=f"^cannot write {text}"):
             bench._link.write(name, raw)

@@ -205,7 +205,7 @@ def test_stimulator_with_the_plate_inside_stops_when_its_heartbeat_is_not_taken(
     full = (RUNNING_MS * TICK_US - 500, 1_100_500)
     run = alone([full], 1_200_000)
     assert run.driven_before
-    heartbeat_at = 1_000_000
+    heartbeat_at = 500_000
     assert run.broken_at == [heartbeat_at + TICK_US]
     first, *rest = run.bus.sent_between(full[1], 1_200_000)
     assert first == Frame(0x0A0, TRANSMIT_QUEUE)
