@@ -25,6 +25,7 @@ SOUND_CYCLES: Final = 20
 UNKNOWN: Final = 1e9
 """Voltage of a stage that has not said what it puts out; it shows as the highest there is."""
 _GAUGES: Final = 6
+_LONGEST_SHOWN: Final = 200
 _UNHEARD: Final = "has not been heard yet"
 
 
@@ -71,8 +72,10 @@ class FrontEnd:
         """Return the measurement of this tick; None if there is none to believe."""
         try:
             measured = self._plate.sample()
-        except Exception as error:  # noqa: BLE001 (a front end raises what it likes)
-            self._doubt(f"sample() failed: {error!r}")
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 (a front end raises what it likes)
+            self._doubt(f"sample() failed: {_shown(error)}")
             return None
         took = max(self._slowest, self._plate.took_us)
         self._slowest = 0
@@ -88,6 +91,9 @@ class FrontEnd:
         except ValueError as error:
             self._doubt(f"sample() returned {error}")
             return None
+        except Exception as error:  # noqa: BLE001 (and so does what it returns)
+            self._doubt(f"what sample() returned failed: {_shown(error)}")
+            return None
         self._silent = 0
         if self.trouble:
             self._sound_missing -= 1
@@ -100,13 +106,16 @@ class FrontEnd:
         voltage = UNKNOWN
         try:
             read_back = self._plate.put_out(drive)
-        except Exception as error:  # noqa: BLE001 (a front end raises what it likes)
-            self._doubt(f"{told} failed: {error!r}")
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 (a front end raises what it likes)
+            self._doubt(f"{told} failed: {_shown(error)}")
         else:
-            if _number(read_back, Real):
-                voltage = float(read_back)
+            number = _finite(read_back, Real)
+            if number is not None:
+                voltage = number.real
             if not abs(voltage - drive.voltage) <= STAGE_TOLERANCE:
-                self._doubt(f"{told} returned {read_back!r}")
+                self._doubt(f"{told} returned {_shown(read_back)}")
         self._slowest = max(self._slowest, self._plate.took_us)
         self._told = drive.voltage
         self.stage = Drive(voltage, drive.frequency)
@@ -162,25 +171,42 @@ class FrontEnd:
     def _checked(self, measured: Any) -> Measurement:
         """Return a measurement in Python's own numbers; ValueError says what is wrong with it."""
         if not isinstance(measured, Measurement):
-            raise ValueError(f"{measured!r}, not a Measurement")
+            raise ValueError(f"{_shown(measured)}, not a Measurement")
         W, gauges, temperature, saturated = measured
-        if not _number(W, Complex):
-            raise ValueError(f"W {W!r}")
+        vibration = _finite(W, Complex)
+        if vibration is None:
+            raise ValueError(f"W {_shown(W)}")
         if not (isinstance(gauges, tuple) and len(gauges) == _GAUGES):
-            raise ValueError(f"gauges {gauges!r}, not a tuple of {_GAUGES}")
-        for value, (name, low, high) in zip(
-            (W.real, W.imag, temperature, *gauges), self._ranges, strict=True
-        ):
-            if not _number(value, Real):
-                raise ValueError(f"{name} {value!r}")
-            require(name, value, low, high)
+            raise ValueError(f"gauges {_shown(gauges)}, not a tuple of {_GAUGES}")
+        numbers = [vibration.real, vibration.imag]
+        for value, (name, _, _) in zip((temperature, *gauges), self._ranges[2:], strict=True):
+            number = _finite(value, Real)
+            if number is None:
+                raise ValueError(f"{name} {_shown(value)}")
+            numbers.append(number.real)
+        for real, (name, low, high) in zip(numbers, self._ranges, strict=True):
+            require(name, real, low, high)
         none, every = self._saturation
         if not (isinstance(saturated, Integral) and none <= int(saturated) <= every):
-            raise ValueError(f"saturated {saturated!r}, no integer in {none}..{every}")
-        s1, s2, s3, s4, s5, s6 = map(float, gauges)
-        return Measurement(complex(W), (s1, s2, s3, s4, s5, s6), float(temperature), int(saturated))
+            raise ValueError(f"saturated {_shown(saturated)}, no integer in {none}..{every}")
+        _, _, celsius, s1, s2, s3, s4, s5, s6 = numbers
+        return Measurement(vibration, (s1, s2, s3, s4, s5, s6), celsius, int(saturated))
 
 
-def _number(value: object, kind: type[Complex | Real]) -> bool:
-    """Whether it is a finite number of a kind, those of numpy included; a bool is none."""
-    return isinstance(value, kind) and not isinstance(value, bool) and isfinite(complex(value))
+def _finite(value: object, kind: type[Complex | Real]) -> complex | None:
+    """Return a finite number of a kind, those of numpy included; None if it is none, as a bool."""
+    if not isinstance(value, kind) or isinstance(value, bool):
+        return None
+    try:
+        number = complex(value)
+    except OverflowError:  # an integer may be larger than any float
+        return None
+    return number if isfinite(number) else None
+
+
+def _shown(value: object) -> str:
+    """Return how something of a front end shows itself, if it does, and not more than a line."""
+    try:
+        return repr(value)[:_LONGEST_SHOWN]
+    except Exception:  # noqa: BLE001 (even this is code of the front end)
+        return f"a {type(value).__name__} that cannot be shown"

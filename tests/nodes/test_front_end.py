@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from asyncio import CancelledError
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -211,11 +213,25 @@ def test_a_stage_that_is_told_late_is_late_too() -> None:
     assert emergencies(line) == [NOT_ENABLED]
 
 
-def raises(error: Exception) -> Callable[[], Any]:
+def raises(error: BaseException) -> Callable[[], Any]:
     def answer() -> Any:
         raise error
 
     return answer
+
+
+class Shy:
+    def __repr__(self) -> str:
+        raise RuntimeError("shy")
+
+
+class ShyError(Shy, Exception):
+    pass
+
+
+class Torn(Measurement):
+    def __iter__(self) -> Any:
+        raise RuntimeError("torn")
 
 
 GOOD = Measurement(0j, STILL, 20.0, 0)
@@ -237,6 +253,12 @@ WRONG: list[tuple[Any, str]] = [
     (GOOD._replace(saturated=256), "saturated 256"),
     (GOOD._replace(saturated=-1), "saturated -1"),
     (GOOD._replace(saturated=1.0), "saturated 1.0"),
+    (GOOD._replace(temperature=10**400), "Temperature 1000"),
+    (GOOD._replace(W=-(10**5000)), "W a int that cannot be shown"),
+    (GOOD._replace(gauges=(Fraction(10**400), *STILL[1:])), "S1 Fraction(1000"),
+    (GOOD._replace(temperature=Fraction(1000)), "Temperature 1000 is outside"),
+    (Shy(), "a Shy that cannot be shown, not a Measurement"),
+    (Torn(0j, STILL, 20.0, 0), "what sample() returned failed: RuntimeError('torn')"),
 ]
 
 
@@ -273,6 +295,29 @@ def test_an_exception_is_0_v_at_once_and_the_node_goes_on() -> None:
     assert cycle(line, plate, 20) == 20
 
 
+@pytest.mark.parametrize("error", [SystemExit(0), GeneratorExit(), ShyError(), CancelledError()])
+def test_whatever_is_raised_is_0_v_and_the_node_goes_on(error: BaseException) -> None:
+    line, plate, fake = driven()
+    sound = fake.answer
+    fake.answer = raises(error)
+    line.sync()
+    assert fake.told[-1] == 0
+    assert emergencies(line) == [NOT_ENABLED]
+    fake.answer = sound
+    for _ in range(20):
+        cycle(line, plate, 0)
+    fake.read_back = lambda told: raises(error)() if told else 0.0
+    assert cycle(line, plate, 20) == 0
+    assert fake.told[-1] == 0
+
+
+def test_ctrl_c_is_not_the_front_ends() -> None:
+    line, _, fake = driven()
+    fake.answer = raises(KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        line.sync()
+
+
 def test_what_numpy_measures_is_a_measurement() -> None:
     line, plate, fake = driven()
     forces = tuple(np.float32([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
@@ -298,14 +343,16 @@ def test_before_it_was_heard_the_stage_takes_no_voltage() -> None:
     assert plate.block.trouble == "sample() has nothing new", "the reason, as soon as there is one"
 
 
-@pytest.mark.parametrize("answer", [47.0, 18.9, NAN, None, "20", True, 1 + 0j])
+@pytest.mark.parametrize(
+    "answer", [47.0, 18.9, NAN, None, "20", True, 1 + 0j, pytest.param(10**400, id="huge")]
+)
 def test_a_stage_that_says_something_else_is_told_0_v(answer: Any) -> None:
     line, plate, fake = driven()
     fake.read_back = lambda told: answer if told else 0.0
     assert cycle(line, plate, 21) == 0
     assert set(fake.told[fake.told.index(21) + 1 :]) == {0}
     assert emergencies(line) == [STAGE]
-    assert plate.block.trouble == f"put_out() of 21 V returned {answer!r}"
+    assert plate.block.trouble == f"put_out() of 21 V returned {repr(answer)[:200]}"
 
 
 def test_a_stage_that_raises_is_told_0_v() -> None:
