@@ -91,7 +91,7 @@ class Record:
         self._write({"first": numbers.start, "rows": rows.tolist(), "crc": crc})
 
     def _write(self, line: dict[str, Any]) -> None:
-        self._file.write(json.dumps(line).encode() + b"\n")
+        self._file.write(_line(line))
         self._file.flush()
 
     def _read(self, header: dict[str, Any]) -> int:
@@ -99,6 +99,9 @@ class Record:
         end = 0
         for number, line in enumerate(self._lines(), 1):
             if not line.endswith(b"\n") and len(line) < _LINE_MAX:
+                # What was torn while it began is the begin of its header, and not another's file.
+                if number == 1 and not _line(header).startswith(line):
+                    raise RecordError(f"{self._path}: is no file of a campaign")
                 break
             try:
                 said = json.loads(line)
@@ -124,6 +127,10 @@ class Record:
                 raise RecordError(
                     f"{self._path}: is of another campaign: {key} {said.get(key)!r}, not {value!r}"
                 )
+
+
+def _line(said: dict[str, Any]) -> bytes:
+    return json.dumps(said).encode() + b"\n"
 
 
 def _header(campaign: Campaign) -> dict[str, Any]:

@@ -113,6 +113,22 @@ def test_an_empty_file_becomes_one(tmp_path):
     assert read(path).shape == (12, len(COLUMNS))
 
 
+@pytest.mark.parametrize("cut", [1, 20, 60])
+def test_a_header_that_was_not_finished_is_none(file, cut):
+    header = file.read_bytes().splitlines()[0]
+    file.write_bytes(header[:cut])
+    assert np.isnan(read(file)).all()
+
+
+@pytest.mark.parametrize("text", [b"notes of years", b'{"a": 1}', b"\x89PNG\x0d\x1a", b"\0"])
+def test_a_file_of_something_else_is_kept(tmp_path, text):
+    path = tmp_path / "rows"
+    path.write_bytes(text)
+    with pytest.raises(RecordError, match=r"rows: is no file of a campaign$"):
+        Record(path, CAMPAIGN)
+    assert path.read_bytes() == text
+
+
 def test_what_is_no_file_is_refused(tmp_path):
     with pytest.raises(OSError, match="no regular file"):
         Record(tmp_path, CAMPAIGN)
