@@ -29,15 +29,22 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[None]:
     Raises
     ------
     BenchError
-        If it exists, cannot be written, or python-can has no such format.
+        If it exists, cannot be written, or python-can has no such format; after the block, if not
+        all of it could be written.
     """
     logger = _open(path)
     # python-can's notifier receives in one thread, and a bench sends in others.
     lock = threading.Lock()
+    failures: list[Exception] = []
 
     def log(message: can.Message) -> None:
         with lock:
-            logger.on_message_received(message)
+            # An error here would end the thread that hears the bus, or what the bench is sending.
+            if not failures:
+                try:
+                    logger.on_message_received(message)
+                except Exception as error:  # noqa: BLE001 (the formats raise what they like)
+                    failures.append(error)
 
     def log_data(can_id: int, data: bytes) -> None:
         log(can.Message(time(), can_id, is_extended_id=False, data=data))
@@ -56,7 +63,12 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[None]:
         if receiving is not None:
             receiving.remove_listener(log)
         with lock:
-            logger.stop()
+            try:
+                logger.stop()
+            except Exception as error:  # noqa: BLE001 (what it still held may not fit)
+                failures.append(error)
+    if failures:
+        raise BenchError(f"{path} takes no more: {failures[0]}") from failures[0]
 
 
 def _open(path: Path) -> can.Listener:

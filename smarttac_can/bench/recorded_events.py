@@ -20,6 +20,8 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 _BOOT_UP: Final = b"\0"
 _EMCY_BYTES: Final = 8
+_MOST_MARKER_BYTES: Final = 4000
+"""Of 1000 characters; a log that is damaged may go on and on."""
 
 
 class Kind(Enum):
@@ -87,7 +89,7 @@ class EventReader:
             record = records[at]
             time_ns, data = int(record["time_ns"]), bytes(record["data"][: record["length"]])
             if kinds[at] == MARK:
-                self._text += data
+                self._text += data if len(self._text) < _MOST_MARKER_BYTES else b""
             elif kinds[at] == MARK_END:
                 text, self._text = (self._text + data).decode(errors="replace"), b""
                 events.append(Event(Kind.MARKER, at, time_ns, text))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from smarttac_can.bench.recorded_events import Event, EventReader, Kind
 from smarttac_can.bench.recorded_rows import TICK, Gap, RecordedPdo, RowReader, Rows
 from smarttac_can.host.frame_log import RECORD, Records
 from smarttac_can.od.eds import load_eds
+
+_MOST_WAITING: Final = 1 << 18
+"""Records that wait for the end of their cycle, which may never come."""
 
 
 class Dated(NamedTuple):
@@ -41,7 +44,7 @@ class RecordedFrames:
 
     Raises
     ------
-    KeyError, ValueError, TypeError
+    KeyError, ValueError, TypeError, AttributeError, OverflowError
         If the head is not that of a recording.
     """
 
@@ -85,7 +88,9 @@ class RecordedFrames:
         """
         records = np.concatenate((self._rest, records))
         ends = self._rows.ends(records)
-        used = len(records) if last else int(ends[-1]) + 1 if len(ends) else 0
+        used = int(ends[-1]) + 1 if len(ends) else 0
+        if last or len(records) - used > _MOST_WAITING:
+            used = len(records)
         records, self._rest = records[:used], records[used:]
         events = self._events.take(records)
         restarts = np.array([e.at for e in events if e.kind is Kind.RESTART], np.intp)

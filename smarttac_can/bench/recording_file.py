@@ -26,6 +26,8 @@ FORMAT: Final = "SMARTTAC recording 1"
 WITHOUT_CONTACT: Final = ("Contact.COF", "Contact.COF reference")
 """Objects that are 0 where there is none: not a number in the file."""
 _CHUNK_ROWS: Final = 8192
+_NOT_OF_A_RECORDING: Final = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
+"""What a head of another form raises."""
 _EVERY_CYCLE, _ON_CHANGE = "every cycle", "on change, held"
 
 
@@ -83,7 +85,7 @@ def make_recording(log: Path, path: Path) -> Summary:
         with h5py.File(part, "w") as file:
             summary = _write(file, reader, frames)
         part.rename(path)
-    except (KeyError, TypeError, ValueError, EDSError) as error:
+    except (*_NOT_OF_A_RECORDING, EDSError) as error:
         raise BenchError(f"{log} cannot be understood: {error}") from error
     finally:
         part.unlink(missing_ok=True)
@@ -184,9 +186,9 @@ def _describe(
     own = ods[int(head["node_id"])]
     file.attrs["format"] = FORMAT
     for name in ("version", "created", "where", "node_id", "clocked"):
-        file.attrs[name] = head[name]
+        file.attrs[name] = _storable(head[name])
     for name, value in head["identity"].items():
-        file.attrs[name] = value
+        file.attrs[name] = _storable(value)
     settings = [
         (name, raw * float(own[name].unit.number), own[name].unit.symbol or "1")
         for name, raw in head["settings"].items()
@@ -229,7 +231,13 @@ def _table(file: h5py.File, name: str, columns: str, rows: Iterable[tuple[Any, .
     fields = [column.split(":") for column in columns.split()]
     text = h5py.string_dtype()
     dtype = np.dtype([(field, text if kind == "s" else kind) for field, kind in fields])
-    file.create_dataset(name, data=np.array(list(rows), dtype))
+    values = [tuple(map(_storable, row)) for row in rows]
+    file.create_dataset(name, data=np.array(values, dtype))
+
+
+def _storable(value: Any) -> Any:
+    """Return a text as HDF5 takes it, which has no NUL in texts; and anything else as it is."""
+    return value.replace("\0", "\N{REPLACEMENT CHARACTER}") if isinstance(value, str) else value
 
 
 _NONE: Final[Records] = np.empty(0, RECORD)

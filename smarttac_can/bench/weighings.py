@@ -6,12 +6,15 @@ import csv
 from io import TextIOWrapper
 from math import cos, isfinite, radians, sin
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.host.bounded_file import open_regular
+
+if TYPE_CHECKING:
+    import _csv
 
 STANDARD_GRAVITY: Final = 9.80665
 """In m/s^2."""
@@ -83,15 +86,23 @@ def read_plan(path: Path) -> list[Placing]:
     """
     with TextIOWrapper(open_regular(path), encoding="utf-8", newline="") as file:
         reader = csv.reader(iter(lambda: file.readline(_LONGEST_LINE), ""))
-        if [name.strip() for name in next(reader, [])] != list(_RANGES):
-            raise ValueError(f"{path}: line 1 is not {','.join(_RANGES)}")
-        plan = []
-        for row in reader:
-            plan.append(_placing(row, f"{path}: line {reader.line_num}"))
-            if len(plan) > _MOST_ROWS:
-                raise ValueError(f"{path}: more than {_MOST_ROWS} weighings")
+        try:
+            plan = _placings(reader, path)
+        except csv.Error as error:
+            raise ValueError(f"{path}: line {reader.line_num}: {error}") from error
     if not plan:
         raise ValueError(f"{path}: no weighing")
+    return plan
+
+
+def _placings(reader: _csv.Reader, path: Path) -> list[Placing]:
+    if [name.strip() for name in next(reader, [])] != list(_RANGES):
+        raise ValueError(f"{path}: line 1 is not {','.join(_RANGES)}")
+    plan = []
+    for row in reader:
+        plan.append(_placing(row, f"{path}: line {reader.line_num}"))
+        if len(plan) > _MOST_ROWS:
+            raise ValueError(f"{path}: more than {_MOST_ROWS} weighings")
     return plan
 
 

@@ -13,6 +13,7 @@ import struct
 import threading
 from collections import deque
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from io import BufferedReader
 from pathlib import Path
 from time import monotonic_ns, time_ns
@@ -180,9 +181,10 @@ class FrameLogReader:
             size, check = _HEAD.unpack(sizes)
             text = file.read(size) if size <= _LONGEST_HEAD else b""
             if len(text) == size and crc32(text) == check:
-                head = json.loads(text)
-                if isinstance(head, dict):
-                    return head
+                with suppress(ValueError, RecursionError):
+                    head = json.loads(text)
+                    if isinstance(head, dict):
+                        return head
         raise ValueError(f"the head of {self._path} is damaged: nothing can be made of it")
 
 

@@ -172,6 +172,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
         (HEAD + "200,61,0,0\n", "angle_deg 61 is outside 0..60"),
         (HEAD + "200,0,0,39\n", "x_mm 39 is outside -38..38"),
         (HEAD + "1,0,0,0\n" * 101, "more than 100 weighings"),
+        (HEAD + '"' + ("a" * 150 + "\n") * 1000, "line [0-9]+: field larger than field limit"),
     ],
 )
 def test_what_is_no_plan(text: str, message: str, tmp_path: Path) -> None:

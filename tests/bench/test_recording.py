@@ -1,5 +1,7 @@
 """A recording holds every cycle and what was set, over every link, and survives what ends it."""
 
+import json
+import struct
 import subprocess
 import sys
 import threading
@@ -8,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import can
 import h5py
@@ -24,7 +27,8 @@ from smarttac_can.bench import (
     Stimulator,
     make_recording,
 )
-from smarttac_can.host.frame_log import FrameLog, FrameLogReader
+from smarttac_can.bench.recorded_frames import RecordedFrames
+from smarttac_can.host.frame_log import MARK, MARK_END, RECORD, FrameLog, FrameLogReader
 from smarttac_can.vocabulary.faults import FaultKind
 
 CHANNELS = {
@@ -458,3 +462,90 @@ def test_refused_raw_logs_leave_nothing(tmp_path: Path) -> None:
     ):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["there.asc"]
+
+
+def test_a_raw_log_that_takes_no_more_is_told_and_ends_nothing(
+    virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "run.h5"
+    node = stimulator_with_plate(lockstep=False)
+    with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
+        recording = bench.record(path, raw=tmp_path / "run.asc")
+        full_disk = pytest.raises(BenchError, match=r"run\.asc takes no more: .*No space left")
+        with full_disk as told, recording:
+            monkeypatch.setattr(can.ASCWriter, "on_message_received", full)
+            bench.run(0.1)
+            monkeypatch.setattr(can.ASCWriter, "stop", lambda log: (log.file.close(), full()))
+        assert bench.run(0.1).cof.size, "it still hears the bus"
+    assert told.value.__notes__ == [f"{path} holds what was recorded until then"]
+    assert recording.summary is not None
+    assert recording.summary.rows >= 50
+
+
+def test_a_nul_in_a_text_spoils_no_recording(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    with Stimulator.simulate() as bench, bench.record(path) as recording:
+        recording.mark("a\0b")
+        bench.run(0.01)
+    with h5py.File(path) as file:
+        assert file["markers"]["text"][0].decode() == "a\N{REPLACEMENT CHARACTER}b"
+
+
+@pytest.fixture
+def head(tmp_path: Path) -> dict[str, Any]:
+    """Head of a log."""
+    with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5") as recording:
+        bench.run(0.01)
+        return FrameLogReader(recording.log_path).head
+
+
+def log_with(head: Any, tmp_path: Path, records: bytes = b"") -> Path:
+    text = json.dumps(head).encode()
+    path = tmp_path / "made.log"
+    sizes = struct.pack("<II", len(text), crc32(text))
+    path.write_bytes(b"SMARTTAC recording log 1\n" + sizes + text + records)
+    return path
+
+
+@pytest.mark.parametrize("value", [None, [], "x", 1e400, -1, {"a": [1]}])
+@pytest.mark.parametrize("key", ["node_id", "nodes", "identity", "settings", "held", "published"])
+def test_a_head_of_another_form_is_refused(
+    head: dict[str, Any], tmp_path: Path, key: str, value: Any
+) -> None:
+    log = log_with(head | {key: value}, tmp_path)
+    with suppress(BenchError):
+        make_recording(log, tmp_path / "made.h5")
+    assert not (tmp_path / "made.h5.part").exists()
+
+
+@pytest.mark.parametrize("value", [None, 1e400, [], 7])
+@pytest.mark.parametrize("key", ["node_id", "eds"])
+def test_a_node_of_another_form_is_refused(
+    head: dict[str, Any], tmp_path: Path, key: str, value: Any
+) -> None:
+    head["nodes"][0][key] = value
+    with pytest.raises(BenchError, match="cannot be understood"):
+        make_recording(log_with(head, tmp_path), tmp_path / "made.h5")
+
+
+def test_what_never_ends_is_not_waited_for(head: dict[str, Any]) -> None:
+    frames = RecordedFrames(head)
+    many = np.zeros(40_000, RECORD)
+    many["kind"], many["length"], many["data"] = MARK, 8, 65
+    frames.take(many)
+    end = many[:1].copy()
+    end["kind"] = MARK_END
+    frames.take(end, last=True)
+    assert [len(dated.event.text) for dated in frames.events] == [4008]
+
+
+def test_frames_without_the_end_of_a_cycle_are_not_gathered(head: dict[str, Any]) -> None:
+    frames = RecordedFrames(head)
+    strange = np.zeros(150_000, RECORD)
+    strange["can_id"] = 0x7FF
+    for _ in range(3):
+        frames.take(strange)
+    assert len(frames._rest) <= 1 << 18

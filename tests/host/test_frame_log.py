@@ -2,8 +2,10 @@
 
 import os
 import random
+import struct
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import pytest
 
@@ -88,6 +90,14 @@ def test_a_log_is_never_written_over(log: Path) -> None:
 def test_another_file_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "log").write_bytes(content)
     with pytest.raises(ValueError, match=r"log: is no log|log is no log|the head of .* is damaged"):
+        FrameLogReader(tmp_path / "log")
+
+
+@pytest.mark.parametrize("text", [b"[" * 100_000, b"{", b'{"a": ' + b"9" * 5000 + b"}", b"[]"])
+def test_a_head_that_is_none_is_damaged(tmp_path: Path, text: bytes) -> None:
+    sizes = struct.pack("<II", len(text), crc32(text))
+    (tmp_path / "log").write_bytes(b"SMARTTAC recording log 1\n" + sizes + text)
+    with pytest.raises(ValueError, match=r"the head of .* is damaged: nothing can be made of it"):
         FrameLogReader(tmp_path / "log")
 
 
