@@ -9,6 +9,7 @@ from typing import Final
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
+    FRAME_BYTES,
     PDO_COB_ID,
     RPDO_COMMUNICATION,
     RPDO_MAPPING,
@@ -110,9 +111,13 @@ def _pdos(
             continue
         record = mapping + number - 1
         count = read(od.entry(record, 0))
+        if count > FRAME_BYTES:
+            # More than a frame has bytes, or a multiplexed PDO.
+            continue
         mapped = [read(od.entry(record, position)) for position in range(1, count + 1)]
         entries = [od.get(value >> 16, value >> 8 & 0xFF) for value in mapped]
         known = [entry for entry in entries if entry is not None and entry.data_type in _FORMATS]
-        if known and len(known) == count:
+        # What a device says may be anything: a PDO that fits no frame is none.
+        if known and len(known) == count and sum(entry.size for entry in known) <= FRAME_BYTES:
             pdos.append(PublishedPdo(number, cob_id & CAN_ID_MASK, known))
     return pdos

@@ -84,6 +84,7 @@ def record(
     It starts the nodes and only reads: set-points, modes and voltage stay others' business, and
     Ctrl-C ends the recording, not the drive.
     """
+    _refuse_twice(file, raw, json_file)
     with plain_errors(), ExitStack() as stack:
         results = opened_results(stack, json_file)
         if log is not None:
@@ -99,6 +100,14 @@ def record(
                 raw,
             )
         report_results({"file": str(file), **summary._asdict()}, _lines(file, summary), results)
+
+
+def _refuse_twice(file: Path, *others: Path | None) -> None:
+    """Refuse another file in the place of the recording, or of what stands beside it."""
+    own = [file.with_name(file.name + suffix).resolve() for suffix in ("", ".log", ".part")]
+    for other in others:
+        if other is not None and other.resolve() in own:
+            raise click.UsageError(f"{other} is a file of the recording itself: choose another")
 
 
 def _refuse_bus(bus: BusChoice, *, seconds: float | None, raw: Path | None) -> None:

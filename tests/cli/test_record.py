@@ -130,3 +130,14 @@ def test_refusals(tmp_path: Path) -> None:
     assert "--recover needs a log and no bus" in refused("--recover", other, path, *bus[:2])
     assert "does not exist" in refused("--recover", str(tmp_path / "none"), path)
     assert not (tmp_path / "run.h5").exists()
+
+
+@pytest.mark.parametrize("option", ["--json", "--raw"])
+@pytest.mark.parametrize("suffix", ["", ".log", ".part"])
+def test_one_file_twice_is_refused(tmp_path: Path, option: str, suffix: str) -> None:
+    path = tmp_path / "run.h5"
+    arguments = ["record", str(path), option, f"{path}{suffix}", "--interface", "virtual"]
+    refused = CliRunner().invoke(main, arguments)
+    assert refused.exit_code == 2
+    assert f"run.h5{suffix} is a file of the recording itself" in refused.output
+    assert list(tmp_path.iterdir()) == []

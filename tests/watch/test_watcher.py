@@ -14,6 +14,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import NMTCommand
 from smarttac_can.watch.layout import LEAST_COLUMNS, LEAST_LINES, lines
+from smarttac_can.watch.published_values import PublishedValues
 from smarttac_can.watch.view import View
 from smarttac_can.watch.watcher import Watcher
 
@@ -310,3 +311,20 @@ def test_a_terminal_that_is_too_small_is_told(size: tuple[int, int]) -> None:
         f"the terminal has {size[0]} x {size[1]} characters, watch needs 72 x 20: make it larger"
     )
     assert lines(Watcher(OD).view(0.0), "virtual:x", 5, 2)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {0: 9},
+        {0: 255},
+        {0: 8} | dict.fromkeys(range(1, 9), 0x20600220),  # 32 bytes
+    ],
+)
+def test_a_mapping_that_fits_no_frame_is_none(told: dict[int, int]) -> None:
+    od = stimulator_od()
+    values = PublishedValues(od)
+    values.remap({od.entry(0x1A01, place): raw for place, raw in told.items()}, 0.0)
+    assert values.take(1.0, Frame(0x1A0, bytes((1, 1, 0))))
+    assert not values.take(1.0, Frame(0x2A0, bytes(8)))
+    assert not values.take(1.0, Frame(0x2A0, bytes(6)))
