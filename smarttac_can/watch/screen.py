@@ -120,7 +120,8 @@ class WatchScreen(App[None]):
         try:
             self._said = self._doing.result()
         except (BenchError, ValueError) as error:
-            self._said = str(error)
+            # A device may have put into its Message what a terminal would obey.
+            self._said = "".join(c if c.isprintable() else "?" for c in str(error))
         self._doing = None
 
     def _show(self, now: float) -> None:

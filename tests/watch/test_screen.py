@@ -9,7 +9,7 @@ from typing import Any
 
 import can
 import pytest
-from nodes_on_a_bus import GUARD_S, processes
+from nodes_on_a_bus import GUARD_S, in_threads, processes, stimulator_with_plate
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
@@ -203,3 +203,21 @@ def test_a_frame_that_cannot_go_out_ends_nothing(virtual: dict[str, Any]) -> Non
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("can.interfaces.virtual.VirtualBus.send", refuse)
         play(virtual, script)
+
+
+def test_a_device_does_not_write_to_the_terminal(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def latched(_stimulator: Stimulator, _text: str) -> str:
+        raise BenchError("a fault is latched (\x1b[2Jall is well\x07)")
+
+    monkeypatch.setattr("smarttac_can.watch.screen.obey", latched)
+
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        screen.query_one(Input).value = "reset"
+        await pilot.press("enter")
+        await until(pilot, screen, "a fault is latched (?[2Jall is well?)")
+        await pilot.press("ctrl+c")
+
+    with in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False):
+        play(virtual, script, drive=True)
