@@ -88,7 +88,7 @@ def cascade_parameters(od: ObjectDictionary) -> CascadeParameters:
 
 
 def with_change(
-    parameters: CascadeParameters, od: ObjectDictionary, changed: Entry, raw: int
+    parameters: CascadeParameters, od: ObjectDictionary, changed: Entry, raw: Any
 ) -> CascadeParameters:
     """Return the parameters with what depends on one object replaced.
 

@@ -6,7 +6,7 @@ Laxer is what lets more happen, or notices it later.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.nodes.loop_frames import (
     DRIVE_RPDO,
@@ -169,7 +169,7 @@ class Stricter:
             if rule is not None and entry.writable:
                 self.rules[entry] = rule
 
-    def require(self, entry: Entry, value: int) -> None:
+    def require(self, entry: Entry, value: Any) -> None:
         """Raise `Abort` with STATE if a raw value is laxer than the present one."""
         rule = self.rules.get(entry)
         if rule is not None and rule.holds(entry.value, value):
