@@ -114,17 +114,23 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
         "",
         "A pick-up that has lost some gain reads as one under a finger that damps more. What the "
         "plate then reaches, in um, with the set-points of the matrix: 1 um, 40 V, COF 0.35, and a "
-        "grating of 2 mm between 0.3 and 0.4. Without a finger 0.5 is seen as well.",
+        "grating of 2 mm between 0.3 and 0.4. Without a finger 0.5 is seen as "
+        "well, and where the table says so it ends a run sooner or later.",
         "",
         *table(
             ("Gain", *(way.replace("_", " ") for way in ways)),
             *(
-                (case.name, *(f"{reached[case.name, way]:.2f}" for way in ways))
+                (case.name, *(_reached(reached, case.name, way) for way in ways))
                 for case in NOT_SEEN
             ),
         ),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _reached(reached: dict[tuple[str, str], float | None], name: str, way: str) -> str:
+    um = reached.get((name, way))
+    return "seen" if um is None else f"{um:.2f}"
 
 
 def _ways(case: FaultCase) -> str:

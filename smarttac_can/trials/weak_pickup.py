@@ -22,6 +22,8 @@ _NAMES: Final = {PICKUP: "pick-up", PICKUP_D: "pick-up d", PICKUP_Q: "pick-up q"
 LACK_BOUND: Final = 2 * LACK_CYCLES + RING_DOWN_CYCLES
 """A friction loop that pauses interrupts a lack, but not for longer."""
 _FIXED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
+_BY_FRICTION: Final = (Mode.FRICTION, Mode.TEXTURE)
+"""Elsewhere half the gain is at the bound of what is seen: cycles beyond it add up in the end."""
 _BY_AMPLITUDE: Final = {
     Mode.AMPLITUDE: Watchdog.UNSEEN,
     Mode.AMPLITUDE_RESONANCE: Watchdog.UNSEEN,
@@ -71,8 +73,10 @@ WEAK_PICKUP: Final = (
 )
 """Losses of gain that end a run."""
 NOT_SEEN: Final = (
-    *(_weak(PICKUP, per_mille) for per_mille in (500, 600, 700, 800, 900)),
-    *(_weak(PICKUP_D, per_mille) for per_mille in (500, 600, 700, 800, 900)),
+    _weak(PICKUP, 500, _BY_FRICTION),
+    *(_weak(PICKUP, per_mille) for per_mille in (600, 700, 800, 900)),
+    _weak(PICKUP_D, 500, _BY_FRICTION),
+    *(_weak(PICKUP_D, per_mille) for per_mille in (600, 700, 800, 900)),
     *(_weak(PICKUP_Q, per_mille) for per_mille in (50, 300, 600, 900)),
 )
 """Losses that a finger of unknown damping explains as well, or that the vibration does not show:

@@ -288,9 +288,10 @@ def test_nothing_that_a_terminal_obeys_reaches_it(tmp_path: Path) -> None:
     assert result.exit_code == 1
     *warnings, error = result.stderr.splitlines()
     assert result.stderr.replace("\n", "").isprintable()
-    assert "\\x1b[31m.eds: section [\\u202e0] is not known, ignored" in warnings[0]
+    assert "\\x1b[31m.eds: line 1 and of 49 more: not all characters are ASCII" in warnings[0]
+    assert "\\x1b[31m.eds: section [\\u202e0] is not known, ignored" in warnings[1]
     assert len(warnings) == 21
-    assert warnings[-1].endswith(": 30 more warnings")
+    assert warnings[-1].endswith(": 31 more warnings")
     assert "does not suit the device" in error
     finger = tmp_path / "finger.csv"
     finger.write_text(f"{HEADER}0,0,{COLOUR}\n")

@@ -200,7 +200,8 @@ def test_the_gains_that_are_not_seen_are_these() -> None:
     across = [f"pick-up q at {gain}" for gain in (0.05, 0.3, 0.6, 0.9)]
     assert [case.name for case in NOT_SEEN] == both + along + across
     for case in NOT_SEEN:
-        assert [int(mode) for mode in case.modes] == [1, 2, 3, 4, 6]
+        seen_elsewhere = case.name in {"pick-up at 0.5", "pick-up d at 0.5"}
+        assert [int(mode) for mode in case.modes] == ([4, 6] if seen_elsewhere else [1, 2, 3, 4, 6])
 
 
 @pytest.mark.parametrize(

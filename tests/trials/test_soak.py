@@ -86,7 +86,8 @@ def test_a_broken_pickup_hides_an_amplitude_for_no_longer_than_its_bound(
 
 
 def test_plate_that_is_not_finite_is_seen(rig: Rig, invariants: Invariants) -> None:
-    rig.plate_block.plate.temperature = float("nan")
+    plate = rig.plate_block.plate
+    plate._state = plate._state._replace(temperature=float("nan"))
     invariants.check()
     assert "not finite" in invariants.violations[0]
 
