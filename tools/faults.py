@@ -128,7 +128,7 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _reached(reached: dict[tuple[str, str], float | None], name: str, way: str) -> str:
+def _reached(reached: dict[tuple[str, str], float], name: str, way: str) -> str:
     um = reached.get((name, way))
     return "seen" if um is None else f"{um:.2f}"
 
