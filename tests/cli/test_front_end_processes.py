@@ -85,6 +85,7 @@ def test_a_front_end_that_hangs_ends_the_node(multicast: dict[str, Any], lab: Pa
     node = NodeProcess("node", "--plate-node", "33", "--produce-sync", *options)
     try:
         plate.wait_for(f"plate 33 ready on udp_multicast:{multicast['channel']}")
+        node.wait_for(f"stimulator 32 ready on udp_multicast:{multicast['channel']}")
         with Stimulator.connect(**multicast, plate_node_id=33) as bench:
             (lab / "broken").touch()
             with pytest.raises(BenchError):

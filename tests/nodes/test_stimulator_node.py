@@ -19,7 +19,6 @@ from line import (
     both_nodes,
     ids,
     measurement,
-    plate_inside,
     stimulator_alone,
 )
 
@@ -76,17 +75,6 @@ def test_the_drive_goes_out_before_the_public_pdos() -> None:
     assert ids(line.send(SYNC, *measurement(1))) == [DRIVE, *PUBLIC[1:]], (
         "the status has not changed"
     )
-
-
-def test_a_status_that_chatters_is_told_each_10_ms() -> None:
-    line, node = plate_inside()
-    line.nmt(START)
-    line.advance(100)
-    before = len(line.frames)
-    for cycle in range(100):
-        assert line.write(node, "Controlword", 1 - cycle % 2) == 0
-        line.advance(1)
-    assert ids(line.frames[before:]).count(PUBLIC[0]) == 11
 
 
 def test_lost_and_foreign_measurements_are_counted_and_not_answered() -> None:
@@ -187,7 +175,7 @@ def test_stopping_all_is_0_v_at_once(command: int) -> None:
 def test_shutdown_tells_the_plate_0_v() -> None:
     line, plate, _ = driving()
     line.bus.shutdown()
-    ((voltage, _, _),) = driven(line.frames[-4:])
+    ((voltage, _, _),) = driven(line.frames[-5:])
     assert voltage == plate.od["Stage.Voltage"].value == 0
 
 

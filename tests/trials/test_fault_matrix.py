@@ -190,7 +190,8 @@ def test_what_is_not_seen_goes_on_and_reaches_the_setpoint_over_the_gain(way: st
         assert reached is not None
         gain = 1.0 if "q" in case.name else float(case.name.rpartition(" ")[2])
         asked = 1.7 if case.predictive else 1.02
-        most = {"open_loop": 1.2, "friction": 3.0, "texture": 3.0}.get(way, asked / gain)
+        # The grating goes down to 0.3, for which half the gain asks for more than for 0.35.
+        most = {"open_loop": 1.2, "friction": 3.0, "texture": 3.5}.get(way, asked / gain)
         assert 0.9 < reached < most
 
 
