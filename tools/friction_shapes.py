@@ -20,21 +20,14 @@ from smarttac_can.control.friction_map import LAST, SPACING
 from smarttac_can.plant.friction import sliding_coefficient
 from smarttac_can.plant.parameters import ResonatorParameters
 from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.population.fingers import SPAN, UNIFORM, W_LEAST, W_MOST
 
 FINGERS: Final = 4000
 SEED: Final = 20
 COMPONENTS: Final = 3
-SPAN_MIN: Final = 0.13
-RANGES: Final = {
-    "mu0": (0.3, 0.9),
-    "rho": (0.15, 0.5),
-    "W0": (0.8e-6, 3e-6),
-    "p": (1.0, 2.0),
-    "force": (0.3, 0.9),
-    "speed": (30e-3, 100e-3),
-}
+RANGES: Final = {name: UNIFORM[name] for name in ("mu0", "rho", "W0", "p", "force", "speed")}
 """What makes a map, uniform, in SI units; all else moves it up or down as a whole."""
-_NARROW, _WIDE = round(0.25e-6 / SPACING), round(2.5e-6 / SPACING)
+_NARROW, _WIDE = round(W_LEAST / SPACING), round(W_MOST / SPACING)
 
 
 def maps() -> np.ndarray:
@@ -52,7 +45,7 @@ def maps() -> np.ndarray:
             sliding_coefficient(subject, node * SPACING, speed, force, 0.0, f0=f0)
             for node in range(LAST + 1)
         ]
-        if row[_NARROW] - row[_WIDE] >= SPAN_MIN:
+        if row[_NARROW] - row[_WIDE] >= SPAN:
             found.append(row)
     return np.array(found)
 

@@ -16,7 +16,7 @@ from smarttac_can.campaign.folder import write_folder
 from smarttac_can.campaign.record import Record, RecordError
 from smarttac_can.campaign.runner import run_campaign
 from smarttac_can.campaign.summary import lines, summary
-from smarttac_can.cli.options import seed_option
+from smarttac_can.cli.options import law_option, seed_option, vibration_law_option
 from smarttac_can.cli.plain_errors import need_matplotlib, one_line, plain_errors
 from smarttac_can.cli.reproduction import dead_time_option
 from smarttac_can.cli.result_file import (
@@ -42,20 +42,8 @@ _FINGERS_MAX = 1_000_000
     "--fingers", type=click.IntRange(1, _FINGERS_MAX), required=True, help="How many fingers."
 )
 @seed_option("Seed of the fingers, their motion and the noise.")
-@click.option(
-    "--law",
-    type=click.Choice([law.name.lower() for law in Law]),
-    default="measured",
-    show_default=True,
-    help="Friction law.",
-)
-@click.option(
-    "--vibration-law",
-    type=click.Choice([law.name.lower() for law in VibrationLaw]),
-    default="pi",
-    show_default=True,
-    help="How amplitude and resonance are regulated.",
-)
+@law_option("Friction law.")
+@vibration_law_option("How amplitude and resonance are regulated.")
 @dead_time_option
 @click.option(
     "--case",

@@ -20,6 +20,7 @@ from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.od.cia import UNCONFIGURED
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 Command = Callable[..., Any]
 
@@ -71,6 +72,22 @@ def seed_option(text: str) -> Callable[[Command], Command]:
     """Option of the seed of what is drawn at random, with this help."""
     return click.option(
         "--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True, help=text
+    )
+
+
+def law_option(text: str) -> Callable[[Command], Command]:
+    """Option of the friction law, the paper's unless given, with this help."""
+    names = [law.name.lower() for law in Law]
+    return click.option(
+        "--law", type=click.Choice(names), default=names[0], show_default=True, help=text
+    )
+
+
+def vibration_law_option(text: str) -> Callable[[Command], Command]:
+    """Option of the law of the vibration, the paper's unless given, with this help."""
+    names = [law.name.lower() for law in VibrationLaw]
+    return click.option(
+        "--vibration-law", type=click.Choice(names), default=names[0], show_default=True, help=text
     )
 
 

@@ -14,7 +14,7 @@ import click
 
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.cli.options import seed_option
+from smarttac_can.cli.options import law_option, seed_option, vibration_law_option
 from smarttac_can.cli.plain_errors import need_matplotlib, one_line, plain_errors
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
@@ -114,20 +114,8 @@ def demo(seed: int, output: Path | None) -> None:
     show_default=True,
     help="With CANopen nodes on a virtual bus, or by function calls: the same numbers.",
 )
-@click.option(
-    "--law",
-    type=click.Choice([law.name.lower() for law in Law]),
-    default="measured",
-    show_default=True,
-    help="What the step of eq. (9) is added to, or predictive.",
-)
-@click.option(
-    "--vibration-law",
-    type=click.Choice([law.name.lower() for law in VibrationLaw]),
-    default="pi",
-    show_default=True,
-    help="How amplitude and resonance are regulated; pi is the paper's.",
-)
+@law_option("What the step of eq. (9) is added to, or predictive.")
+@vibration_law_option("How amplitude and resonance are regulated; pi is the paper's.")
 @click.option(
     "--load",
     type=float,

@@ -26,7 +26,7 @@ STEP: Final = 0.1
 """Of the reference at the boundary."""
 _SWEAT, _SWEAT_RATE = 2.0, 0.05
 """Rise of mu0 of a finger that sweats, and its share in a second at first."""
-_UNIFORM: Final = {
+UNIFORM: Final = {
     "mu0": (0.3, 0.9),
     "rho": (0.15, 0.5),
     "W0": (0.8e-6, 3e-6),
@@ -37,6 +37,7 @@ _UNIFORM: Final = {
     "speed": (0.03, 0.1),
     "force": (0.3, 0.9),
 }
+"""Ranges, in SI units, of what is uniform."""
 _LOGARITHMIC: Final = {
     "skin_stiffness": (500.0, 2000.0),
     "skin_damping": (0.5, 2.0),
@@ -122,8 +123,8 @@ def stroke_of(finger: Finger, case: Case) -> Stroke:
 def _draw(rng: np.random.Generator, wider: float) -> dict[str, float]:
     """Draw all that differs, from ranges that much wider."""
     values = {}
-    draws = iter(rng.random(len(_UNIFORM) + len(_LOGARITHMIC)).tolist())
-    for name, bounds in _UNIFORM.items():
+    draws = iter(rng.random(len(UNIFORM) + len(_LOGARITHMIC)).tolist())
+    for name, bounds in UNIFORM.items():
         more = 0.5 * wider * (bounds[1] - bounds[0])
         low = max(bounds[0] - more, _LEAST.get(name, 0.0))
         high = min(bounds[1] + more, _MOST.get(name, inf))

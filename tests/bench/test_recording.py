@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -58,16 +57,6 @@ print(round(frame["Contact.COF"].mean(), 2), frame["Contact.COF"].isna().sum() >
 named = changes["name"].str.decode("ascii") == "Setpoint.Voltage"
 print(changes["value"][named].tolist(), "ParameterName=Statusword" in eds)
 """
-
-
-@pytest.fixture(params=["local", "bus", "inside", "virtual"])
-def bench(request: pytest.FixtureRequest) -> Iterator[Stimulator]:
-    if request.param == "virtual":
-        yield request.getfixturevalue("stimulator")
-        return
-    link = "local" if request.param == "local" else "bus"
-    with Stimulator.simulate(link, plate_inside=request.param == "inside") as made:
-        yield made
 
 
 def play(bench: Stimulator, path: Path) -> Recording:

@@ -1,6 +1,6 @@
 """The bench's client: the same over every link, in a person's units."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,17 +25,6 @@ from smarttac_can.bench.traces import COLUMNS
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.states import Control, State
 from smarttac_can.vocabulary.watchdogs import Watchdog
-
-
-@pytest.fixture(params=["local", "bus", "inside", "virtual"])
-def bench(request: pytest.FixtureRequest) -> Iterator[Stimulator]:
-    """A stimulator over each link; the last is the fixture that users get."""
-    if request.param == "virtual":
-        yield request.getfixturevalue("stimulator")
-        return
-    link = "local" if request.param == "local" else "bus"
-    with Stimulator.simulate(link, plate_inside=request.param == "inside") as made:
-        yield made
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Textures as a person makes them, and over every link into the stimulator."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,18 +8,6 @@ from matplotlib.image import imsave
 
 from smarttac_can.bench import Mode, RefusedError, Stimulator, Texture
 from smarttac_can.vocabulary.textures import Axis, TextureTable
-
-
-@pytest.fixture(params=["local", "bus", "inside", "virtual"])
-def bench(request: pytest.FixtureRequest) -> Iterator[Stimulator]:
-    """A stimulator over each link; the last one is a node in a thread."""
-    if request.param == "virtual":
-        yield request.getfixturevalue("stimulator")
-        return
-    link = "local" if request.param == "local" else "bus"
-    with Stimulator.simulate(link, plate_inside=request.param == "inside") as made:
-        yield made
-
 
 GRATING = Texture.grating(period_mm=2, low=0.25, high=0.4)
 LONGEST = Texture(TextureTable(Axis.POSITION, False, 0, 18_555, tuple(range(2000, 6096))))

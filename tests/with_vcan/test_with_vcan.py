@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import runpy
@@ -155,3 +156,19 @@ def test_place_of_the_machines_memory(
     shared = SimpleNamespace(f_bavail=free, f_frsize=1, f_flag=flags)
     monkeypatch.setattr(os, "statvfs", lambda _folder: shared)
     assert machine_environment("/folder", 512)["TMPDIR"] == place
+
+
+@pytest.mark.parametrize(("hidden", "answer"), [(True, errno.EIO), (False, errno.ESRCH)])
+def test_only_the_wide_registers_are_hidden(hidden: bool, answer: int) -> None:
+    script = f"""
+import ctypes, runpy
+tool = runpy.run_path({str(WITH_VCAN)!r})
+if {hidden}:
+    tool["hide_wide_registers"]()
+libc = ctypes.CDLL(None, use_errno=True)
+for what in (0x202, 1):  # all registers, and the short set, of a process that is not traced
+    libc.ptrace(0x4204, 0, what, 0)
+    print(ctypes.get_errno())
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    assert done.stdout.split() == [b"%d" % answer, b"%d" % errno.ESRCH]
