@@ -36,8 +36,9 @@ from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.od import cia
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
+from smarttac_can.od.entry import Entry
 
 ROOT = Path(__file__).resolve().parent.parent
 EDS = ROOT / "tests" / "eds" / "rich.eds"

@@ -12,7 +12,7 @@ from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.master.errors import BenchError, BusLostError
 from smarttac_can.od.cia import HEARTBEAT_CONSUMER, HEARTBEAT_ID, LAST_NODE_ID
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _IDS: Final = 16
 _PERIOD_S: Final = 0.1

@@ -18,7 +18,7 @@ from smarttac_can.od.cia import (
     PDO_TRANSMISSION,
     TPDO_COMMUNICATION,
 )
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _BOOT_UP = b"\0"
 

@@ -10,7 +10,8 @@ from typing import Final
 from smarttac_can.bench.link import Link
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import SIMULATION
 from smarttac_can.vocabulary.states import State, state_in
 

@@ -17,7 +17,8 @@ from smarttac_can.od.cia import (
     TPDO_MAPPING,
     DataType,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 _FORMATS: Final = {
     DataType.BOOLEAN: "B",

@@ -14,7 +14,8 @@ from smarttac_can.host.frame_log import FRAME, MARK, MARK_END, Records
 from smarttac_can.master.requests import takes, written
 from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, MANUFACTURER_FIRST
 from smarttac_can.od.data_types import unpack
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import START_RUN
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 

@@ -14,7 +14,8 @@ from smarttac_can.bench.recorded_frames import Dated, RecordedFrames
 from smarttac_can.bench.recorded_rows import Rows
 from smarttac_can.host.frame_log import RECORD, FrameLogReader, Records
 from smarttac_can.master.errors import BenchError
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.od.ini import EDSError
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status

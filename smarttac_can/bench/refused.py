@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from smarttac_can.master.errors import RefusedError
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.faults import FaultKind, value_range
 from smarttac_can.vocabulary.objects import FAULT_KIND
 

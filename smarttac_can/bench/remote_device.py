@@ -34,7 +34,8 @@ from smarttac_can.od.cia import (
     NMTCommand,
 )
 from smarttac_can.od.data_types import pack, unpack
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 _HEARTBEATS_MISSED: Final = 6
 _PRODUCT_CODE: Final = 2

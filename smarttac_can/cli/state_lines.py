@@ -13,7 +13,8 @@ from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import UNCONFIGURED
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 

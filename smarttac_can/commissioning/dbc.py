@@ -14,7 +14,8 @@ from cantools.database.namedsignalvalue import NamedSignalValue
 
 from smarttac_can.od import cia
 from smarttac_can.od.data_types import REAL, SIGNED
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 _STATES: Final = {
     0: "boot-up",

@@ -11,9 +11,10 @@ from io import StringIO
 from typing import Final
 
 from smarttac_can.od.cia import IDENTITY, Abort, DataType, ObjectType
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.eds_values import parse_integer, parse_value
+from smarttac_can.od.entry import Entry
 from smarttac_can.od.ini import EDSError
 
 _BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)

@@ -9,7 +9,8 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from smarttac_can.od.cia import COMMUNICATION_LAST, Abort, AbortCode
 from smarttac_can.od.data_types import unpack
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.od.finding import Finding, Sections
 
 

@@ -25,8 +25,9 @@ from smarttac_can.od.cia import (
     DataType,
 )
 from smarttac_can.od.data_types import REAL, SIGNED, UNSIGNED
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
+from smarttac_can.od.entry import Entry
 from smarttac_can.od.ini import read_sections
 
 COMMANDS: Final = frozenset({STORE_PARAMETERS, RESTORE_DEFAULTS})

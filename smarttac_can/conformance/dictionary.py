@@ -17,7 +17,7 @@ from smarttac_can.od.cia import (
     ObjectType,
 )
 from smarttac_can.od.data_types import SIZES, bounds, pack
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _SHOWN = 3
 _STRUCTURE = 0xFF

@@ -19,7 +19,7 @@ from smarttac_can.conformance.pdo_setup import (
 from smarttac_can.conformance.sdo_client import number, upload, write_number
 from smarttac_can.od.cia import FRAME_BYTES, SYNC_COB_ID, AbortCode, DataType
 from smarttac_can.od.data_types import SIZES
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _BITS = 64
 _PROCEDURE = "7.5.2.38: disable, number 0, entries, number, enable"

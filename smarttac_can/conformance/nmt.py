@@ -19,7 +19,7 @@ from smarttac_can.od.cia import (
     DataType,
     NMTCommand,
 )
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _PERIOD_MS = 50
 _STOPPED, _OPERATIONAL, _PRE_OPERATIONAL = 0x04, 0x05, 0x7F

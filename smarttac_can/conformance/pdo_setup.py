@@ -21,7 +21,7 @@ from smarttac_can.od.cia import (
     Abort,
     NMTCommand,
 )
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _OWN_EVENTS = 3
 _NAMES = {

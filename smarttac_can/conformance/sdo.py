@@ -21,7 +21,7 @@ from smarttac_can.od.cia import (
     AbortCode,
 )
 from smarttac_can.od.data_types import pack, unpack
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _EXPEDITED_4_BYTES = 0x43
 SERVER_TIME_OUT_S = 2.0

@@ -14,7 +14,7 @@ from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo import alive, number_entry, other_value
 from smarttac_can.conformance.sdo_client import address, upload
 from smarttac_can.od.cia import DEVICE_TYPE, Abort, AbortCode
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _CRC = 0x04
 _SIZE = 0x02

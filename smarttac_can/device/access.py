@@ -8,7 +8,8 @@ from typing import Any
 from smarttac_can.device.application import Application
 from smarttac_can.device.service import Service
 from smarttac_can.od.cia import STRUCTURE_SUBINDEX, Abort, AbortCode
-from smarttac_can.od.dictionary import MAX_BYTES, Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import MAX_BYTES, Entry
 
 
 class Access:

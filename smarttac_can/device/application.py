@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 
 class Application:

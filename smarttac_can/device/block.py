@@ -8,7 +8,7 @@ from typing import Final
 from smarttac_can.device.late import LateSegments
 from smarttac_can.device.segmented import SEGMENT
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import MAX_BYTES, Entry
+from smarttac_can.od.entry import MAX_BYTES, Entry
 
 BLOCK_SIZE: Final = 127
 """Most segments in a sub-block, and what the server asks for."""

@@ -44,7 +44,8 @@ from smarttac_can.od.cia import (
     EmergencyCode,
     ErrorRegister,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 _NO_AUTOSTART = 4
 _CODES = range(1, 1 << 16)

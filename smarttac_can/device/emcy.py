@@ -20,7 +20,8 @@ from smarttac_can.od.cia import (
     EmergencyCode,
     ErrorRegister,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 QUEUE_LENGTH: Final = 16
 """Messages that wait for the inhibit time; beyond that the oldest is dropped."""

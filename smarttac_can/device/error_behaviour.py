@@ -10,7 +10,8 @@ from smarttac_can.device.nmt import ALL_STATES, NMTState
 from smarttac_can.device.port import Port
 from smarttac_can.device.service import Service
 from smarttac_can.od.cia import ERROR_BEHAVIOUR, Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 
 class ErrorClass(IntEnum):

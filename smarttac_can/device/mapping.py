@@ -10,7 +10,8 @@ from typing import Any, Final, NamedTuple
 
 from smarttac_can.od.cia import Abort, AbortCode, DataType
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TIME, UNSIGNED, bounds
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 _CODES: Final[dict[int, str]] = {
     **dict(zip(SIGNED, "bh0i000q", strict=True)),

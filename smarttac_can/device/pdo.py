@@ -20,7 +20,8 @@ from smarttac_can.od.cia import (
     Abort,
     AbortCode,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 
 class PDO(Service):

@@ -17,7 +17,8 @@ from smarttac_can.od.cia import (
     EmergencyCode,
     ErrorRegister,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 
 class RPDO(PDO):

@@ -24,7 +24,8 @@ from smarttac_can.od.cia import (
     AbortCode,
 )
 from smarttac_can.od.data_types import UNSIGNED
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 TIME_OUT: Final = 1_000_000
 """Device time in us after which a client that does not go on is aborted, where no object says."""

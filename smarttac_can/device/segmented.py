@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import MAX_BYTES, Entry
+from smarttac_can.od.entry import MAX_BYTES, Entry
 
 SEGMENT = 7
 

@@ -14,7 +14,8 @@ from smarttac_can.od.cia import (
     AbortCode,
     restricted,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 
 class Service:

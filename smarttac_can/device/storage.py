@@ -28,7 +28,8 @@ from smarttac_can.od.cia import (
     ErrorRegister,
 )
 from smarttac_can.od.data_types import pack
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 _SIGNATURES: Final = {STORE_PARAMETERS: b"save", RESTORE_DEFAULTS: b"load"}
 _ALL: Final = (0, LAST_INDEX)

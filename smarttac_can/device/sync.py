@@ -26,7 +26,8 @@ from smarttac_can.od.cia import (
     ErrorRegister,
     restricted,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 
 class Sync(Service):

@@ -20,7 +20,8 @@ from smarttac_can.od.cia import (
     restricted,
 )
 from smarttac_can.od.data_types import SIZES
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 _DAY_MS: Final = 86_400_000
 

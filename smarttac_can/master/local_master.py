@@ -10,7 +10,7 @@ from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master import requests
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import SYNC_COUNTER_LAST
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 
 class LocalMaster:

@@ -17,7 +17,7 @@ from smarttac_can.od.cia import (
     Abort,
 )
 from smarttac_can.od.data_types import pack, unpack
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _UPLOAD: Final = 0x40
 _DOWNLOAD: Final = 0x23

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 

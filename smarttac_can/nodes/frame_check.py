@@ -8,7 +8,7 @@ from struct import Struct
 from typing import Final
 
 from smarttac_can.od.cia import DataType
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 _POLYNOMIAL: Final = 0x1D
 _START: Final = 0xFF

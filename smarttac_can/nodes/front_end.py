@@ -7,7 +7,8 @@ from numbers import Complex, Integral, Real
 from typing import Any, Final
 
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.model import require
 from smarttac_can.vocabulary.objects import SIMULATION

@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 
 from smarttac_can.nodes.settings import LAWS
 from smarttac_can.od.data_types import SIGNED, UNSIGNED
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.modes import Mode
 

@@ -17,7 +17,7 @@ from smarttac_can.od.cia import (
     Abort,
     AbortCode,
 )
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.fault_codes import FaultCode
 
 READ_BACK_CYCLES: Final = 3

@@ -6,7 +6,8 @@ from typing import Final
 
 from smarttac_can.device.mapping import Direction, compile_mapping
 from smarttac_can.od.cia import RPDO_MAPPING, TPDO_MAPPING
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 MEASUREMENT_TPDOS: Final = (1, 2, 3)
 """PDOs in which the plate sends a measurement."""

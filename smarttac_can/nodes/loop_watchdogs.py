@@ -15,7 +15,8 @@ from smarttac_can.nodes.cycle_input import SENSORS, Measured
 from smarttac_can.nodes.lapses import Lapses
 from smarttac_can.nodes.settings import lateral_calibration
 from smarttac_can.nodes.vibration_watch import VibrationWatch
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.watchdogs import (
     GAUGE_CYCLES,

@@ -9,7 +9,8 @@ from smarttac_can.nodes.front_end import STAGE_TOLERANCE, FrontEnd
 from smarttac_can.nodes.hard_caps import PLATE_CAPS, require_caps
 from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.nodes.stage_state import StageEvent, StageState, follow
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.od.scaling import Quantiser
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.plant.plate import Plate

@@ -16,7 +16,8 @@ from smarttac_can.od.cia import (
     TPDO_COMMUNICATION,
     TPDO_IDS,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.signals import TICK_US
 
 _FIRST_SERIAL: Final = 1

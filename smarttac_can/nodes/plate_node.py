@@ -27,7 +27,8 @@ from smarttac_can.nodes.plate_link import plate_serial
 from smarttac_can.nodes.stage_state import StageState
 from smarttac_can.nodes.stricter import OF_PLATE, Stricter
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.plate import TimedPlate

@@ -9,7 +9,8 @@ from typing import Any, Final
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import Matrix
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.plant.faults import Fault
 from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
 from smarttac_can.plant.fitted import FITTED

@@ -37,7 +37,8 @@ from smarttac_can.nodes.stricter import OF_STIMULATOR, Stricter
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.nodes.texture_slots import TABLES, TextureSlots
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import (

@@ -39,7 +39,8 @@ from smarttac_can.od.cia import (
     EmergencyCode,
     ErrorRegister,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import START_RUN
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.states import State

@@ -34,7 +34,8 @@ from smarttac_can.od.cia import (
     Abort,
     AbortCode,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 _LAST_NODE: Final = 127
 

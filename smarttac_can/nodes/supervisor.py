@@ -11,7 +11,8 @@ from smarttac_can.nodes.fault_memory import FaultMemory
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
 from smarttac_can.nodes.state_machine import Event, Guard, StateMachine
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import UNWATCHED
 from smarttac_can.vocabulary.signals import Drive

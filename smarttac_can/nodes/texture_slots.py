@@ -7,7 +7,8 @@ from typing import Any, Final
 from smarttac_can.control.texture import TexturePlayer
 from smarttac_can.nodes.settings import TEXTURE
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.textures import SLOTS, TextureTable
 

@@ -9,7 +9,8 @@ from typing import Final
 
 from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.nodes.lapses import Lapses
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.model import contact_load
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK, Contact

@@ -11,8 +11,9 @@ from typing import Any, Final, TypeVar
 
 from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, DataType, ObjectType
 from smarttac_can.od.data_types import TEXT, bounds, is_visible, zero
-from smarttac_can.od.dictionary import ACCESS, Entry, Object, ObjectDictionary
+from smarttac_can.od.dictionary import Object, ObjectDictionary
 from smarttac_can.od.eds_values import parse_integer, parse_value
+from smarttac_can.od.entry import ACCESS, Entry
 from smarttac_can.od.entry_rules import LONGEST_NAME
 from smarttac_can.od.ini import EDSError, read_sections
 from smarttac_can.od.units import ONE, Quantity, split_name

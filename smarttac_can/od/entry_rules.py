@@ -9,8 +9,8 @@ from typing import Any, Final
 from smarttac_can.od.cia import DataType, ObjectType
 from smarttac_can.od.communication_profile import standard_type
 from smarttac_can.od.data_types import TEXT, bounds
-from smarttac_can.od.dictionary import ACCESS
 from smarttac_can.od.eds_values import parse_integer, parse_value
+from smarttac_can.od.entry import ACCESS
 from smarttac_can.od.finding import Finding
 from smarttac_can.od.ini import EDSError
 

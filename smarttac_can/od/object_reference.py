@@ -7,8 +7,9 @@ from typing import Final
 
 from smarttac_can.od import cia
 from smarttac_can.od.data_types import bounds
-from smarttac_can.od.dictionary import Entry, Object, ObjectDictionary
+from smarttac_can.od.dictionary import Object, ObjectDictionary
 from smarttac_can.od.eds import load_eds
+from smarttac_can.od.entry import Entry
 
 LEGEND: Final = (
     "Limits and defaults are raw counts; *one count* says what a count stands for, and is empty "

@@ -8,7 +8,8 @@ from typing import Final
 from smarttac_can.od import cia
 from smarttac_can.od.cia import DataType
 from smarttac_can.od.data_types import SIZES
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.od.finding import Finding
 
 _BITS: Final = 64

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 
 class Quantiser:

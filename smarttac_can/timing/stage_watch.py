@@ -23,7 +23,7 @@ from smarttac_can.od.cia import (
     TPDO_IDS,
     Abort,
 )
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 MASTER_ID: Final = 100
 """Node-ID of the heartbeat of `StageWatch`."""

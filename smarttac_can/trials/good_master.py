@@ -17,7 +17,7 @@ from smarttac_can.od.cia import (
     AbortCode,
     NMTCommand,
 )
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 from smarttac_can.trials.fault_case import REGULATED
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.modes import Law, VibrationLaw

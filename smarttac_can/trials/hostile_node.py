@@ -23,7 +23,7 @@ from smarttac_can.od.cia import (
     TPDO_IDS,
     NMTCommand,
 )
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import Control

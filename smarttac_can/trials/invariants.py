@@ -8,7 +8,8 @@ from typing import Final
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.od.cia import ERROR_FIELD
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import AMPLITUDE_CYCLES

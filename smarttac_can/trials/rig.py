@@ -29,7 +29,8 @@ from smarttac_can.od.cia import (
     TPDO_COMMUNICATION,
     NMTCommand,
 )
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.trials.stage_hardware import StageHardware
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN, ZERO

@@ -8,7 +8,8 @@ from typing import Final
 from smarttac_can.bench.published import PublishedPdo, published_pdos
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import PDO_COB_ID, TPDO_COMMUNICATION, TPDO_MAPPING
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 OLD_S: Final = 2.0
 """A value that has not come for so long is not shown: 20 event times by default."""

@@ -9,7 +9,7 @@ from typing import Final
 from smarttac_can.device.frame import Frame
 from smarttac_can.master import requests
 from smarttac_can.od.cia import SDO_RX_ID, Abort
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 PAUSE_S: Final = 0.05
 """Between two reads: below 0.6 % of a bus of 1 Mbit/s."""

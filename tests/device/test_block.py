@@ -8,7 +8,7 @@ from one_device import play, receive, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
-from smarttac_can.od.dictionary import MAX_BYTES
+from smarttac_can.od.entry import MAX_BYTES
 
 DOMAIN = 0x2300
 TEXT = bytes(k * 37 & 0xFF for k in range(2000))

@@ -7,7 +7,7 @@ import pytest
 from one_device import RICH
 
 from smarttac_can.device.sdo import SDOServer
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 ROOT = Path(__file__).parents[2]
 

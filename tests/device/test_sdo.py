@@ -6,7 +6,7 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.data_types import pack
-from smarttac_can.od.dictionary import MAX_BYTES, Entry
+from smarttac_can.od.entry import MAX_BYTES, Entry
 
 
 def write_segmented(device: Device, index: int, data: bytes, *, announce: bool = True) -> int:

@@ -9,7 +9,7 @@ import pytest
 from smarttac_can.device.frame import Frame
 from smarttac_can.master import requests
 from smarttac_can.od.cia import Abort, DataType, NMTCommand
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 BYTE = Entry(0x2001, 0x02, "Byte", DataType.UNSIGNED8, "rw")
 SIGNED = Entry(0x2003, 0x00, "Signed", DataType.INTEGER16, "rw")

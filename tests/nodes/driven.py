@@ -6,7 +6,7 @@ from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 from smarttac_can.trials.fault_acts import nothing, send_setpoints
 from smarttac_can.trials.fault_case import FaultCase
 from smarttac_can.trials.fault_matrix import driving_rig

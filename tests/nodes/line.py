@@ -16,7 +16,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
-from smarttac_can.od.dictionary import Entry
+from smarttac_can.od.entry import Entry
 
 START, STOP, PREOP, RESET, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82
 SYNC = Frame(0x80)

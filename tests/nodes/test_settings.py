@@ -13,7 +13,8 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.settings import DESIGN, cascade_parameters, keep_model, with_change
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import Control

@@ -10,7 +10,8 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stricter import OF_PLATE, OF_STIMULATOR, Stricter, Table
 from smarttac_can.od.cia import Abort
-from smarttac_can.od.dictionary import Entry, ObjectDictionary
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.trials.fault_acts import disturb
 from smarttac_can.vocabulary.states import State
 

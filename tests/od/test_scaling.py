@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smarttac_can.od.cia import DataType
-from smarttac_can.od.dictionary import Entry, Object, ObjectDictionary, ObjectType
+from smarttac_can.od.cia import DataType, ObjectType
+from smarttac_can.od.dictionary import Object, ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.od.scaling import QuantisedOnDemand, Quantiser
 from smarttac_can.od.units import Quantity
 

@@ -1,0 +1,209 @@
+"""An entry of the object dictionary: type, access, limits, unit and value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from smarttac_can.od.cia import Abort, AbortCode, DataType
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, UNSIGNED, bounds, pack, unpack
+from smarttac_can.od.units import ONE, Quantity
+
+ACCESS: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
+MAX_BYTES: Final = 1 << 20
+"""Longest string or domain an entry takes."""
+
+_INTEGER: Final = frozenset({*SIGNED, *UNSIGNED, DataType.BOOLEAN})
+
+
+class Entry:
+    """One sub-index of the object dictionary.
+
+    Parameters
+    ----------
+    low, high
+        Limits of the EDS, or else the bounds of the data type; 0 where values have no order.
+    default
+        Value after a reset.
+    pdo
+        Whether the EDS says PDOMapping=1.
+
+    Attributes
+    ----------
+    value
+        Raw value as on the wire: int, float, bytes or str by data type. Who writes it directly
+        keeps it within the limits; `quantise` does. An entry with a source has none.
+    source
+        Computes the raw value when it is read; None where `value` holds it.
+    size
+        Bytes on the wire, 0 for a type of variable length.
+    per_node
+        Which of `default`, `low` and `high` hold the node-ID plus something (``$NODEID``).
+    unit, si
+        What one count stands for, with the displayed unit, and in SI base units.
+    """
+
+    __slots__ = (
+        "access",
+        "data_type",
+        "default",
+        "high",
+        "index",
+        "low",
+        "name",
+        "pdo",
+        "per_node",
+        "readable",
+        "si",
+        "size",
+        "source",
+        "subindex",
+        "unit",
+        "value",
+        "writable",
+    )
+    __deletable__ = ("value",)  # asked for by mypyc
+
+    def __init__(
+        self,
+        index: int,
+        subindex: int,
+        name: str,
+        data_type: DataType,
+        access: str,
+        *,
+        low: float | None = None,
+        high: float | None = None,
+        default: Any = 0,
+        pdo: bool = False,
+        unit: Quantity = ONE,
+    ) -> None:
+        least, most = bounds(data_type)
+        self.index = index
+        self.subindex = subindex
+        self.name = name
+        self.data_type = data_type
+        self.access = access
+        self.low = least if low is None else low
+        self.high = most if high is None else high
+        self.default: Any = default
+        self.value: Any = default
+        self.source: Callable[[], Any] | None = None
+        self.pdo = pdo
+        self.per_node: tuple[str, ...] = ()
+        self.size = SIZES.get(data_type, 0)
+        self.unit, self.si = unit, unit.si
+        self.readable = access != "wo"
+        self.writable = access not in ("ro", "const")
+
+    def __repr__(self) -> str:
+        return f"<Entry {self.index:04X}:{self.subindex:02X} {self.name} = {self.read()!r}>"
+
+    @property
+    def tpdo_mappable(self) -> bool:
+        """Whether a TPDO may carry the entry (rww is for RPDOs alone, CiA 306)."""
+        return self.pdo and self.access in ("ro", "rw", "rwr")
+
+    @property
+    def rpdo_mappable(self) -> bool:
+        """Whether an RPDO may carry the entry."""
+        return self.pdo and self.access in ("wo", "rw", "rww")
+
+    @property
+    def si_value(self) -> float:
+        """Value in SI base units."""
+        return float(self.read() * self.si)
+
+    def read(self) -> Any:
+        """Return the raw value as it is now, held or computed."""
+        return self.value if self.source is None else self.source()
+
+    @property
+    def reader(self) -> Callable[[], Any]:
+        """What does the same as `read`, without asking each time whether there is a source."""
+        return self.read if self.source is None else self.source
+
+    def compute(self, source: Callable[[], Any]) -> None:
+        """Have the raw value computed whenever it is read.
+
+        `value` is gone then: who forgets to `read` finds nothing, rather than what is out of date.
+        """
+        self.source = source
+        del self.value
+
+    def counts(self, text: str) -> int:
+        """Nearest raw value to a quantity such as ``80 V``, ties to even, whatever the limits.
+
+        Raises
+        ------
+        ValueError
+            The text is not a number with a unit of this kind.
+        """
+        try:
+            return round(Quantity.parse(text).over(self.unit))
+        except (ValueError, OverflowError):
+            like = self.unit.symbol and f" with a unit like {self.unit.symbol}"
+            raise ValueError(f"{self.name} {text!r} is not a number{like}") from None
+
+    def quantise(self, si: float) -> int:
+        """Return the raw value nearest to a quantity in SI base units, within the limits.
+
+        Ties go to the even value; what is outside of the limits is clipped to them.
+
+        Raises
+        ------
+        ValueError
+            The quantity is not a number.
+        TypeError
+            The entry is no integer.
+        """
+        if self.data_type not in _INTEGER:
+            raise TypeError(f"{self.name} is {self.data_type.name}, not an integer")
+        raw = si / self.si
+        if raw <= self.low:
+            return int(self.low)
+        if raw >= self.high:
+            return int(self.high)
+        return round(raw)
+
+    def count(self, more: int = 1) -> None:
+        """Add to a counter, which begins anew above the largest value of its type."""
+        self.value = (self.value + more) % (1 << 8 * self.size)
+
+    def check(self, value: Any) -> None:
+        """Refuse a value of the wrong type or outside the limits.
+
+        Raises
+        ------
+        Abort
+            LENGTH for a wrong type, TOO_LOW, TOO_HIGH, VALUE (not a number), TOO_LONG.
+        """
+        if self.data_type in _INTEGER or self.data_type in REAL:
+            if not isinstance(value, int if self.data_type in _INTEGER else int | float):
+                raise Abort(AbortCode.LENGTH)
+            if value < self.low:
+                raise Abort(AbortCode.TOO_LOW)
+            if value > self.high:
+                raise Abort(AbortCode.TOO_HIGH)
+            if value != value:  # noqa: PLR0124 - NaN would slip through both limits
+                raise Abort(AbortCode.VALUE)
+        elif not isinstance(value, str if self.data_type in TEXT else bytes):
+            raise Abort(AbortCode.LENGTH)
+        elif len(value) > MAX_BYTES:
+            raise Abort(AbortCode.TOO_LONG)
+
+    def pack(self) -> bytes:
+        """Return the present value as bytes on the wire."""
+        return pack(self.data_type, self.read())
+
+    def unpack(self, data: bytes) -> Any:
+        """Return the value of bytes from the wire; the entry does not change.
+
+        Raises
+        ------
+        Abort
+            As for `check`, or if the bytes are no value of the type.
+        """
+        value = unpack(self.data_type, data)
+        self.check(value)
+        return value
