@@ -17,6 +17,7 @@ from smarttac_can.nodes.settings import lateral_calibration
 from smarttac_can.nodes.vibration_watch import VibrationWatch
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.levels import level
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.watchdogs import (
     GAUGE_CYCLES,
@@ -24,7 +25,6 @@ from smarttac_can.vocabulary.watchdogs import (
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
     Watchdog,
-    level,
 )
 
 _PLATE_END: Final = 0.038

@@ -7,8 +7,8 @@ from typing import Final
 
 from smarttac_can.trials.fault_row import mode_name
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.levels import COUNTED, PLATE_COUNTED
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.watchdogs import COUNTED, PLATE_COUNTED
 
 Table = dict[str, dict[str, float]]
 """Largest levels by watch and mode; 1.0 is a fault, or 0 V at the plate."""
