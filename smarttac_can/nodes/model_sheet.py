@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from smarttac_can.control.identification import Identification
-from smarttac_can.nodes.settings import keep_model
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.nodes.settings import keep_model, plate_model
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.vocabulary.model import PlateModel
 
 
 class ModelSheet:
-    """The record *Model* of the object dictionary.
+    """The record *Model* of the object dictionary: the model in force is the one read there.
 
     Parameters
     ----------
@@ -23,16 +22,20 @@ class ModelSheet:
         self._state = od["Model.State"]
         self._progress = od["Model.Progress"]
 
-    def follow(
-        self, identification: Identification | None, adopted: PlateModel
-    ) -> PlateModel | None:
-        """Show how far it is; at its end write the model adopted, and return it as it stands."""
+    def follow(self, cascade: Cascade) -> bool:
+        """Show how far an identification is; keep its model at its end, and tell of that."""
+        identification = cascade.identification
         if identification is None:
-            return None
+            return False
         self._progress.value = int(100.0 * identification.progress)
         self._state.value = int(identification.state)
-        return None if identification.model is None else keep_model(self._od, adopted)
+        if identification.model is None:
+            return False
+        keep_model(self._od, cascade.model)
+        self.put_in_force(cascade)
+        return True
 
-    def show_quality(self, model: PlateModel) -> None:
-        """Show how narrow the resonance of a model is."""
-        self._quality.value = self._quality.quantise(model.quality)
+    def put_in_force(self, cascade: Cascade) -> None:
+        """Have the cascade adopt the model, and show how narrow its resonance is."""
+        cascade.adopt(plate_model(self._od))
+        self._quality.value = self._quality.quantise(cascade.model.quality)

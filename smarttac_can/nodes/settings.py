@@ -156,8 +156,8 @@ def plate_model(od: ObjectDictionary) -> PlateModel:
     )
 
 
-def keep_model(od: ObjectDictionary, model: PlateModel) -> PlateModel:
-    """Write a model to the object dictionary, and return it rounded as it stands there."""
+def keep_model(od: ObjectDictionary, model: PlateModel) -> None:
+    """Write a model to the object dictionary, rounded as it stands there."""
     for name, value in (
         ("Gain per volt", model.gain),
         ("Tau", model.tau),
@@ -167,4 +167,3 @@ def keep_model(od: ObjectDictionary, model: PlateModel) -> PlateModel:
     ):
         entry = od[f"Model.{name}"]
         entry.value = entry.quantise(value)
-    return plate_model(od)

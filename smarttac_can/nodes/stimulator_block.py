@@ -5,22 +5,15 @@ from __future__ import annotations
 from typing import Any, Final
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.tribometer import Forces
 from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
 from smarttac_can.nodes.drive_output import DriveOutput
 from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps, require_choices
-from smarttac_can.nodes.loop_frames import (
-    MEASUREMENT_RPDOS,
-    received_drive,
-    received_measurement,
-    sent_drive,
-    sent_measurement,
-)
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.nodes.loop_period import deadlines
 from smarttac_can.nodes.loop_watchdogs import WATCHED
 from smarttac_can.nodes.model_sheet import ModelSheet
-from smarttac_can.nodes.null_window import NullWindow
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_inside import PlateInside
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.settings import (
     CALIBRATION,
@@ -35,21 +28,14 @@ from smarttac_can.nodes.settings import (
 from smarttac_can.nodes.state_machine import Event
 from smarttac_can.nodes.stricter import OF_STIMULATOR, Stricter
 from smarttac_can.nodes.supervisor import Supervisor
+from smarttac_can.nodes.taring import Taring
 from smarttac_can.nodes.texture_slots import TABLES, TextureSlots
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import (
-    AUTO_ZERO,
-    FAULT_KIND,
-    NOT_TARED,
-    SIMULATION,
-    START_RUN,
-    ZERO,
-)
-from smarttac_can.vocabulary.signals import TARE_SAMPLES, Drive
+from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN
+from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
@@ -88,26 +74,20 @@ class StimulatorBlock:
         require_caps(od, STIMULATOR_CAPS)
         require_choices(od)
         self.od = od
-        self._plate = plate
+        self._inside = None if plate is None else PlateInside(od, plate)
         self._inbox = MeasurementInput(od)
         self._setpoints = Setpoints(od)
         self._outbox = DriveOutput(od)
-        if plate is not None:
-            self._measured = _pairs(sent_measurement(plate.od), received_measurement(od))
-            self._driven = _pairs(sent_drive(od), received_drive(plate.od))
         self._read_back = ReadBack(od)
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
-        self._zeros = [od[f"{GAUGE_ZERO}.Zero of S{number}"] for number in range(1, 7)]
-        self._null_window = NullWindow(od)
-        self._tare_at_power_on = od["Tare at power-on"]
         self._unwatched = od["Drive unwatched"]
-        self._cycles = od["Cycle.Cycles"]
         self._message = od["Message"]
         self._model_sheet = ModelSheet(od)
         self._stricter = Stricter(od, OF_STIMULATOR)
         self._textures = TextureSlots(od)
         self.supervisor = Supervisor(od, deadlines(od, MEASUREMENT_RPDOS) if plate is None else ())
+        self._taring = Taring(od, self.supervisor)
         self._shown: State | None = None
         self.start_run()
 
@@ -118,11 +98,8 @@ class StimulatorBlock:
 
     def power_on(self) -> None:
         """Begin with the values that the objects have now, those of the simulation included."""
-        if self._plate is not None:
-            self._plate.od.reset()
-            for entry in self.od:
-                if entry.name.partition(".")[0] in SIMULATION:
-                    self._plate.od[entry.name].value = entry.value
+        if self._inside is not None:
+            self._inside.power_on()
         self.supervisor.restart()
         self.supervisor.watchdogs.reset()
         self._shown = None
@@ -131,42 +108,33 @@ class StimulatorBlock:
     def start_run(self) -> None:
         """Begin anew: controllers reset and off, tick 0 next; the plate inside is at rest.
 
-        The first drive is 0 V, whatever is asked for.
-
-        Of a plate node it is not known what it does: the watchdogs go on.
+        The first drive is 0 V, whatever is asked for. Of a plate node it is not known what it does:
+        the watchdogs go on.
         """
         supervisor = self.supervisor
-        if self._plate is not None:
-            self._plate.start_run()
-            self.od[FAULT_KIND].value = FaultKind.NONE
+        if self._inside is not None:
+            self._inside.start_run()
             supervisor.watchdogs.reset()
         self._parameters = cascade_parameters(self.od)
         self.cascade = Cascade(self._parameters, plate_model(self.od))
-        self._restore_zeros()
+        self._taring.begin(self.cascade.tribometer)
         self._textures.reload()
         self.cascade.texture = self._textures.player()
         supervisor.watchdogs.configure()
         self._changed: set[str] = set()
         self._begun = False
-        tared = self.cascade.tribometer.tared
-        self._awaits_tare = bool(self._tare_at_power_on.value) and not tared
-        self._tare_from = TARE_SAMPLES
         self._read_back.reset()
         self._cut()
-        supervisor.start_run(tared)
+        supervisor.start_run(self.cascade.tribometer.tared)
         self._follow()
 
     def tick(self) -> None:
         """Have one cycle with the plate inside: it steps and samples, the controllers answer."""
-        plate = self._plate
-        assert plate is not None
-        plate.cycle()
-        for source, target in self._measured:
-            target.value = source.value
+        inside = self._inside
+        assert inside is not None
+        inside.measure()
         self.cycle()
-        for source, target in self._driven:
-            target.value = source.value
-        plate.take_drive()
+        inside.drive()
 
     def cycle(self) -> None:
         """Compute the drive that answers the measurement in the object dictionary."""
@@ -174,7 +142,7 @@ class StimulatorBlock:
         mode = self._prepare()
         asked = self.cascade.update(measured.si, self._setpoints.read())
         mode, asked = self._begin_at_zero(mode, asked)
-        self._tare_when_due()
+        self._taring.tare_when_due(self.cascade.tribometer)
         drive = self.supervisor.permit(asked, measured, mode, self.cascade)
         self._follow()
         self.cascade.realised(drive)
@@ -205,15 +173,6 @@ class StimulatorBlock:
         self._begun = True
         return mode, asked
 
-    def _tare_when_due(self) -> None:
-        due = self._awaits_tare and self._cycles.value >= self._tare_from
-        if due and not self.supervisor.tare_barred:
-            try:
-                self._tare()
-            except ValueError:
-                # Its Message says why; the next samples may be without a finger.
-                self._tare_from += TARE_SAMPLES
-
     def _follow(self) -> None:
         """Show another state; what was driven before is off then."""
         state = self.supervisor.state
@@ -230,19 +189,14 @@ class StimulatorBlock:
         self.cascade.set_mode(Mode.OFF)
         self._outbox.switch_off()
         self._read_back.show_off()
-        if self._plate is not None:
-            self._plate.switch_off()
+        if self._inside is not None:
+            self._inside.plate.switch_off()
 
     def _keep_results(self, mode: int) -> None:
         """Keep the model of an identification, and show a mode that the cascade has left."""
         cascade = self.cascade
-        if mode == _IDENTIFY:
-            model = self._model_sheet.follow(cascade.identification, cascade.model)
-            if model is not None:
-                # The model in force is the one that can be read, and stored.
-                cascade.adopt(model)
-                self.supervisor.watchdogs.configure()
-                self._model_sheet.show_quality(cascade.model)
+        if mode == _IDENTIFY and self._model_sheet.follow(cascade):
+            self.supervisor.watchdogs.configure()
         if mode != cascade.mode:
             # The cascade has left it by itself.
             self._mode.value = int(cascade.mode)
@@ -306,12 +260,10 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            STATE for what makes a limit or a watch laxer while armed or running, an auto-zero
-            without 64 samples or with a null outside its window, zeros and calibration that would
-            hide a force that has latched a fault, simulation objects without the plate inside, an
-            illegal controlword, or emptying the texture that is played; VALUE for a wrong
-            signature, unknown bits of the controlword, limits that contradict each other, or a
-            texture that cannot be played; NO_DATA for playing an empty slot.
+            As `Stricter`, `TextureSlots`, `Supervisor.command` and `Taring.auto_zero` say; STATE
+            also for zeros and calibration that would hide a force that has latched a fault, and
+            for simulation objects without the plate inside; VALUE for limits that contradict each
+            other.
         """
         if self.supervisor.sharp:
             self._stricter.require(entry, value)
@@ -325,12 +277,13 @@ class StimulatorBlock:
         elif entry.name == START_RUN:
             self.start_run()
         elif record in SIMULATION:
-            if self._plate is not None:
-                self._plate.write(entry.name, value)
+            if self._inside is not None:
+                self._inside.plate.write(entry.name, value)
             elif value != entry.value:
                 raise Abort(AbortCode.STATE)
         elif entry.name in AUTO_ZERO:
-            self._auto_zero(value)
+            self._taring.auto_zero(self.cascade.tribometer, value)
+            self._follow()
         elif record in _DESIGNED_FROM:
             barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_barred
             if barred and value != entry.value:
@@ -339,78 +292,15 @@ class StimulatorBlock:
             self._parameters = with_change(self._parameters, self.od, entry, value)
             self._changed.add(record)
 
-    def _auto_zero(self, signature: int) -> None:
-        """Tare by command."""
-        if signature != ZERO:
-            raise Abort(AbortCode.VALUE)
-        if self.supervisor.tare_barred:
-            raise Abort(AbortCode.STATE)
-        try:
-            self._tare()
-        except (RuntimeError, ValueError) as error:
-            raise Abort(AbortCode.STATE) from error
-
-    def _tare(self) -> None:
-        tribometer = self.cascade.tribometer
-        zeros = tribometer.null()
-        self._require_null(zeros)
-        tribometer.offsets = zeros
-        self._awaits_tare = False
-        for entry, zero in zip(self._zeros, zeros, strict=True):
-            entry.value = entry.quantise(zero)
-        # The zeros in force are those that can be read, and stored.
-        self._restore_zeros()
-        self.supervisor.note_zero()
-        self._follow()
-
-    def _require_null(self, zeros: Forces) -> None:
-        """Refuse zeros outside the window by ValueError; the Message says so, unless of a fault."""
-        message = self._message
-        try:
-            self._null_window.require(zeros)
-        except ValueError as error:
-            if not self.supervisor.latched:
-                message.value = str(error)
-            raise
-        if message.value.startswith(NOT_TARED):
-            message.value = ""
-
-    def _restore_zeros(self) -> None:
-        s1, s2, s3, s4, s5, s6 = [entry.si_value for entry in self._zeros]
-        # All zero is the default: a plate that was never tared.
-        if any((s1, s2, s3, s4, s5, s6)):
-            self.cascade.tribometer.offsets = (s1, s2, s3, s4, s5, s6)
-            self.supervisor.note_zero()
-            self._awaits_tare = False
-
     def _reconfigure(self) -> None:
         """Take over what depends on the records that were written."""
         changed, self._changed = self._changed, set()
         if not changed.isdisjoint(WATCHED):
             self.supervisor.watchdogs.configure()
         if MODEL in changed:
-            self.cascade.adopt(plate_model(self.od))
-            self._model_sheet.show_quality(self.cascade.model)
+            self._model_sheet.put_in_force(self.cascade)
         if not changed.isdisjoint(_TEXTURES):
             self.cascade.texture = self._textures.player()
         self.cascade.configure(self._parameters)
         if GAUGE_ZERO in changed:
-            self._restore_zeros()
-
-
-def _pairs(sources: list[Entry], targets: list[Entry]) -> list[tuple[Entry, Entry]]:
-    """Link entries as a TPDO and an RPDO would; the check is for what crosses a bus.
-
-    Raises
-    ------
-    ValueError
-        If the PDOs of the two EDS files do not carry the same.
-    """
-    if len(sources) != len(targets):
-        raise ValueError("the PDOs of the loop carry different numbers of objects")
-    pairs = list(zip(sources[:-1], targets[:-1], strict=True))
-    for source, target in pairs:
-        what = source.name.rpartition(".")[2].lower()
-        if not target.name.lower().endswith(what):
-            raise ValueError(f"{source.name} and {target.name} are mapped at the same place")
-    return pairs
+            self._taring.restore(self.cascade.tribometer)

@@ -26,8 +26,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[Node]:
 
 def moves(node: Node) -> bool:
     """Whether the plate has a finger that strokes."""
-    plate = node.block if isinstance(node, PlateNode) else node.block._plate
-    assert plate is not None
+    plate = node.block if isinstance(node, PlateNode) else node.block._inside.plate
     return isinstance(plate.plate._finger, Stroke)
 
 

@@ -270,10 +270,10 @@ def test_a_plate_inside_is_at_0_v_too() -> None:
     assert line.write(node, "Setpoint.Voltage", 2000) == 0
     line.run(node, OPEN_LOOP)
     line.advance(5)
-    assert node.block._plate is not None
+    assert node.block._inside is not None
     line.send(OWN["heartbeat"])
     assert node.block.state is State.FAULT
-    assert node.block._plate.od["Stage.Voltage"].value == 0
+    assert node.block._inside.plate.od["Stage.Voltage"].value == 0
 
 
 def test_remote_frames_are_anybodys() -> None:

@@ -10,7 +10,13 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control import inner_loops
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.settings import DESIGN, cascade_parameters, keep_model, with_change
+from smarttac_can.nodes.settings import (
+    DESIGN,
+    cascade_parameters,
+    keep_model,
+    plate_model,
+    with_change,
+)
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -174,5 +180,6 @@ def test_an_identification_is_kept_with_its_temperature_and_leaves_the_load() ->
     od = stimulator_od()
     od["Model.Load"].value = 1300
     model = PlateModel(51e-9, 0.9e-3, 43_250.0, load=1.3, temperature=29.503)
-    assert keep_model(od, model) == PlateModel(51e-9, 0.9e-3, 43_250.0, 1.3, 29.5)
+    keep_model(od, model)
+    assert plate_model(od) == PlateModel(51e-9, 0.9e-3, 43_250.0, 1.3, 29.5)
     assert (od["Model.Load"].value, od["Model.Temperature"].value) == (1300, 2950)

@@ -36,9 +36,8 @@ def driving(mode: int, *, finger: int = LIFTED, **setpoints: int) -> tuple[Line,
 
 
 def true_um(node: StimulatorNode) -> float:
-    plate = node.block._plate
-    assert plate is not None
-    return abs(plate.plate.W) * 1e6
+    assert node.block._inside is not None
+    return abs(node.block._inside.plate.plate.W) * 1e6
 
 
 def lose_gain(line: Line, node: StimulatorNode, sensor: int, per_mille: int) -> None:

@@ -1,0 +1,98 @@
+"""Zeros of the gauges: those that are stored, the tare at power-on, and that by command."""
+
+from __future__ import annotations
+
+from smarttac_can.control.tribometer import Forces, Tribometer
+from smarttac_can.nodes.null_window import NullWindow
+from smarttac_can.nodes.settings import GAUGE_ZERO
+from smarttac_can.nodes.supervisor import Supervisor
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.objects import NOT_TARED, ZERO
+from smarttac_can.vocabulary.signals import TARE_SAMPLES
+
+
+class Taring:
+    """Has the zeros in force be those that can be read, and stored.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    supervisor
+        Bars a tare, and is told of a zero.
+    """
+
+    def __init__(self, od: ObjectDictionary, supervisor: Supervisor) -> None:
+        self._supervisor = supervisor
+        self._window = NullWindow(od)
+        self._zeros = [od[f"{GAUGE_ZERO}.Zero of S{number}"] for number in range(1, 7)]
+        self._at_power_on = od["Tare at power-on"]
+        self._cycles = od["Cycle.Cycles"]
+        self._message = od["Message"]
+
+    def begin(self, tribometer: Tribometer) -> None:
+        """Begin a run with the zeros of the objects; without any, the tare at power-on is due."""
+        self._awaited = bool(self._at_power_on.value)
+        self._from = TARE_SAMPLES
+        self.restore(tribometer)
+
+    def restore(self, tribometer: Tribometer) -> None:
+        """Put the zeros of the objects in force."""
+        s1, s2, s3, s4, s5, s6 = [entry.si_value for entry in self._zeros]
+        # All zero is the default: a plate that was never tared.
+        if any((s1, s2, s3, s4, s5, s6)):
+            tribometer.offsets = (s1, s2, s3, s4, s5, s6)
+            self._supervisor.note_zero()
+            self._awaited = False
+
+    def tare_when_due(self, tribometer: Tribometer) -> None:
+        """Make the tare at power-on if it is awaited, and there are samples for it."""
+        due = self._awaited and self._cycles.value >= self._from
+        if due and not self._supervisor.tare_barred:
+            try:
+                self._tare(tribometer)
+            except ValueError:
+                # Its Message says why; the next samples may be without a finger.
+                self._from += TARE_SAMPLES
+
+    def auto_zero(self, tribometer: Tribometer, signature: int) -> None:
+        """Tare by command.
+
+        Raises
+        ------
+        Abort
+            VALUE for a wrong signature; STATE where a tare is barred, without enough samples, and
+            with a null outside its window, which the Message tells.
+        """
+        if signature != ZERO:
+            raise Abort(AbortCode.VALUE)
+        if self._supervisor.tare_barred:
+            raise Abort(AbortCode.STATE)
+        try:
+            self._tare(tribometer)
+        except (RuntimeError, ValueError) as error:
+            raise Abort(AbortCode.STATE) from error
+
+    def _tare(self, tribometer: Tribometer) -> None:
+        zeros = tribometer.null()
+        self._require_null(zeros)
+        tribometer.offsets = zeros
+        for entry, zero in zip(self._zeros, zeros, strict=True):
+            entry.value = entry.quantise(zero)
+        self.restore(tribometer)
+        # Zeros of 0 N are restored as none, but a tare was made.
+        self._awaited = False
+        self._supervisor.note_zero()
+
+    def _require_null(self, zeros: Forces) -> None:
+        """Refuse zeros outside the window by ValueError; the Message says so, unless of a fault."""
+        message = self._message
+        try:
+            self._window.require(zeros)
+        except ValueError as error:
+            if not self._supervisor.latched:
+                message.value = str(error)
+            raise
+        if message.value.startswith(NOT_TARED):
+            message.value = ""
