@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from smarttac_can.device.device import Device
 from smarttac_can.od.cia import (
     PDO_EVENT,
@@ -35,6 +37,11 @@ def set_deadline(od: ObjectDictionary, rpdos: tuple[int, ...], milliseconds: int
 def deadlines(od: ObjectDictionary, rpdos: tuple[int, ...]) -> list[Entry]:
     """Return the event timers, in ms, of RPDOs."""
     return [od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT) for rpdo in rpdos]
+
+
+def shortest_ms(deadlines: Sequence[Entry]) -> int:
+    """Return the shortest of one or more deadlines, in ms."""
+    return int(min([entry.value for entry in deadlines]))
 
 
 class LoopPeriod:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
+from smarttac_can.nodes.loop_period import set_deadline
 from smarttac_can.od.cia import (
     COB_SYNC_PRODUCER,
     HEARTBEAT_CONSUMER,
@@ -40,6 +41,24 @@ def plate_serial(entry: Entry, node_id: int) -> int:
     default = int(entry.default)
     simulated = (node_id - _FIRST_NODE_ID) % 127 + _FIRST_SERIAL
     return simulated if default == _FIRST_SERIAL else default
+
+
+def expect_plate(od: ObjectDictionary, plate: int, deadline_ms: int | None) -> None:
+    """Have the defaults of a stimulator be those for a plate node.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``, of a node that was not started yet.
+    plate
+        Node-ID of the plate node, 1..127.
+    deadline_ms
+        Default of the event timers of the measurements; None for that of the EDS.
+    """
+    if deadline_ms is not None:
+        set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
+    serial = od["Calibration.Plate serial number"]
+    serial.default = serial.value = plate_serial(serial, plate)
 
 
 def link_to_plate(od: ObjectDictionary, plate: int, produce_sync: bool) -> None:

@@ -1,12 +1,15 @@
-"""What a stimulator tells the bus unasked: its public TPDOs, and emergency messages."""
+"""What a stimulator tells the bus unasked: drives, public TPDOs, and emergency messages."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from smarttac_can.device.device import Device
+from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.loop_frames import DRIVE_TPDO, LATCHED, sent_drive
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import EVENT_MANUFACTURER, PDO_TRANSMISSION, TPDO_COMMUNICATION
+from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 _STATUS_TPDO: Final = 1
@@ -14,7 +17,7 @@ _MEASURED_TPDOS: Final = (2, 3, 4)
 
 
 class Publishing:
-    """The public TPDOs, and what was latched as emergency messages.
+    """The drive, the public TPDOs, and what was latched as emergency messages.
 
     TPDO 1 goes out when status or mode change, TPDO 2 to 4 in every cycle if their transmission
     type is 254; else they go out as their type says.
@@ -31,6 +34,7 @@ class Publishing:
         self._device = device
         self._supervisor = supervisor
         self._told = 0
+        self._drive = FrameCheck(sent_drive(device.od))
         self._types = [
             (number, device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
             for number in _MEASURED_TPDOS
@@ -47,6 +51,12 @@ class Publishing:
     def status(self) -> None:
         """Publish another state at once."""
         self._device.trigger(_STATUS_TPDO)
+
+    def drive(self, session: int) -> None:
+        """Send the drive; who sends it, and whether in FAULT, is in its check alone."""
+        latched = LATCHED if self._supervisor.state is State.FAULT else 0
+        self._drive.write(bytes((session, self._device.od.node_id | latched)))
+        self._device.trigger(DRIVE_TPDO)
 
     def all(self) -> None:
         """Publish everything, for the last time."""

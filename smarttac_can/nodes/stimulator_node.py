@@ -13,25 +13,16 @@ from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.arming_watch import SETPOINT_RPDOS, ArmingWatch
-from smarttac_can.nodes.frame_check import FrameCheck
-from smarttac_can.nodes.loop_frames import (
-    DRIVE_TPDO,
-    LATCHED,
-    MEASUREMENT_RPDOS,
-    sent_drive,
-)
-from smarttac_can.nodes.loop_period import LoopPeriod, deadlines, set_deadline
+from smarttac_can.nodes.bus_loop import BusLoop
+from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
+from smarttac_can.nodes.loop_period import LoopPeriod
 from smarttac_can.nodes.master_watch import MasterWatch
 from smarttac_can.nodes.missed_time import TICKS, MissedTime
-from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_link import link_to_plate, plate_serial
+from smarttac_can.nodes.plate_link import expect_plate, link_to_plate
 from smarttac_can.nodes.publishing import Publishing
 from smarttac_can.nodes.settings import mend_settings
-from smarttac_can.nodes.source_watch import SourceWatch
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.nodes.sync_watch import SyncWatch
-from smarttac_can.nodes.watching import Watching
 from smarttac_can.od.cia import (
     HEARTBEAT_CONSUMER,
     Abort,
@@ -98,19 +89,13 @@ class StimulatorNode(Application):
         self._produce_sync = produce_sync
         self._presets = dict(presets or {})
         self.block = StimulatorBlock(od, plate)
-        if plate_node_id and deadline_ms is not None:
-            set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
         if plate_node_id:
-            serial = od["Calibration.Plate serial number"]
-            serial.default = serial.value = plate_serial(serial, plate_node_id)
-        self._deadlines = deadlines(od, MEASUREMENT_RPDOS)
+            expect_plate(od, plate_node_id, deadline_ms)
         self.clock = clock = Clock()
-        watching = Watching(od, clock, self._deadline_ms, self._trip, self.block.settle)
-        self._sync_watch = SyncWatch(watching)
-        self._source = SourceWatch(watching)
-        self._masters = MasterWatch(clock, plate_node_id, self._trip, self.block.settle)
+        settle = self.block.settle
+        self._loop = BusLoop(od, clock, self._trip, settle, self._on_unanswered)
+        self._masters = MasterWatch(clock, plate_node_id, self._trip, settle)
         self._missed_time = MissedTime(clock)
-        self._unanswered = clock.timer(self._on_unanswered)
         self._ticker = clock.timer(self._tick)
         self.device = Device(
             od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=(DRIVE_TPDO,),
@@ -123,10 +108,8 @@ class StimulatorNode(Application):
         self._tell = self._publishing.tell
         self._publish = self._publishing.cycle
         self._unfit = False
-        self._pairing = Pairing(od, lambda: self._trip(Watchdog.MEASUREMENT), self._source.strange)
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_max = od["Limit.Missed ticks"]
-        self._sent = FrameCheck(sent_drive(od))
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
         self.start = self.device.start
@@ -141,8 +124,7 @@ class StimulatorNode(Application):
 
     def overdue(self) -> list[Frame]:
         """Trip if the plate was not answered in time, before frames are heard that waited."""
-        if self._unanswered.due <= self.clock.now:
-            self._unanswered.fire()
+        self._loop.overdue()
         return self.device.take()
 
     def bus_off(self) -> list[Frame]:
@@ -168,19 +150,20 @@ class StimulatorNode(Application):
         loop = self.block.supervisor.watchdogs
         voltage, temperature, *forces_and_sensors = loop.levels(self.block.cascade)
         amplitude, pickup, resonance, unseen = loop.vibration.levels()
+        measurement, *sync, source = self._loop.levels()
         missed = self._missed_time.missed * _PERCENT / (self._missed_max.value * TICKS)
         return (
             max(self.device.silence(TICK_US), self._masters.rest()),
-            max(self.clock.share((self._unanswered,), TICK_US), self._pairing.level),
+            measurement,
             self.device.lateness(SETPOINT_RPDOS, TICK_US),
-            *self._sync_watch.levels(TICK_US),
+            *sync,
             voltage,
             amplitude,
             temperature,
             *forces_and_sensors,
             pickup,
             resonance,
-            self._source.level,
+            source,
             unseen,
             missed,
         )
@@ -188,7 +171,7 @@ class StimulatorNode(Application):
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V, and tell the bus."""
         self.block.disarm()
-        self._send_drive()
+        self._publishing.drive(self._loop.session)
         self._publishing.all()
         return self.device.take()
 
@@ -210,14 +193,11 @@ class StimulatorNode(Application):
             block.enter()
         else:
             block.leave()
-            self._pairing.forget()
-            self._sync_watch.restart()
-            self._source.restart()
+            self._loop.leave()
             self._masters.leave()
-            block.settle(Watchdog.MEASUREMENT)
         if state in _RESETS:
             self._masters.restart()
-            self._source.forget()
+            self._loop.source.forget()
             self._publishing.hold()
         else:
             if self._unfit:
@@ -226,21 +206,13 @@ class StimulatorNode(Application):
 
     def on_sync(self) -> bool:
         """Look at when the SYNC comes, at its counter, and whose it is."""
-        if not self._plate_node_id:
-            return True
-        if self.device.sync_own:
-            self._missed.count(self.device.sync_missed)
-            self._sync_watch.produced()
-        elif self.device.produces_sync:
-            return True
-        else:
-            self._sync_watch.heard(self.device.sync_counter)
-        self._source.sync()
+        if self._plate_node_id:
+            self._loop.sync(self.device)
         return True
 
     def on_collision(self, heard: bool) -> None:
         """Stop when another node has an identifier of this one."""
-        self._source.collide(heard)
+        self._loop.source.collide(heard)
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Stop when a watched node falls silent."""
@@ -254,7 +226,7 @@ class StimulatorNode(Application):
         """Stop when the plate has gone to 0 V without being told, or is not alone."""
         watchdog = REPORTED_BY_PLATE.get(code)
         if watchdog is Watchdog.DOUBLE:
-            self._source.told()
+            self._loop.source.told()
         elif watchdog is not None:
             self._trip(watchdog)
 
@@ -273,26 +245,16 @@ class StimulatorNode(Application):
                 self._tell()
                 self._show_change(before)
             return
-        if not self._plate_node_id:
-            return
-        if self._pairing.take(number) and self._source.may_answer():
+        if self._plate_node_id and self._loop.take(number):
             if not self._period.agrees():
                 self._trip(Watchdog.MEASUREMENT)
                 return
-            self._pairing.answered()
-            self._unanswered.start(self._deadline_ms() * TICK_US)
-            self.block.settle(Watchdog.MEASUREMENT)
+            self._loop.answer()
             self.block.cycle()
             self._judge_time()
             self._tell()
-            self._send_drive()
+            self._publishing.drive(self._loop.session)
             self._publish()
-
-    def _send_drive(self) -> None:
-        """Send the drive; who sends it, and whether in FAULT, is in its check alone."""
-        latched = LATCHED if self.block.state is State.FAULT else 0
-        self._sent.write(bytes((self._pairing.session, self.od.node_id | latched)))
-        self.device.trigger(DRIVE_TPDO)
 
     def on_store(self) -> None:
         """Refuse to store while armed or running: a file may take longer than a cycle.
@@ -313,15 +275,13 @@ class StimulatorNode(Application):
         if entry is self._controlword:
             self.block.note_watch(self._arming.kept)
         self.block.on_write(entry, value)
-        if entry in self._deadlines:
-            shortest = min(value, *(e.value for e in self._deadlines if e is not entry))
-            self._unanswered.follow(shortest * TICK_US)
+        self._loop.on_write(entry, value)
         if entry.index == HEARTBEAT_CONSUMER:
             self._masters.rewatch(entry.value, value)
         self._tell()
         self._show_change(before)
         if entry.name == START_RUN:
-            self._pairing.start_run()
+            self._loop.start_run()
 
     def _judge_time(self) -> None:
         """Stop if too much of a second of the run had no cycle."""
@@ -331,15 +291,6 @@ class StimulatorNode(Application):
         running = self.block.state is State.RUNNING
         if running and missed * _PERCENT > self._missed_max.value * TICKS:
             self.block.trip(Watchdog.MISSED_TIME)
-
-    def _deadline_ms(self) -> int:
-        """Return the time in ms within which a plate node has to be answered.
-
-        It is that of the shortest event timer of RPDO 5 to 7, and holds whatever becomes of these
-        PDOs.
-        """
-        first, second, third = self._deadlines
-        return int(min(first.value, second.value, third.value))
 
     def _on_unanswered(self) -> None:
         self.block.fall_silent()
@@ -362,7 +313,7 @@ class StimulatorNode(Application):
             self._missed_time.restart()
         self._publishing.status()
         if before in (State.RUNNING, State.FAULT) and self._plate_node_id:
-            self._send_drive()
+            self._publishing.drive(self._loop.session)
 
     def _trip(self, watchdog: Watchdog) -> None:
         """Trip a watchdog between two cycles: the plate node is told at once."""

@@ -9,6 +9,7 @@ from typing import Final
 
 from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.nodes.lapses import Lapses
+from smarttac_can.nodes.loop_period import shortest_ms
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.model import contact_load
@@ -222,5 +223,4 @@ class VibrationWatch:
     def _late_cycles(self) -> int:
         if not self._deadlines:
             return 0
-        shortest = int(min([entry.value for entry in self._deadlines]))
-        return max(0, shortest - SHORT_DEADLINE_MS)
+        return max(0, shortest_ms(self._deadlines) - SHORT_DEADLINE_MS)
