@@ -12,7 +12,8 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.device.guarding import Guarding
 from smarttac_can.device.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from smarttac_can.device.lss import LSS
-from smarttac_can.device.nmt import NMTState, commands_to
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.nmt_slave import NMTSlave
 from smarttac_can.device.port import Identifiers, Port
 from smarttac_can.device.rpdo import RPDO
 from smarttac_can.device.sdo import SDOServer
@@ -23,22 +24,13 @@ from smarttac_can.device.time_stamp import TimeStamp
 from smarttac_can.device.timer import Clock
 from smarttac_can.device.tpdo import TPDO
 from smarttac_can.od.cia import (
-    COMMUNICATION_FIRST,
-    COMMUNICATION_LAST,
     EMCY_VENDOR_BYTES,
     HEARTBEAT_ID,
-    LAST_INDEX,
     LAST_NODE_ID,
     NMT_ID,
-    NMT_STARTUP,
-    PDO_COUNT,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
     SDO_SERVER_FIRST,
     SDO_SERVER_LAST,
     STORE_EDS,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
     UNCONFIGURED,
     DataType,
     EmergencyCode,
@@ -47,7 +39,6 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
-_NO_AUTOSTART = 4
 _CODES = range(1, 1 << 16)
 _REGISTERS = range(1 << 8)
 
@@ -106,63 +97,52 @@ class Device:
         if node_id is not None and not (1 <= node_id <= LAST_NODE_ID or node_id == UNCONFIGURED):
             raise ValueError(f"node_id {node_id} is outside 1..127 and not {UNCONFIGURED}")
         self.od = od
-        self._application = application or Application()
-        self._autostart = autostart
-        self._state = NMTState.INITIALISING
+        application = application or Application()
+        self._application = application
         self._node_id = node_id
-        self._off = True
         self.clock = clock or Clock()
         self._port = port = Port(self.clock)
-        self._emergency = Emergency(port, od)
-        self._storage = ParameterStorage(
-            port, od, self._emergency, storage or Memory(), self._application
-        )
-        self._lss = LSS(port, od, self._storage, self._begin)
+        self._nmt = nmt = NMTSlave(od, application, autostart, self._listen)
+        self._emergency = emergency = Emergency(port, od)
+        self._storage = ParameterStorage(port, od, emergency, storage or Memory(), application)
+        self._lss = LSS(port, od, self._storage, nmt.begin)
         self._time_stamp = TimeStamp(port, od)
         if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
             eds.default = eds.value = od.text.encode("latin-1", "replace")
-        self._heartbeat = HeartbeatProducer(port, od)
-        self._collision = Collision(port, od, self._application, lambda: self._services)
-        self._error_behaviour = ErrorBehaviour(port, od, self._enter)
-        self._sync = Sync(port, od, self._emergency, self._synchronise)
+        heartbeat = HeartbeatProducer(port, od)
+        self._collision = Collision(port, od, application, lambda: self._services)
+        self._error_behaviour = ErrorBehaviour(port, od, nmt.enter)
+        self._sync = sync = Sync(port, od, emergency, self._synchronise)
         self._rpdos = {
-            n: RPDO(
-                port, od, n, RPDO_COMMUNICATION + n - 1, RPDO_MAPPING + n - 1,
-                emergency=self._emergency, sync=self._sync, application=self._application,
-            )
-            for n in _pdo_numbers(od, RPDO_COMMUNICATION, RPDO_MAPPING)
-        }  # fmt: skip
-        self._tpdos = {
-            n: TPDO(port, od, n, TPDO_COMMUNICATION + n - 1, TPDO_MAPPING + n - 1)
-            for n in _pdo_numbers(od, TPDO_COMMUNICATION, TPDO_MAPPING)
+            n: RPDO(port, od, n, emergency=emergency, sync=sync, application=application)
+            for n in RPDO.numbers(od)
         }
+        self._tpdos = {n: TPDO(port, od, n) for n in TPDO.numbers(od)}
         self._owners: dict[int, list[Service]] = {}
-        access = Access(od, self._owners, self._application, self._take_parameters)
+        access = Access(od, self._owners, application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
-        self._watches = HeartbeatConsumer(
-            port, od, self._emergency, self._application, self._error_behaviour.react
-        )
-        self._guarding = Guarding(
-            port, od, self._emergency, self._application, self._error_behaviour.react
-        )
+        react = self._error_behaviour.react
+        self._watches = HeartbeatConsumer(port, od, emergency, application, react)
+        self._guarding = Guarding(port, od, emergency, application, react)
         self._silences = (*self._watches.timers, self._guarding.timer)
         # Emergency comes first, so that what the others report on their way out is held there.
         self._services: tuple[Service, ...] = (
-            self._emergency,
+            emergency,
             self._storage,
             self._lss,
             self._time_stamp,
-            self._heartbeat,
+            heartbeat,
             self._collision,
             self._error_behaviour,
             self._watches,
-            EmergencyConsumer(port, od, self._application, emergencies_of),
+            EmergencyConsumer(port, od, application, emergencies_of),
             self._guarding,
-            self._sync,
+            sync,
             *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),
             *self._rpdos.values(),
             *self._tpdos.values(),
         )
+        nmt.lead(self._services, self._lss, self._storage, heartbeat)
         for service in self._services:
             for index in service.objects:
                 self._owners.setdefault(index, []).append(service)
@@ -172,7 +152,6 @@ class Device:
         self.ids = Identifiers()
         self._latching: list[RPDO] = []
         self._sampling: list[TPDO] = []
-        self._on_nmt = commands_to(lambda: self._lss.node_id, self._request)
 
     @property
     def node_id(self) -> int:
@@ -182,7 +161,7 @@ class Device:
     @property
     def nmt_state(self) -> NMTState:
         """Present NMT state; INITIALISING before `start`."""
-        return self._state
+        return self._nmt.state
 
     @property
     def bit_rate(self) -> int | None:
@@ -230,8 +209,7 @@ class Device:
         fixed = self._node_id not in (None, UNCONFIGURED)
         default = self.od.node_id if self._node_id is None else self._node_id
         self._lss.load(default if fixed else self._storage.node_id or default)
-        self._off = True
-        self._begin()
+        self._nmt.power_on()
         return self._port.take()
 
     def receive(self, frame: Frame) -> list[Frame]:
@@ -330,55 +308,9 @@ class Device:
         self._emergency.clear(EmergencyCode.BUS_OFF_RECOVERED)
         return self._port.take()
 
-    def _request(self, state: NMTState) -> None:
-        if state in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
-            self._initialise(state)
-        elif state != self._state and not self._off:
-            self._enter(state)
-
-    def _begin(self) -> None:
-        self._initialise(NMTState.RESET_APPLICATION)
-
-    def _initialise(self, state: NMTState) -> None:
-        self._state = state
-        for service in self._services:
-            service.enter(state)
-        self._lss.node_id = self._lss.pending
-        if self._lss.node_id == UNCONFIGURED:
-            self._off = True
-            self._enter(NMTState.INITIALISING)
-            return
-        self.od.renumber(self._lss.node_id)
-        power_on = self._off or state is NMTState.RESET_APPLICATION
-        first, last = (0, LAST_INDEX) if power_on else (COMMUNICATION_FIRST, COMMUNICATION_LAST)
-        self._off = False
-        self.od.reset(first, last)
-        self._storage.restore(first, last)
-        if power_on:
-            self._state = NMTState.RESET_APPLICATION
-            self._application.on_state(self._state)
-        self._state = NMTState.RESET_COMMUNICATION
-        self._application.on_state(self._state)
-        self._storage.note_presets()
-        for service in self._services:
-            service.configure()
-        self._heartbeat.boot_up()
-        self._storage.report()
-        self._enter(NMTState.PRE_OPERATIONAL)
-        startup = self.od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
-        if power_on and (self._autostart or not startup & _NO_AUTOSTART):
-            self._enter(NMTState.OPERATIONAL)
-
-    def _enter(self, state: NMTState) -> None:
-        self._state = state
-        for service in self._services:
-            service.enter(state)
-        self._listen()
-        self._application.on_state(state)
-
     def _listen(self) -> None:
         self._port.listeners.clear()
-        self._port.listen(NMT_ID, self._on_nmt)
+        self._port.listen(NMT_ID, self._nmt.on_frame)
         for service in self._services:
             if service.alive:
                 service.listen()
@@ -401,11 +333,3 @@ class Device:
         if self._application.on_sync():
             for tpdo in self._sampling:
                 tpdo.on_sync(counter)
-
-
-def _pdo_numbers(od: ObjectDictionary, communication: int, mapping: int) -> list[int]:
-    objects = od.objects
-    return [
-        n for n in range(1, PDO_COUNT + 1)
-        if communication + n - 1 in objects and mapping + n - 1 in objects
-    ]  # fmt: skip

@@ -13,6 +13,7 @@ from smarttac_can.od.cia import (
     COB_INVALID,
     CYCLIC_LAST,
     PDO_COB_ID,
+    PDO_COUNT,
     PDO_EVENT,
     PDO_INHIBIT,
     PDO_SYNC_START,
@@ -42,10 +43,12 @@ class PDO(Service):
     first_event_type: ClassVar[int]
     """Transmission types between the last cyclic one and this are reserved."""
 
-    def __init__(
-        self, port: Port, od: ObjectDictionary, number: int, communication: int, mapping: int
-    ) -> None:
-        super().__init__(port, od, (communication, mapping))
+    records: ClassVar[tuple[int, int]]
+    """Communication and mapping record of the first one."""
+
+    def __init__(self, port: Port, od: ObjectDictionary, number: int) -> None:
+        communication, mapping = self.records
+        super().__init__(port, od, (communication + number - 1, mapping + number - 1))
         self.number = number
         self.valid = False
         self.transmission = 0
@@ -53,6 +56,14 @@ class PDO(Service):
         self.can_id = 0
         self.event_time = 0
         self.mapping: Mapping | None = None
+
+    @classmethod
+    def numbers(cls, od: ObjectDictionary) -> list[int]:
+        """Return the numbers of those that the EDS has."""
+        return [
+            number + 1 for number in range(PDO_COUNT)
+            if all(first + number in od.objects for first in cls.records)
+        ]  # fmt: skip
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse what the standard forbids while the PDO is valid, and reserved values."""

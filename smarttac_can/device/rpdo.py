@@ -14,6 +14,8 @@ from smarttac_can.device.sync import Sync
 from smarttac_can.od.cia import (
     CYCLIC_LAST,
     EVENT_MANUFACTURER,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
     EmergencyCode,
     ErrorRegister,
 )
@@ -39,20 +41,19 @@ class RPDO(PDO):
 
     direction: ClassVar = Direction.RECEIVE
     first_event_type: ClassVar = EVENT_MANUFACTURER
+    records: ClassVar = (RPDO_COMMUNICATION, RPDO_MAPPING)
 
     def __init__(
         self,
         port: Port,
         od: ObjectDictionary,
         number: int,
-        communication: int,
-        mapping: int,
         *,
         emergency: Emergency,
         sync: Sync,
         application: Application,
     ) -> None:
-        super().__init__(port, od, number, communication, mapping)
+        super().__init__(port, od, number)
         self._emergency = emergency
         self._sync = sync
         self._application = application

@@ -17,6 +17,8 @@ from smarttac_can.od.cia import (
     PDO_INHIBIT,
     PDO_SYNC_START,
     RTR_SYNC,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 
@@ -30,11 +32,10 @@ class TPDO(PDO):
 
     direction: ClassVar = Direction.TRANSMIT
     first_event_type: ClassVar = RTR_SYNC
+    records: ClassVar = (TPDO_COMMUNICATION, TPDO_MAPPING)
 
-    def __init__(
-        self, port: Port, od: ObjectDictionary, number: int, communication: int, mapping: int
-    ) -> None:
-        super().__init__(port, od, number, communication, mapping)
+    def __init__(self, port: Port, od: ObjectDictionary, number: int) -> None:
+        super().__init__(port, od, number)
         self._event = port.clock.timer(self._on_event_timer)
         self._inhibit = port.clock.timer(self._on_inhibit_end)
         self._inhibit_time = 0
