@@ -7,28 +7,21 @@ from collections import Counter
 from collections.abc import Callable
 from time import perf_counter
 from typing import Final
-from zlib import crc32
 
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.trials.driven_time import DrivenTime
 from smarttac_can.trials.fault_case import DRIVING, TRACKED, FaultCase
 from smarttac_can.trials.fault_cases import CASES, TOLERATED
-from smarttac_can.trials.invariants import Invariants
-from smarttac_can.trials.margins import Margins
 from smarttac_can.trials.master_traffic import MasterTraffic
-from smarttac_can.trials.process_size import SAMPLE_CYCLES, ProcessSize
 from smarttac_can.trials.rig import PLATE_LOST_MS, Rig
 from smarttac_can.trials.soak_report import SoakReport
-from smarttac_can.trials.trip_cause import TripCause
+from smarttac_can.trials.soak_watch import SoakWatch
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import RESONANCE_CYCLES, Watchdog
 
 CYCLES_PER_HOUR: Final = 3_600_000
 _READY_CYCLES: Final = 5
-# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
-_RUNNING: Final = State.RUNNING
 _SHOWING_V: Final = 20.0
 """Voltage from which any plate vibrates enough to be judged."""
 _PATIENCE_CYCLES: Final = 2000
@@ -62,21 +55,12 @@ class Soak:
         self._random = random.Random(seed)
         self._rig = rig = Rig(seed=seed)
         self._traffic = MasterTraffic(rig, seed, commands=False)
-        self._invariants = Invariants(rig)
-        self._margins = Margins(rig)
-        self._trip_cause = TripCause(rig)
-        self._size = ProcessSize()
+        self._watch = SoakWatch(rig)
+        self._invariants = self._watch.invariants
         self._report = SoakReport(seed)
-        self._mode = Mode.OPEN_LOOP
-        self._driven = DrivenTime(rig)
         self._faults: Counter[str] = Counter()
         self._tolerated: Counter[str] = Counter()
         self._tripped_by: Counter[str] = Counter()
-        self._machine = rig.stimulator.block.supervisor.machine
-        self._sound = False
-        self._cause: str | None = None
-        self._check_sum = 0
-        rig.observe = self._observe
 
     def run(self) -> SoakReport:
         """Let it all happen."""
@@ -96,33 +80,24 @@ class Soak:
             if self._progress is not None:
                 self._progress(min(1.0, rig.cycles / self._length))
         report.simulated_s = rig.cycles * 1e-3
-        report.driving_s = self._driven.by_mode()
-        report.friction_law_s = self._driven.by_friction_law()
-        report.vibration_law_s = self._driven.by_vibration_law()
         report.faults = dict(sorted(self._faults.items()))
         report.tolerated = dict(sorted(self._tolerated.items()))
         report.tripped = dict(sorted(self._tripped_by.items()))
-        report.margins = self._margins.table()
-        report.rss_mib = self._size.mib
-        if (grown := self._size.complaint()) is not None:
-            self._invariants.violate(grown)
-        report.violations = self._invariants.violations
-        report.violated = self._invariants.violated
-        report.fingerprint = f"{self._check_sum:08x}"
+        self._watch.sum_up(report)
         report.wall_s = round(perf_counter() - start, 2)
         return report
 
     def _run_scene(self, scene: Callable[[], None]) -> None:
         try:
             self._begin()
-            self._sound = True
+            self._watch.sound = True
             scene()
             self._invariants.check_history()
         except (Abort, HeartbeatLostError) as error:
-            self._sound = False
+            self._watch.sound = False
             present = self._rig.od["Diagnosis.Present"].value
             self._invariants.violate(
-                f"{scene.__name__.strip('_')} in mode {self._mode.name.lower()}, state "
+                f"{scene.__name__.strip('_')} in mode {self._watch.mode.name.lower()}, state "
                 f"{self._rig.state.name.lower()}, faults {present:06X}h: {error}"
             )
             self._recover()
@@ -138,37 +113,10 @@ class Soak:
                 self._report.transfers += 1
             rig.cycle()
 
-    def _observe(self) -> None:
-        """Check a cycle, wherever it came from."""
-        self._invariants.check()
-        self._trip_cause.look()
-        if self._sound:
-            self._look_closer()
-        voltage = self._rig.stage.value
-        if voltage:
-            self._driven.count(self._mode)
-        self._check_sum = crc32(voltage.to_bytes(4, "little"), self._check_sum)
-        if self._rig.cycles % SAMPLE_CYCLES == 0:
-            self._size.sample()
-
-    def _look_closer(self) -> None:
-        """See how near the watches are, or why one has tripped, while nothing is broken."""
-        state = self._machine.state
-        if state is _RUNNING:
-            self._margins.look()
-        elif state is State.FAULT:
-            self._sound = False
-            self._cause = self._trip_cause.of(self._rig.od["Diagnosis.Latched"].value)
-
-    def _end_sound(self) -> None:
-        """Keep how near the watches were: from now on something is broken, or about to be."""
-        self._sound = False
-        self._margins.keep()
-
     def _begin(self) -> None:
         """Start a run with another finger, and drive in a random mode."""
         rig, draw = self._rig, self._random
-        self._mode = mode = draw.choice(DRIVING)
+        self._watch.mode = mode = draw.choice(DRIVING)
         rig.write("Simulation.Seed", draw.randrange(2**32))
         rig.write("Finger.Speed", draw.randint(100, 1500))
         rig.write("Finger.Force variation", draw.randint(0, 300))
@@ -200,7 +148,7 @@ class Soak:
             if self._tripped():
                 return
             self._draw_setpoints()
-        self._end_sound()
+        self._watch.end_sound()
 
     def _tripped(self) -> bool:
         """Tell whether set-points at random ended the run.
@@ -209,11 +157,11 @@ class Soak:
         """
         if self._rig.state is not State.FAULT:
             return False
-        self._margins.drop()
-        if self._cause is None:
+        self._watch.margins.drop()
+        if self._watch.cause is None:
             self._expect_no_fault("set-points")
         else:
-            self._tripped_by[self._cause] += 1
+            self._tripped_by[self._watch.cause] += 1
             self._recover()
         return True
 
@@ -221,15 +169,15 @@ class Soak:
         """Note a false alarm, and go on."""
         if self._rig.state is State.FAULT:
             message = self._rig.od["Message"].value
-            self._invariants.violate(f"{what} in mode {self._mode.name.lower()}: {message}")
+            self._invariants.violate(f"{what} in mode {self._watch.mode.name.lower()}: {message}")
             self._recover()
 
     def _fault(self) -> None:
         """Break something in the middle of a run, see 0 V, and recover."""
-        case = self._random.choice([case for case in _USED if self._mode in case.modes])
-        self._cycle(450 if self._mode is Mode.IDENTIFY else self._random.randint(300, 700))
+        case = self._random.choice([case for case in _USED if self._watch.mode in case.modes])
+        self._cycle(450 if self._watch.mode is Mode.IDENTIFY else self._random.randint(300, 700))
         self._expect_no_fault("a stroke")
-        self._end_sound()
+        self._watch.end_sound()
         if not self._rig.stage.value:
             return
         invariants = self._invariants
@@ -250,7 +198,7 @@ class Soak:
 
     def _bound(self, case: FaultCase) -> int:
         """Return the cycles to the detection: with small set-points a phase may be led astray."""
-        astray = case.detunes and self._mode in TRACKED
+        astray = case.detunes and self._watch.mode in TRACKED
         return case.bound + RESONANCE_CYCLES * astray
 
     def _wait(self, case: FaultCase) -> bool:
@@ -282,7 +230,7 @@ class Soak:
         case = self._random.choice(TOLERATED)
         self._tolerated[case.name] += 1
         self._cycle(300)
-        self._end_sound()
+        self._watch.end_sound()
         case.inject(self._rig)
         self._cycle(self._random.randint(100, 1000))
         case.remove(self._rig)
@@ -293,7 +241,7 @@ class Soak:
         rig = self._rig
         self._cycle(self._random.randint(100, 600))
         self._expect_no_fault("a stroke")
-        self._end_sound()
+        self._watch.end_sound()
         rig.heartbeat, rig.syncs = False, 0
         self._cycle(self._random.randint(100, 2000))
         if rig.stage.value:
