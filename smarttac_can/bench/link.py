@@ -46,6 +46,18 @@ Row = tuple[int, ...]
 """Raw values of `RECORDED` in one cycle."""
 
 
+def unwrapped(rows: list[Row]) -> list[Row]:
+    """Extend the 16-bit ticks of the rows so that they keep rising."""
+    if not rows:
+        return rows
+    tick = rows[0][0]
+    extended = []
+    for row in rows:
+        tick += row[0] - tick & 0xFFFF
+        extended.append((tick, *row[1:]))
+    return extended
+
+
 class Snapshot(NamedTuple):
     """Raw values of the stimulator's objects by name, and how old they are."""
 

@@ -1,28 +1,33 @@
-"""State and mode of a stimulator over a link: arm, run, stop, reset."""
+"""State and mode of a stimulator over a link: arm, run, stop, reset, tare, identify."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from smarttac_can.bench.errors import FaultError, NotReadyError
 from smarttac_can.bench.link import Link
 from smarttac_can.bench.set_points import SetPoints, by_name
 from smarttac_can.bench.traces import Trace
-from smarttac_can.master.errors import RefusedError
+from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import NOT_TARED, UNWATCHED
-from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
+from smarttac_can.vocabulary.signals import TARE_SAMPLES
+from smarttac_can.vocabulary.states import Control, IdentificationState, State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 _READY_CYCLES: Final = 100
 """What the tare at power-on takes, and some lost cycles."""
+_IDENTIFY_CYCLES: Final = 100
+_IDENTIFY_LIMIT: Final = 100
 _CONTROLWORD: Final = "Controlword"
 
 
 class StateControl(SetPoints):
-    """The state machine of a stimulator as a script moves it, beside its set-points.
+    """The state machine of a stimulator and its procedures, as a script has them.
 
     Parameters
     ----------
@@ -129,6 +134,66 @@ class StateControl(SetPoints):
             raise FaultError(f"the fault cannot be reset: {self._lack()}") from error
         self._link.write(_CONTROLWORD, 0)
         self._knows_fault = False
+
+    def start_run(self) -> None:
+        """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
+        self._link.drive()
+        self._link.start_run()
+
+    def tare(self) -> None:
+        """Take the present gauge readings, without a finger, as zero.
+
+        Raises
+        ------
+        RefusedError
+            While armed or running: `disarm` first. If a gauge is further from its null than
+            ``Gauge null.Window``: something rests on the plate.
+        """
+        self._link.drive()
+        self._link.run(TARE_SAMPLES, [])
+        try:
+            self._write(AUTO_ZERO[0], ZERO)
+        except RefusedError as error:
+            message = self.message
+            if message.startswith(NOT_TARED):
+                raise RefusedError(message, error.code) from error
+            raise
+
+    def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:
+        """Identify the unloaded plate and have the controllers designed for it.
+
+        Parameters
+        ----------
+        progress
+            Called with the percentage that is done.
+
+        Raises
+        ------
+        FaultError
+            If a fault is latched.
+        BenchError
+            If the plate could not be identified.
+        """
+        self.mode = Mode.IDENTIFY
+        for _ in range(_IDENTIFY_LIMIT):
+            self._link.run(_IDENTIFY_CYCLES, [])
+            if progress is not None:
+                progress(self._link.read("Model.Progress"))
+            found = self._link.read("Model.State")
+            if found != IdentificationState.RUNNING or self.state is not State.RUNNING:
+                break
+        self.disarm()
+        self._require_no_fault(self.state)
+        if found != IdentificationState.DONE:
+            raise BenchError(
+                f"the plate could not be identified ({self.message or 'no end in sight'}): lift "
+                "the finger, tare, and see that the limits of the frequency hold the resonance"
+            )
+        return PlateModel(
+            gain=self.get("Model.Gain per volt", "m"),
+            tau=self.get("Model.Tau", "s"),
+            f0=self.get("Model.Resonance", "Hz"),
+        )
 
     def _require_no_fault(self, state: State, trace: Trace | None = None) -> None:
         if state is State.FAULT:

@@ -1,18 +1,15 @@
-"""The bench's stimulator: states, recordings and read-backs, over any link."""
+"""The bench's stimulator: opened and closed, read, run and recorded, over any link."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, cast
 
-from smarttac_can.bench.errors import (
-    NotRunningError,
-    RunInterruptedError,
-)
+from smarttac_can.bench.errors import NotRunningError, RunInterruptedError
 from smarttac_can.bench.finger import SimulatedFinger
-from smarttac_can.bench.link import ClosedLink, Link, Row
+from smarttac_can.bench.link import ClosedLink, Link, Row, unwrapped
 from smarttac_can.bench.named_objects import finite
 from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
 from smarttac_can.bench.reading import Reading
@@ -22,17 +19,10 @@ from smarttac_can.bench.state_control import StateControl
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.process_signals import interrupt_waits
-from smarttac_can.master.errors import BenchError, RefusedError
+from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, ZERO
-from smarttac_can.vocabulary.signals import TARE_SAMPLES
-from smarttac_can.vocabulary.states import IdentificationState, State
 
 CYCLES_PER_SECOND: Final = 1000
-_IDENTIFY_CYCLES: Final = 100
-_IDENTIFY_LIMIT: Final = 100
 _LEAST_RECORDED: Final = 0.5
 
 
@@ -245,7 +235,7 @@ class Stimulator(StateControl):
             except BenchError as error:
                 self._end_run(error, rows, experiment, subject)
                 raise
-        trace = Trace.from_rows(experiment, subject, _unwrapped(rows[:cycles]))
+        trace = Trace.from_rows(experiment, subject, unwrapped(rows[:cycles]))
         if not knew_fault:
             self._require_no_fault(state, trace)
         return trace
@@ -253,7 +243,7 @@ class Stimulator(StateControl):
     def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
         """Keep what a run has recorded that an error ends, and disarm."""
         if rows:
-            error.trace = Trace.from_rows(experiment, subject, _unwrapped(rows))
+            error.trace = Trace.from_rows(experiment, subject, unwrapped(rows))
             error.add_note(f".trace holds the {len(rows)} cycles until then")
         if not self._link.only_read:
             error.add_note(
@@ -312,75 +302,3 @@ class Stimulator(StateControl):
         if self._recording is None:
             raise BenchError("nothing is being recorded: markers go into a recording")
         self._recording.mark(text)
-
-    def start_run(self) -> None:
-        """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
-        self._link.drive()
-        self._link.start_run()
-
-    def tare(self) -> None:
-        """Take the present gauge readings, without a finger, as zero.
-
-        Raises
-        ------
-        RefusedError
-            While armed or running: `disarm` first. If a gauge is further from its null than
-            ``Gauge null.Window``: something rests on the plate.
-        """
-        self._link.drive()
-        self._link.run(TARE_SAMPLES, [])
-        try:
-            self._write(AUTO_ZERO[0], ZERO)
-        except RefusedError as error:
-            message = self.message
-            if message.startswith(NOT_TARED):
-                raise RefusedError(message, error.code) from error
-            raise
-
-    def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:
-        """Identify the unloaded plate and have the controllers designed for it.
-
-        Parameters
-        ----------
-        progress
-            Called with the percentage that is done.
-
-        Raises
-        ------
-        FaultError
-            If a fault is latched.
-        BenchError
-            If the plate could not be identified.
-        """
-        self.mode = Mode.IDENTIFY
-        for _ in range(_IDENTIFY_LIMIT):
-            self._link.run(_IDENTIFY_CYCLES, [])
-            if progress is not None:
-                progress(self._link.read("Model.Progress"))
-            found = self._link.read("Model.State")
-            if found != IdentificationState.RUNNING or self.state is not State.RUNNING:
-                break
-        self.disarm()
-        self._require_no_fault(self.state)
-        if found != IdentificationState.DONE:
-            raise BenchError(
-                f"the plate could not be identified ({self.message or 'no end in sight'}): lift "
-                "the finger, tare, and see that the limits of the frequency hold the resonance"
-            )
-        return PlateModel(
-            gain=self.get("Model.Gain per volt", "m"),
-            tau=self.get("Model.Tau", "s"),
-            f0=self.get("Model.Resonance", "Hz"),
-        )
-
-
-def _unwrapped(rows: list[Row]) -> list[Row]:
-    """Extend the 16-bit ticks of the rows so that they keep rising."""
-    if not rows:
-        return rows
-    tick = rows[0][0]
-    extended = []
-    for row in rows:
-        tick += row[0] - tick & 0xFFFF
-        extended.append((tick, *row[1:]))
-    return extended
