@@ -1,10 +1,8 @@
-"""Time on the wire: bus load and worst-case response from the PDO parameters."""
+"""Time on the wire: length of a cycle and bus load from the PDO parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from fractions import Fraction
-from math import ceil
 from typing import Final, NamedTuple
 
 from smarttac_can.od.cia import (
@@ -115,40 +113,6 @@ def cycle_seconds(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
 def bus_load(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
     """Return the share of the time the bus is busy in the worst case; above 1 it cannot work."""
     return sum(frame_seconds(frame.size, bit_rate) / frame.period for frame in frames)
-
-
-def worst_case_response_time(frames: Iterable[CyclicFrame], can_id: int, bit_rate: int) -> float:
-    """Return the longest time in s from a frame being ready to its end on the bus.
-
-    It may wait for one 8-byte frame of lower priority, such as an SDO, and for all of higher
-    priority (Davis et al. 2007, sufficient test, doi:10.1007/s11241-007-9012-7).
-
-    Raises
-    ------
-    ValueError
-        No frame has this CAN-ID, or it can come later than its own next period.
-    """
-    frames = list(frames)
-    own = next((frame for frame in frames if frame.can_id == can_id), None)
-    if own is None:
-        raise ValueError(f"can_id {can_id} is none of the frames")
-    higher = [frame for frame in frames if frame.can_id < can_id]
-    # Rational, so that an interference of exactly n periods is not rounded up to n + 1.
-    bit = Fraction(1, bit_rate)
-    period = Fraction(own.period).limit_denominator(10**9)
-    length = frame_bits(own.size) * bit
-    wait = before = Fraction(0)
-    blocking = frame_bits(_LONGEST) * bit
-    while True:
-        wait = blocking
-        for frame in higher:
-            apart = Fraction(frame.period).limit_denominator(10**9)
-            wait += ceil((before + bit) / apart) * frame_bits(frame.size) * bit
-        if wait + length > period:
-            raise ValueError(f"can_id {can_id} can miss its period of {own.period:g} s")
-        if wait == before:
-            return float(wait + length)
-        before = wait
 
 
 def _mapped_bytes(od: ObjectDictionary, mapping: int) -> int:

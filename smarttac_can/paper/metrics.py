@@ -120,11 +120,6 @@ def final_mean(trace: Trace, column: Floats) -> float:
     return float(np.mean(column[-FINAL_MS:]))
 
 
-def final_frequency(trace: Trace) -> float:
-    """Return the mean excitation frequency in Hz over the last 20 ms."""
-    return final_mean(trace, trace.frequency_hz)
-
-
 def voltage_difference_percent(amplitude_only: Trace, both_loops: Trace) -> float:
     """Return how much more voltage the amplitude loop alone needs, in % (Fig. 6).
 

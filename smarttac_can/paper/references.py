@@ -38,12 +38,8 @@ STEP_UM = 1.5
 """Amplitude after the step by 50 % that follows Fig. 5 under a finger; ours, not the paper's."""
 RESPONSE_BAND = 0.05
 """The response time of Fig. 5 is the 5 % one."""
-FREQUENCY_30_DEGC = 43_250.0
-"""Resonance in Hz at 30 degC: where the runs of Fig. 5 and 6 start."""
 FREQUENCY_20_DEGC = 43_390.0
 """Resonance in Hz at 20 degC: where the plate really is in Fig. 5 and 6."""
-AMPLITUDES_UM = (0.0, 0.5, 1.0, 1.5, 2.0)
-"""Amplitudes of Fig. 2 in um peak-to-peak."""
 REFERENCES = ((0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6))
 """Lower and upper coefficient of friction asked of subjects 1 to 4 in Fig. 7."""
 RISE_TIMES_MS = (3.37, 3.41, 2.87, 5.72)

@@ -10,7 +10,6 @@ from smarttac_can.od.timing import (
     cyclic_frames,
     frame_bits,
     frame_seconds,
-    worst_case_response_time,
 )
 
 RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
@@ -38,29 +37,6 @@ def test_loop_takes_450_us_at_1_mbit() -> None:
     assert cycle_seconds(LOOP, 1_000_000) == pytest.approx(450e-6)
     assert bus_load(LOOP, 1_000_000) == pytest.approx(0.45)
     assert bus_load(LOOP, 500_000) == pytest.approx(0.90)
-
-
-def test_response_is_blocking_plus_all_of_higher_priority() -> None:
-    assert worst_case_response_time(LOOP, 0x080, 1_000_000) == pytest.approx(190e-6)
-    assert worst_case_response_time(LOOP, 0x220, 1_000_000) == pytest.approx((450 + 135) * 1e-6)
-
-
-def test_response_counts_a_fast_frame_as_often_as_it_comes() -> None:
-    frames = [CyclicFrame(0x100, 8, 300e-6), CyclicFrame(0x200, 8, 1e-3)]
-    # 135 blocking + 135 own of high + own 135: at 270 us the high one has come once.
-    assert worst_case_response_time(frames, 0x200, 1_000_000) == pytest.approx(405e-6)
-    frames[0] = CyclicFrame(0x100, 8, 200e-6)
-    # By 270 us it has come twice, by 405 us three times, by 540 us three times.
-    assert worst_case_response_time(frames, 0x200, 1_000_000) == pytest.approx(
-        (135 + 3 * 135 + 135) * 1e-6
-    )
-
-
-def test_response_refuses_an_overloaded_bus() -> None:
-    with pytest.raises(ValueError, match=r"can_id 544 can miss its period of 0\.001 s"):
-        worst_case_response_time(LOOP, 0x220, 500_000)
-    with pytest.raises(ValueError, match="can_id 5 is none of the frames"):
-        worst_case_response_time(LOOP, 5, 500_000)
 
 
 def test_cyclic_frames_follow_the_pdo_parameters() -> None:
