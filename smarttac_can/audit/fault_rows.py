@@ -10,12 +10,12 @@ from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.audit.log_frames import Stamped, parts
-from smarttac_can.audit.stage_signs import Signs, cycles_to_zero, shown_state
+from smarttac_can.audit.stage_signs import Signs, cycles_to_zero
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import CAN_ID_MASK, PDO_COB_ID, SYNC_ID, TPDO_COMMUNICATION
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import State, known_state
 
 NOT_SHOWN: Final = {
     "cycles_to_zero": (
@@ -167,7 +167,7 @@ class _Shown:
         codes = list(dict.fromkeys(codes))
         voltage = signs.last(signs.stage if signs.inside else signs.drive, self._before)
         word = signs.last(signs.status, self._after)
-        state = None if word is None else shown_state(word)
+        state = None if word is None else known_state(word)
         return {
             "voltage_before_v": None if voltage is None else round(voltage * signs.volt, 2),
             "cycles_to_zero": cycles_to_zero(signs, self._before, self._after),
@@ -189,7 +189,7 @@ class _Shown:
         cycles = 0
         for _, frame in reversed(frames):
             word = signs.status.read(frame)
-            if word is not None and shown_state(word) is not State.RUNNING:
+            if word is not None and known_state(word) is not State.RUNNING:
                 break
             cycles += frame.can_id == SYNC_ID
         return (

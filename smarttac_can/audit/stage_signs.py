@@ -24,7 +24,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.timing import frame_bits
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
-from smarttac_can.vocabulary.states import State, Status, state_in
+from smarttac_can.vocabulary.states import Status
 
 _BOOT_UP: Final = b"\0"
 _NMT_BYTES: Final = 2
@@ -91,14 +91,6 @@ class Signs:
         """Return the last raw value of a field; None if there is none."""
         values = (field.read(frame) for _, frame in reversed(frames))
         return next((value for value in values if value is not None), None)
-
-
-def shown_state(statusword: int) -> State | None:
-    """Return the state that a statusword shows; None for one that does not exist."""
-    try:
-        return state_in(statusword)
-    except ValueError:
-        return None
 
 
 def _sent(od: ObjectDictionary, number: int, name: str) -> Field:

@@ -219,10 +219,7 @@ class PlateBlock:
         Abort
             As for an SDO write; the value is then unchanged.
         """
-        entry = self.od[name]
-        entry.check(raw)
-        self.on_write(entry, raw)
-        entry.value = raw
+        self.od.write(name, raw, self.on_write)
 
     def on_write(self, entry: Entry, value: int) -> None:
         """Act on a write before it is made.

@@ -249,10 +249,7 @@ class StimulatorBlock:
         Abort
             As for an SDO write; the value is then unchanged.
         """
-        entry = self.od[name]
-        entry.check(raw)
-        self.on_write(entry, raw)
-        entry.value = raw
+        self.od.write(name, raw, self.on_write)
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Act on a write before it is made.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,10 +119,25 @@ class ObjectDictionary:
         entry = self.get(index, subindex)
         return absent if entry is None else int(entry.read())
 
-    def write(self, entry: Entry, value: Any) -> None:
-        """Set the value of an entry, if it passes `Entry.check`."""
-        entry.check(value)
-        entry.value = value
+    def write(self, name: str, raw: Any, ask: Callable[[Entry, Any], None]) -> None:
+        """Write a raw value to an entry by its name, as an SDO write does.
+
+        Parameters
+        ----------
+        name, raw
+            Of the entry, and for it.
+        ask
+            Called before it takes a value that has passed `Entry.check`; may refuse it by `Abort`.
+
+        Raises
+        ------
+        Abort
+            If the value is refused; what was there stays.
+        """
+        entry = self[name]
+        entry.check(raw)
+        ask(entry, raw)
+        entry.value = raw
 
     def renumber(self, node_id: int) -> None:
         """Change the node-ID, 1..127, in the defaults and limits that hold ``$NODEID``."""

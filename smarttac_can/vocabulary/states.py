@@ -76,3 +76,11 @@ def state_in(statusword: int) -> State:
         If there is no state of its number: a statusword of something else.
     """
     return State(statusword >> STATE_SHIFT & _STATE_BITS)
+
+
+def known_state(statusword: int) -> State | None:
+    """Return the state that a statusword carries; None if there is no such state."""
+    try:
+        return state_in(statusword)
+    except ValueError:
+        return None

@@ -8,7 +8,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.master import requests
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State, state_in
+from smarttac_can.vocabulary.states import State, known_state
 
 PAUSE_S: Final = 0.1
 _SHARP: Final = (State.ARMED, State.RUNNING)
@@ -73,11 +73,3 @@ def _rests(since: float, shown: tuple[float, int] | None, rested: float | None) 
     if rested is not None and rested > since:
         return True
     return shown is not None and shown[0] > since and known_state(shown[1]) not in _SHARP
-
-
-def known_state(statusword: int) -> State | None:
-    """Return the state that a statusword carries; None if there is no such state."""
-    try:
-        return state_in(statusword)
-    except ValueError:
-        return None

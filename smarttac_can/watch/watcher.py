@@ -12,13 +12,13 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.meanings import emergency_text, spoken
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import Status
+from smarttac_can.vocabulary.states import Status, known_state
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 from smarttac_can.watch.heard_node import HeardNode, gone, notes_of
 from smarttac_can.watch.load_meter import LoadMeter
 from smarttac_can.watch.published_values import PublishedValues, mapping_entries
 from smarttac_can.watch.reader import SdoReader
-from smarttac_can.watch.stop import Stop, known_state
+from smarttac_can.watch.stop import Stop
 from smarttac_can.watch.view import Emergency, Peer, View
 
 READ: Final = (

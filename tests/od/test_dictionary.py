@@ -38,7 +38,7 @@ def dictionary(*entries: Entry) -> ObjectDictionary:
 def test_write_refuses_and_changes_nothing(data_type: DataType, value: object, code: int) -> None:
     entry = Entry(0x2000, 0, "X", data_type, "rw", default=0)
     with pytest.raises(Abort) as refusal:
-        dictionary(entry).write(entry, value)
+        dictionary(entry).write("X", value, lambda *_: None)
     assert refusal.value.code == code
     assert entry.value == 0
 
