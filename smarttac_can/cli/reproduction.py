@@ -21,13 +21,7 @@ from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions, SubjectSet
 from smarttac_can.paper.provenance import EMERGES, fitted
 from smarttac_can.paper.report import table_text, write_report
-from smarttac_can.paper.reproduce import (
-    FIGURES,
-    RESULTS,
-    TRACES,
-    Progress,
-    friction_step,
-)
+from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, Progress, friction_step
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
 from smarttac_can.paper.vibration_table import vibration_table
 from smarttac_can.vocabulary.modes import Law, VibrationLaw

@@ -8,12 +8,7 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.cli.options import (
-    BusChoice,
-    bus_options,
-    closing_network,
-    timeout_option,
-)
+from smarttac_can.cli.options import BusChoice, bus_options, closing_network, timeout_option
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
 from smarttac_can.cli.result_file import json_option, opened_results, report_results
 from smarttac_can.commissioning.scan import FoundDevice

@@ -9,13 +9,7 @@ from smarttac_can.conformance.case import Failure, NotApplicable, case
 from smarttac_can.conformance.description import COMMANDS
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import download, upload
-from smarttac_can.od.cia import (
-    ERROR_FIELD,
-    Abort,
-    AbortCode,
-    DataType,
-    ObjectType,
-)
+from smarttac_can.od.cia import ERROR_FIELD, Abort, AbortCode, DataType, ObjectType
 from smarttac_can.od.data_types import SIZES, bounds, pack
 from smarttac_can.od.entry import Entry
 

@@ -14,12 +14,7 @@ from smarttac_can.conformance.sdo_client import (
     download_segments,
     upload,
 )
-from smarttac_can.od.cia import (
-    DEVICE_TYPE,
-    SDO_TX_ID,
-    Abort,
-    AbortCode,
-)
+from smarttac_can.od.cia import DEVICE_TYPE, SDO_TX_ID, Abort, AbortCode
 from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.entry import Entry
 

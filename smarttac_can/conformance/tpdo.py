@@ -15,12 +15,7 @@ from smarttac_can.conformance.pdo_setup import (
     refuse_own_events,
     tpdo,
 )
-from smarttac_can.od.cia import (
-    EVENT_MANUFACTURER,
-    RTR_EVENT,
-    RTR_SYNC,
-    SYNC_COB_ID,
-)
+from smarttac_can.od.cia import EVENT_MANUFACTURER, RTR_EVENT, RTR_SYNC, SYNC_COB_ID
 
 PERIOD_MS = 60
 """Event timer and inhibit time that the cases set."""

@@ -7,14 +7,7 @@ from functools import partial
 from smarttac_can.conformance.case import Failure, NotApplicable, case
 from smarttac_can.conformance.description import needs_object, needs_tpdo
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.pdo_setup import (
-    can_id,
-    configure,
-    disable,
-    enable,
-    operational,
-    tpdo,
-)
+from smarttac_can.conformance.pdo_setup import can_id, configure, disable, enable, operational, tpdo
 from smarttac_can.conformance.sdo_client import number, write_number
 from smarttac_can.od.cia import (
     CAN_ID_MASK,

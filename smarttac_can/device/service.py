@@ -6,14 +6,7 @@ from typing import Any, ClassVar
 
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Port
-from smarttac_can.od.cia import (
-    CAN_ID_MASK,
-    COB_EXTENDED,
-    COB_INVALID,
-    Abort,
-    AbortCode,
-    restricted,
-)
+from smarttac_can.od.cia import CAN_ID_MASK, COB_EXTENDED, COB_INVALID, Abort, AbortCode, restricted
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 

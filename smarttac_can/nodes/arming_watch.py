@@ -8,12 +8,7 @@ from typing import Final
 from smarttac_can.device.device import Device
 from smarttac_can.nodes.loop_period import deadlines
 from smarttac_can.nodes.stricter import watched_node
-from smarttac_can.od.cia import (
-    GUARD_TIME,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_PRODUCER,
-    LIFE_TIME_FACTOR,
-)
+from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR
 
 SETPOINT_RPDOS: Final = (1, 2, 3, 4)
 _TABLE: Final = "Consumer heartbeat time"

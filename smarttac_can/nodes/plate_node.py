@@ -15,11 +15,7 @@ from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.drive_sender import DriveSender
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.hardware_watch import HardwareWatch
-from smarttac_can.nodes.loop_frames import (
-    DRIVE_RPDO,
-    MEASUREMENT_TPDOS,
-    sent_measurement,
-)
+from smarttac_can.nodes.loop_frames import DRIVE_RPDO, MEASUREMENT_TPDOS, sent_measurement
 from smarttac_can.nodes.loop_period import LoopPeriod, deadlines, set_deadline
 from smarttac_can.nodes.missed_time import MissedTime
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken

@@ -23,13 +23,7 @@ from smarttac_can.nodes.plate_link import expect_plate, link_to_plate
 from smarttac_can.nodes.publishing import Publishing
 from smarttac_can.nodes.settings import mend_settings
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.od.cia import (
-    HEARTBEAT_CONSUMER,
-    Abort,
-    AbortCode,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.od.cia import HEARTBEAT_CONSUMER, Abort, AbortCode, EmergencyCode, ErrorRegister
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import START_RUN

@@ -9,13 +9,7 @@ from typing import Any, Final, NamedTuple
 from smarttac_can.trials.fault_acts import Act
 from smarttac_can.trials.fault_row import mode_name
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.faults import (
-    PICKUP,
-    PICKUP_D,
-    PICKUP_Q,
-    SENSOR_KINDS,
-    FaultKind,
-)
+from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, SENSOR_KINDS, FaultKind
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.watchdogs import Watchdog
 

@@ -45,13 +45,7 @@ from smarttac_can.trials.fault_acts import (
     start_clock,
     stop_clock,
 )
-from smarttac_can.trials.fault_case import (
-    REGULATED,
-    RING_DOWN_CYCLES,
-    TRACKED,
-    FaultCase,
-    broken,
-)
+from smarttac_can.trials.fault_case import REGULATED, RING_DOWN_CYCLES, TRACKED, FaultCase, broken
 from smarttac_can.trials.rig import MASTER_LOST_MS, PLATE_LOST_MS, Rig
 from smarttac_can.trials.weak_pickup import WEAK_PICKUP
 from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind

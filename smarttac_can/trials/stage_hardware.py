@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING
 from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.loop_frames import HARDWARE_RPDO
-from smarttac_can.od.cia import (
-    PDO_COB_ID,
-    PDO_EVENT,
-    RPDO_COMMUNICATION,
-    RPDO_IDS,
-    SYNC_ID,
-)
+from smarttac_can.od.cia import PDO_COB_ID, PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS, SYNC_ID
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
 
 if TYPE_CHECKING:

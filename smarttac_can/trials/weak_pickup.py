@@ -6,13 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from smarttac_can.trials.fault_case import (
-    REGULATED,
-    RING_DOWN_CYCLES,
-    TRACKED,
-    FaultCase,
-    broken,
-)
+from smarttac_can.trials.fault_case import REGULATED, RING_DOWN_CYCLES, TRACKED, FaultCase, broken
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.watchdogs import LACK_CYCLES, RESONANCE_CYCLES, Watchdog
