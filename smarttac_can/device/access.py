@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from smarttac_can.device.application import Application
@@ -17,8 +17,6 @@ class Access:
 
     Parameters
     ----------
-    owners
-        Services by the index of their parameters.
     on_change
         Called after a service has taken a new parameter.
     """
@@ -26,14 +24,19 @@ class Access:
     def __init__(
         self,
         od: ObjectDictionary,
-        owners: dict[int, list[Service]],
         application: Application,
         on_change: Callable[[], None],
     ) -> None:
         self._od = od
-        self._owners = owners
+        self._owners: dict[int, list[Service]] = {}
         self._application = application
         self._on_change = on_change
+
+    def ask(self, services: Iterable[Service]) -> None:
+        """Ask services from now on about the objects that are theirs."""
+        for service in services:
+            for index in service.objects:
+                self._owners.setdefault(index, []).append(service)
 
     def read(self, index: int, subindex: int) -> bytes:
         """Read the bytes of an entry.

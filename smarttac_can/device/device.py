@@ -118,8 +118,7 @@ class Device:
             for n in RPDO.numbers(od)
         }
         self._tpdos = {n: TPDO(port, od, n) for n in TPDO.numbers(od)}
-        self._owners: dict[int, list[Service]] = {}
-        access = Access(od, self._owners, application, self._take_parameters)
+        access = Access(od, application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
         react = self._error_behaviour.react
         self._watches = HeartbeatConsumer(port, od, emergency, application, react)
@@ -143,9 +142,7 @@ class Device:
             *self._tpdos.values(),
         )
         nmt.lead(self._services, self._lss, self._storage, heartbeat)
-        for service in self._services:
-            for index in service.objects:
-                self._owners.setdefault(index, []).append(service)
+        access.ask(self._services)
         self.sync_counter = 0
         self.sync_own = False
         self._loop_tpdos = [self._tpdos[number] for number in loop_tpdos]
