@@ -131,7 +131,8 @@ class StateLines:
     def _reason(self) -> str:
         """Say why stimulator or front end do not drive; empty if there is nothing to say."""
         if self._plate is not None:
-            return f"front end: {self._plate.trouble}" if self._plate.trouble else ""
+            trouble = self._plate.behind.trouble
+            return f"front end: {trouble}" if trouble else ""
         if self._diagnosis is None:
             return ""
         message, first, latched = self._diagnosis

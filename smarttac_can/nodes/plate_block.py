@@ -14,7 +14,6 @@ from smarttac_can.od.entry import Entry
 from smarttac_can.od.scaling import Quantiser
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.plant.plate import Plate
-from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.objects import START_RUN
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import Drive
@@ -234,20 +233,6 @@ class PlateBlock:
             self.start_run()
         else:
             self.behind.on_write(entry, value)
-
-    def insist(self) -> None:
-        """Ask a stage for 0 V again that did not obey it."""
-        self.behind.insist()
-
-    @property
-    def cause(self) -> FaultCode | None:
-        """What a front end keeps the stage from a voltage for; None if nothing does."""
-        return self.behind.cause
-
-    @property
-    def trouble(self) -> str:
-        """What is wrong with a front end; empty if nothing is."""
-        return self.behind.trouble
 
     @property
     def plate(self) -> Plate:

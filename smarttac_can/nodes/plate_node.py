@@ -132,7 +132,7 @@ class PlateNode(Application):
     def shutdown(self) -> list[Frame]:
         """Put the power stage at 0 V."""
         self.block.switch_off()
-        self.block.insist()
+        self.block.behind.insist()
         return []
 
     def on_state(self, state: NMTState) -> None:
@@ -156,7 +156,7 @@ class PlateNode(Application):
 
     def on_sync(self) -> bool:
         """Step to this tick; while there is no loop, or nothing measured, nothing goes out."""
-        self.block.insist()
+        self.block.behind.insist()
         if self.device.nmt_state is not NMTState.OPERATIONAL:
             return False
         if not self._period.agrees():
@@ -199,7 +199,7 @@ class PlateNode(Application):
         if self._voltage.value > self._voltage_max.value:
             self._protect(FaultCode.VOLTAGE)
             return
-        cause = hardware.cause or self.block.cause
+        cause = hardware.cause or self.block.behind.cause
         if not self._voltage.value:
             self._reported = False
         elif cause is not None and not self._reported:
@@ -276,7 +276,7 @@ class PlateNode(Application):
 
     def _heed_front_end(self) -> None:
         """Go to 0 V if a front end gives reason to; report it if the stage was, or is, live."""
-        cause = self.block.cause
+        cause = self.block.behind.cause
         if cause is FaultCode.STAGE or (cause and self.block.state is StageState.IN_USE):
             self._protect(cause)
         elif cause:

@@ -208,7 +208,7 @@ def test_a_stage_that_is_told_late_is_late_too() -> None:
     line.sync()
     line.send(drive(2000, tick_of(plate)))
     line.sync()
-    assert "a call took 800 us" in plate.block.trouble
+    assert "a call took 800 us" in plate.block.behind.trouble
     assert fake.told[-1] == 0
     assert emergencies(line) == [NOT_ENABLED]
 
@@ -271,7 +271,7 @@ def test_what_is_no_measurement_is_0_v_at_once(measured: Any, words: str) -> Non
     assert fake.told[-1] == 0
     assert emergencies(line) == [NOT_ENABLED]
     assert [frame.can_id for frame in line.frames[before:]] == [0x80, 0xA1]
-    assert words in plate.block.trouble
+    assert words in plate.block.behind.trouble
 
 
 def test_an_exception_is_0_v_at_once_and_the_node_goes_on() -> None:
@@ -281,7 +281,7 @@ def test_an_exception_is_0_v_at_once_and_the_node_goes_on() -> None:
     line.sync()
     assert fake.told[-1] == 0
     assert emergencies(line) == [NOT_ENABLED]
-    assert plate.block.trouble == "sample() failed: OSError('cable out')"
+    assert plate.block.behind.trouble == "sample() failed: OSError('cable out')"
     for volts in (20, 0, 20):
         assert cycle(line, plate, volts) == 0, "not even 0 V frees it"
     assert set(fake.told[-4:]) == {0.0}
@@ -290,7 +290,7 @@ def test_an_exception_is_0_v_at_once_and_the_node_goes_on() -> None:
         cycle(line, plate, 0)
         assert plate.block.barred
     cycle(line, plate, 0)
-    assert not plate.block.trouble
+    assert not plate.block.behind.trouble
     assert emergencies(line)[-1] == 0
     assert cycle(line, plate, 20) == 20
 
@@ -340,7 +340,8 @@ def test_before_it_was_heard_the_stage_takes_no_voltage() -> None:
         assert cycle(line, plate, volts) == 0
     assert set(fake.told) == {0.0}
     assert emergencies(line) == [NOT_ENABLED], "once for the time that a voltage is asked for"
-    assert plate.block.trouble == "sample() has nothing new", "the reason, as soon as there is one"
+    trouble = plate.block.behind.trouble
+    assert trouble == "sample() has nothing new", "the reason, as soon as there is one"
 
 
 @pytest.mark.parametrize(
@@ -352,7 +353,7 @@ def test_a_stage_that_says_something_else_is_told_0_v(answer: Any) -> None:
     assert cycle(line, plate, 21) == 0
     assert set(fake.told[fake.told.index(21) + 1 :]) == {0}
     assert emergencies(line) == [STAGE]
-    assert plate.block.trouble == f"put_out() of 21 V returned {repr(answer)[:200]}"
+    assert plate.block.behind.trouble == f"put_out() of 21 V returned {repr(answer)[:200]}"
 
 
 def test_a_stage_that_raises_is_told_0_v() -> None:
