@@ -19,6 +19,7 @@ from smarttac_can.control.limit import (
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive_friction import PredictiveFriction
 from smarttac_can.control.texture import TexturePlayer
+from smarttac_can.control.texture_friction import TextureFriction
 from smarttac_can.control.tribometer import Tribometer
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, Mode
@@ -93,6 +94,7 @@ class Cascade:
         "_model",
         "_parameters",
         "_predictive",
+        "_textured",
         "amplitude",
         "contact",
         "drive",
@@ -125,6 +127,7 @@ class Cascade:
         self._parameters = p
         self._law = FrictionLaw(p.law, p.slope, p.step_max)
         self._map = PredictiveFriction() if p.law is Law.PREDICTIVE else None
+        self._textured = TextureFriction()
         self._design()
 
     @property
@@ -273,10 +276,13 @@ class Cascade:
         self.mu_ref = mu_ref = self._cof_reference(contact, setpoint)
         if not contact.touching:
             self.E = 0.0
+            self._textured.release()
             if by_map is not None:
                 by_map.release()
             return setpoint.amplitude
         self.E = E = relative_error(contact.mu, mu_ref)
+        if self.mode is _TEXTURE:
+            return self._textured.reference(contact, self.amplitude, mu_ref)
         if by_map is not None:
             return by_map.reference(contact, self.amplitude, mu_ref)
         return self._law.reference(E, self.amplitude, self.W_ref, setpoint.amplitude)
@@ -284,9 +290,18 @@ class Cascade:
     def _cof_reference(self, contact: Contact, setpoint: Setpoint) -> float:
         """Return the COF asked for where the finger is, or will be."""
         if self.mode is _TEXTURE and self.texture is not None:
-            return self.texture.reference(contact, self._parameters.preview)
+            return self._previewed(self.texture, contact)
         right = self._boundary.update(contact.position, setpoint.boundary)
         return setpoint.mu_right if right else setpoint.mu_left
+
+    def _previewed(self, texture: TexturePlayer, contact: Contact) -> float:
+        """Return the COF that the texture has where the finger will be."""
+        p = self._parameters
+        ahead = p.dead_time + p.preview
+        if not contact.touching:
+            return texture.reference(contact.position, 0.0, ahead)
+        line = self._textured.locate(*self.tribometer.centre())
+        return texture.reference(line.position, line.speed, ahead)
 
     def _identify(self, W: complex, temperature: float) -> Drive:
         identification = self.identification
@@ -314,6 +329,8 @@ class Cascade:
         self._inner.preset(Drive(voltage, f_set if self._from_off else frequency))
         if self._map is not None:
             self._map.release()
+        self._textured.release()
+        self._inner.follow_load(self.mode is _TEXTURE)
         if self.mode is Mode.FRICTION:
             self._boundary.place(self.contact.position, setpoint.boundary)
         elif self.mode is _TEXTURE and self.texture is not None:
@@ -338,4 +355,5 @@ class Cascade:
     def _design(self) -> None:
         """Build the loops from parameters and model, and start them from the drive in force."""
         self._inner = InnerLoops(self._model, self._parameters, self.drive)
+        self._inner.follow_load(self.mode is _TEXTURE)
         self._predictive = self._inner.predictive

@@ -35,17 +35,23 @@ class InnerLoops:
         Bits of :class:`Limit` that cut the last drive.
     """
 
-    __slots__ = ("_parameters", "_schedule", "amplitude", "limited", "predictive", "resonance")
+    __slots__ = (
+        "_designed",
+        "_follows_load",
+        "_parameters",
+        "_schedule",
+        "amplitude",
+        "limited",
+        "predictive",
+        "resonance",
+    )
 
     def __init__(self, model: PlateModel, parameters: CascadeParameters, drive: Drive) -> None:
         p = parameters
         law = p.vibration_law
         self._parameters = p
-        self._schedule = (
-            Schedule(model, p.amplitude_pole, p.resonance_pole, p.dead_time)
-            if law is VibrationLaw.SCHEDULED
-            else None
-        )
+        self._schedule = Schedule(model, p.amplitude_pole, p.resonance_pole, p.dead_time)
+        self._follows_load = law is VibrationLaw.SCHEDULED
         self.predictive = (
             PredictiveLoop(model, p.dead_time) if law is VibrationLaw.PREDICTIVE else None
         )
@@ -53,8 +59,20 @@ class InnerLoops:
         self.resonance = ResonanceLoop(
             resonance_pi(model, p.resonance_pole, p.dead_time), p.f_min, p.f_max
         )
+        self._designed = (self.amplitude.pi.Kp, self.resonance.pi.Kp, self.amplitude.pi.a)
         self.limited = 0
         self.preset(drive)
+
+    def follow_load(self, on: bool) -> None:
+        """Have the gains of the law ``pi`` follow the finger as those of ``scheduled`` do, or not.
+
+        What the PIs stand at does not change.
+        """
+        if self._parameters.vibration_law is VibrationLaw.PI:
+            self._follows_load = on
+            amplitude, resonance = self.amplitude.pi, self.resonance.pi
+            amplitude.Kp, resonance.Kp, a = self._designed
+            amplitude.a = resonance.a = a
 
     def preset(self, drive: Drive) -> None:
         """Have both PIs start from a drive."""
@@ -87,7 +105,7 @@ class InnerLoops:
             return self._predicted(self.predictive, W_ref, fixed)
         limited = 0
         amplitude_loop = self.amplitude
-        if self._schedule is not None:
+        if self._follows_load:
             Fn = contact.Fn if contact.touching else 0.0
             self._schedule.tune(Fn, amplitude_loop.pi, self.resonance.pi)
         V = amplitude_loop.step(W_ref, amplitude)

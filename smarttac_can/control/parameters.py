@@ -44,9 +44,9 @@ class CascadeParameters:
     """Lowest excitation frequency in Hz, 1e3..1e6."""
     f_max: float = 44000.0
     """Highest excitation frequency in Hz, f_min..1e6."""
-    preview: float = 2e-3
+    preview: float = 1.5e-3
     """Time in s by which the reference of a texture is ahead of the finger, 0..0.02: what the COF
-    takes to follow it under the law ``measured``."""
+    takes to follow it, besides the dead time."""
     dead_time: float = 0.0
     """Time from the tick until the new drive is in force in s, 0..999e-6: it ends in the tick."""
     lateral: Matrix = ((1.0, 0.0), (0.0, 1.0))

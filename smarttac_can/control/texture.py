@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import pi
 from typing import Final
 
-from smarttac_can.vocabulary.signals import TICK, Contact
+from smarttac_can.vocabulary.signals import TICK
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 POSITION_LAG: Final = 2.0 * 0.7 / (2.0 * pi * 100.0)
@@ -39,18 +39,18 @@ class TexturePlayer:
         """Have a table over time begin with the next tick."""
         self._ticks = 0
 
-    def reference(self, contact: Contact, preview: float) -> float:
+    def reference(self, position: float, speed: float, preview: float) -> float:
         """Return the reference of the COF; to be called once a tick.
 
         Parameters
         ----------
-        contact
-            Position and speed of the finger.
+        position, speed
+            Of the finger in m and m/s.
         preview
             Time in s that the COF takes to follow its reference.
         """
         if self._by_position:
-            ahead = contact.position + (POSITION_LAG + preview) * contact.speed
+            ahead = position + (POSITION_LAG + preview) * speed
             return self._table.at(ahead * _NM_PER_M)
         time = self._ticks * TICK
         self._ticks += 1

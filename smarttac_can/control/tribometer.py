@@ -175,7 +175,7 @@ class Tribometer:
         Normal force in N from which a finger touches; it ceases to at 0.7 of it.
     """
 
-    __slots__ = ("_gauging", "_head", "_offsets", "_ring", "_touch", "tared")
+    __slots__ = ("_gauges", "_gauging", "_head", "_offsets", "_ring", "_touch", "tared")
 
     def __init__(
         self,
@@ -190,6 +190,7 @@ class Tribometer:
         self.tared = False
         """Whether the offsets were measured or set."""
         self._touch = UNTOUCHED
+        self._gauges = self._offsets
         self.calibrate(lateral, gauge_positions, gauge_noise, contact_force)
 
     def calibrate(
@@ -238,6 +239,25 @@ class Tribometer:
         )
         return (s1, s2, s3, s4, s5, s6)
 
+    def centre(self) -> tuple[float, float]:
+        """Return where the last tick alone has the finger, which touches, and how unsure that is.
+
+        Returns
+        -------
+        position, uncertainty
+            Centre of pressure along x, and its standard uncertainty by the gauges, in m.
+        """
+        _, _, _, _, x3, x4, x5, x6, sigma2, _, _ = self._gauging
+        _, _, s3, s4, s5, s6 = self._gauges
+        _, _, o3, o4, o5, o6 = self._offsets
+        s3 -= o3
+        s4 -= o4
+        s5 -= o5
+        s6 -= o6
+        Fn = s3 + s4 + s5 + s6
+        variance = sigma2 * (x3 * x3 + x4 * x4 + x5 * x5 + x6 * x6)
+        return (x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) / Fn, sqrt(variance) / Fn
+
     def update(self, gauges: Forces) -> Contact:
         """Return the contact for finite raw gauge forces in N; to be called once a tick."""
         ring = self._ring
@@ -247,6 +267,7 @@ class Tribometer:
             head = self._head
             ring[head] = gauges
             self._head = (head + 1) % TARE_SAMPLES
+        self._gauges = gauges
         self._touch, contact = contact_of(self._gauging, self._offsets, self._touch, gauges)
         # A named tuple's own constructor costs twice this.
         return tuple.__new__(Contact, contact)

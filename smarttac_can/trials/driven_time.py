@@ -11,9 +11,9 @@ from smarttac_can.trials.fault_case import DRIVING
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 
-_BY_COF: Final = frozenset({Mode.FRICTION, Mode.TEXTURE})
-"""Modes in which a friction law acts."""
-_BY_AMPLITUDE: Final = _BY_COF | {Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE}
+_BY_AMPLITUDE: Final = frozenset(
+    {Mode.FRICTION, Mode.TEXTURE, Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE}
+)
 """Modes in which a vibration law acts."""
 _S_PER_CYCLE: Final = 1e-3
 
@@ -41,8 +41,8 @@ class DrivenTime:
         return self._seconds(DRIVING, lambda mode, _law, _vibration: mode)
 
     def by_friction_law(self) -> dict[str, float]:
-        """Return seconds by the name of the friction law, of the modes in which one acts."""
-        return self._seconds(Law, lambda mode, law, _: law if mode in _BY_COF else None)
+        """Return seconds by the name of the friction law, of mode friction: no other asks one."""
+        return self._seconds(Law, lambda mode, law, _: law if mode is Mode.FRICTION else None)
 
     def by_vibration_law(self) -> dict[str, float]:
         """Return seconds by the name of the vibration law, of the modes in which one acts."""

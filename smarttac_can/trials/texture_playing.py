@@ -8,7 +8,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.textures import Texture
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, STROKE, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
 from smarttac_can.vocabulary.states import Control, State
@@ -40,8 +40,8 @@ def play(
     force: float = 1.0,
     speed: float = 60.0,
     seed: int = 1,
-    preview_us: int = 2000,
-    law: Law = Law.MEASURED,
+    preview_us: int = 1500,
+    dead_time_us: int = 0,
     vibration_law: VibrationLaw = VibrationLaw.PI,
     tares: int = _TARES,
 ) -> Stroke:
@@ -61,8 +61,10 @@ def play(
         Of the noise of the sensors.
     preview_us
         By how much the reference is ahead, in us.
-    law, vibration_law
-        Laws of the controllers.
+    dead_time_us
+        Time from the tick until a drive is in force in us, of which the controllers are told.
+    vibration_law
+        Law of the inner loops.
     tares
         How many tares of 64 samples the zero is the mean of; one is 0.03 mm off, at 1 N.
 
@@ -83,7 +85,8 @@ def play(
         ("Finger.Speed variation", 0),
         ("Setpoint.Amplitude", 1000),
         ("Texture.Preview", preview_us),
-        ("Friction law", law),
+        ("Controller.Dead time", dead_time_us),
+        ("Simulation.Drive instant", dead_time_us),
         ("Controller.Vibration law", vibration_law),
     ):
         block.write(name, raw)

@@ -188,7 +188,8 @@ def test_a_mode_change_moves_the_drive_by_what_the_new_error_asks_for(
     Kp = cascade._inner.amplitude.pi.Kp
     assert abs(new.voltage - old.voltage) <= Kp * abs(cascade.W_ref - abs(plate.W)) + 1e-9
     if after is not Mode.AMPLITUDE:
-        bound = abs(cascade._inner.resonance.pi.Kp * plate.W.imag / plate.W.real)
+        tangent = plate.W.imag / plate.W.real if plate.W else 0.0
+        bound = abs(cascade._inner.resonance.pi.Kp * tangent)
         assert abs(new.frequency - old.frequency) <= bound + 1e-9
 
 
@@ -519,17 +520,43 @@ def test_parameters_are_checked(wrong, message):
         CascadeParameters(**wrong)
 
 
-def test_a_texture_is_the_reference_of_the_friction_loop():
-    cascade, plate, finger = cascade_with_texture(), FirstOrderPlate(), Finger()
+def test_a_texture_is_the_reference_where_the_finger_will_be():
+    parameters = CascadeParameters(dead_time=500e-6, preview=1.5e-3)
+    cascade, plate = cascade_with_texture(parameters), FirstOrderPlate(dead_time=500e-6)
     cascade.set_mode(Mode.TEXTURE)
-    run(cascade, plate, setpoint(), 200, finger.touch)
+    for tick in range(200):
+        forces = gauges(0.35, 0.0, 1.0, 60e-6 * tick)
+        plate.step(cascade.update(plate.measure(forces), setpoint()))
+    assert cascade.contact.position == pytest.approx(60e-6 * 199)
+    ahead = 1e9 * (60e-6 * 199 + (POSITION_LAG + 2e-3) * 0.06)
+    assert cascade.mu_ref == pytest.approx(GRATING.at(ahead))
+    assert cascade.mu_ref != pytest.approx(GRATING.at(ahead - 30e3), rel=1e-3)
     contact = cascade.contact
-    ahead = 1e9 * (contact.position + (POSITION_LAG + 2e-3) * contact.speed)
-    assert cascade.mu_ref == GRATING.at(ahead)
     assert 100.0 * (contact.mu - cascade.mu_ref) / cascade.mu_ref == cascade.E
     cascade.set_mode(Mode.AMPLITUDE)
-    cascade.update(plate.measure(finger.touch(plate.W)), setpoint())
+    cascade.update(plate.measure(forces), setpoint())
     assert (cascade.mu_ref, cascade.E) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("law", list(Law))
+def test_no_friction_law_has_a_part_in_a_texture(law):
+    drives = []
+    for chosen in (Law.MEASURED, law):
+        cascade = cascade_with_texture(CascadeParameters(law=chosen))
+        plate, finger = FirstOrderPlate(), Finger()
+        cascade.set_mode(Mode.TEXTURE)
+        drives.append(run(cascade, plate, setpoint(), 100, finger.touch))
+    assert drives[0] == drives[1]
+
+
+def test_a_finger_that_lifts_ends_what_is_known_of_its_place():
+    cascade, plate, finger = cascade_with_texture(), FirstOrderPlate(), Finger()
+    cascade.set_mode(Mode.TEXTURE)
+    run(cascade, plate, setpoint(), 100, finger.touch)
+    assert cascade._textured.line is not None
+    run(cascade, plate, setpoint(amplitude=1.5e-6), 1)
+    assert cascade._textured.line is None
+    assert cascade.W_ref == 1.5e-6
 
 
 def test_mode_texture_without_one_turns_itself_off():

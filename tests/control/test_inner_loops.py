@@ -3,12 +3,16 @@
 from dataclasses import replace
 
 import pytest
-from first_order_plate import FirstOrderPlate, setpoint
+from first_order_plate import FirstOrderPlate, gauges, setpoint
 
 from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.inner_loops import InnerLoops
 from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.schedule import Schedule
+from smarttac_can.control.texture import TexturePlayer
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
+from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 LAWS = list(VibrationLaw)
 
@@ -62,3 +66,29 @@ def test_a_voltage_that_would_be_negative_is_told(law):
     run(cascade, plate, setpoint(amplitude=0.1e-6), 1)
     assert cascade.drive.voltage == 0.0
     assert cascade.limited == Limit.VOLTAGE
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_in_mode_texture_the_gains_of_pi_follow_the_finger_and_are_as_designed_after_it(law):
+    cascade, plate = Cascade(CascadeParameters(vibration_law=law)), FirstOrderPlate()
+    cascade.texture = TexturePlayer(TextureTable(Axis.POSITION, True, 0, 1_000_000, (3000, 4000)))
+
+    def gains(mode):
+        cascade.set_mode(mode)
+        for _ in range(30):
+            plate.step(cascade.update(plate.measure(gauges(0.3, 0.0, 1.0)), setpoint()))
+        inner = cascade._inner
+        return inner.amplitude.pi.Kp, inner.resonance.pi.Kp, inner.amplitude.pi.a
+
+    friction, texture = gains(Mode.FRICTION), gains(Mode.TEXTURE)
+    assert (texture != friction) == (law is VibrationLaw.PI)
+    if law is VibrationLaw.PI:
+        scheduled = InnerLoops(cascade.model, CascadeParameters(vibration_law=law), cascade.drive)
+        loops = scheduled.amplitude.pi, scheduled.resonance.pi
+        Schedule(cascade.model, 0.2, 0.3, 0.0).tune(1.0, *loops)
+        assert texture == (loops[0].Kp, loops[1].Kp, loops[0].a)
+        # Other parameters that ask for a new design leave them to follow it.
+        cascade.configure(replace(cascade.parameters, amplitude_pole=0.3))
+        assert gains(Mode.TEXTURE)[0] < texture[0]
+        cascade.configure(replace(cascade.parameters, amplitude_pole=0.2))
+    assert gains(Mode.FRICTION) == friction

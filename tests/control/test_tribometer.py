@@ -177,3 +177,20 @@ def test_noisy_boundary_is_crossed_once_a_pass(seed):
         contact = instrument.update(tuple(s + noise.gauss(0.0, SIGMA) for s in clean))
         sides.append(boundary.update(contact.position, 0.0))
     assert sum(a != b for a, b in pairwise(sides[20:])) == 1
+
+
+def test_the_centre_of_a_tick_alone_is_as_unsure_as_it_is_spread():
+    instrument, draw = tribometer(), random.Random(1)
+    instrument.offsets = NULLS
+    centres = []
+    for _ in range(2000):
+        noisy = [
+            s + n + draw.gauss(0.0, SIGMA)
+            for s, n in zip(gauges(0.2, 0.0, 0.8, 3e-3), NULLS, strict=True)
+        ]
+        instrument.update(tuple(noisy))
+        centres.append(instrument.centre())
+    places, unsure = zip(*centres, strict=True)
+    assert statistics.fmean(places) == pytest.approx(3e-3, abs=0.03e-3)
+    assert unsure[0] == pytest.approx(0.30e-3, rel=0.03)
+    assert statistics.stdev(places) == pytest.approx(statistics.fmean(unsure), rel=0.05)

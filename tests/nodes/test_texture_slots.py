@@ -170,7 +170,7 @@ def test_what_follows_from_friction_to_texture_is_bumpless(bench: Bench) -> None
 
 
 def test_the_preview_is_that_of_the_object(bench: Bench) -> None:
-    assert bench.node.block.cascade.parameters.preview == 2e-3
+    assert bench.node.block.cascade.parameters.preview == 1.5e-3
     bench.write("Texture.Preview", 3500)
     bench.line.sync()
     assert bench.node.block.cascade.parameters.preview == pytest.approx(3.5e-3)

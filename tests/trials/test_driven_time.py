@@ -12,7 +12,7 @@ def test_seconds_go_to_the_laws_that_act() -> None:
         (Mode.OPEN_LOOP, 3, 2, 100),
         (Mode.AMPLITUDE, 3, 1, 20),
         (Mode.FRICTION, 3, 2, 3),
-        (Mode.TEXTURE, 0, 2, 4),
+        (Mode.TEXTURE, 3, 2, 4),
     ):
         rig.write("Friction law", law)
         rig.write("Controller.Vibration law", vibration_law)
@@ -27,7 +27,7 @@ def test_seconds_go_to_the_laws_that_act() -> None:
         "texture": 0.004,
     }
     assert driven.by_friction_law() == {
-        "measured": 0.004,
+        "measured": 0.0,
         "accumulate": 0.0,
         "nominal": 0.0,
         "predictive": 0.003,

@@ -1,0 +1,206 @@
+"""C_mu of mode TEXTURE: the amplitude by a friction map that is learned while the texture plays.
+
+``ln mu = m0 + s h(W)``, with h of `smarttac_can.control.friction_map` as it is in the mean over
+fingers. The step that an edge asks for is made at once, ``W_ref = h^-1((ln mu_ref - m0)/s)``; a law
+that waits for an error comes too late for the next edge. A texture moves W all the time, and what
+is felt is h of that W behind the force path: a Kalman filter learns m0 and s from each tick, by an
+h that has gone through a model of that path.
+
+The functions are plain ones of floats and named tuples.
+"""
+
+from __future__ import annotations
+
+from math import log, sqrt
+from typing import Final, NamedTuple
+
+from smarttac_can.control.finger_line import Line, line_from, prolonged
+from smarttac_can.control.friction_map import MEAN, amplitude_for, value
+from smarttac_can.control.predictive_friction import FROZEN_TICKS, MU_MIN, PATH, Felt, Path
+from smarttac_can.vocabulary.signals import Contact
+
+STEEPNESS_VARIANCE: Final = 0.25
+"""Variance of s over fingers."""
+FLATTEST: Final = 0.25
+"""Least s: nothing that is learned makes the map turn round."""
+STEEPEST: Final = 4.0
+LEVEL_VARIANCE: Final = 0.04
+"""Variance of m0 when a finger begins to slide."""
+LEVEL_DRIFT: Final = 1e-6
+"""Variance that m0 gains in a tick: sweat, force and place move it by 3 % in a second."""
+FORGOTTEN: Final = 1e-5
+"""Share of what was learned of s that is forgotten in a tick."""
+MODEL_VARIANCE: Final = 4e-4
+"""Variance of ln mu in a tick by what is not noise: the skin follows, and h is another one."""
+GATE: Final = 4.0
+"""Standard deviations beyond which an error of a tick counts no more."""
+LASTING_SHARE: Final = 0.05
+"""Share of the error of a tick in the lasting one."""
+LASTING_MAX: Final = 0.1
+"""Lasting error of ln mu from which m0 is not known any more: another place, or another finger."""
+LOST_VARIANCE: Final = 0.01
+"""Variance of m0 then."""
+BUMP_KEPT: Final = 0.85
+"""Share of the first step of the amplitude, made once a finger is known to slide, that is left for
+the next tick."""
+
+
+class Known(NamedTuple):
+    """What is known of a finger, and its covariance."""
+
+    m0: float
+    """ln mu without vibration, here and now."""
+    s: float
+    """Steepness of its map, 1 in the mean over fingers."""
+    mm: float
+    ms: float
+    ss: float
+
+
+class Touch(NamedTuple):
+    """State of the law while a finger touches."""
+
+    known: Known
+    slides: bool
+    """Whether m0 was measured; the amplitude is held until it is."""
+    since_turn: int
+    """Ticks since the touch began, or the finger turned."""
+    path: Path
+    """h behind the force path."""
+    lasting: float
+    """Filtered error of ln mu."""
+    bump: float
+    """What is left of the first step of the amplitude, in m."""
+    W_ref: float
+    """Amplitude in m that is asked for; below 0 for a COF that none reaches."""
+    felt: Felt
+    """The last tick."""
+
+
+ANYBODY: Final = Known(0.0, 1.0, LEVEL_VARIANCE, 0.0, STEEPNESS_VARIANCE)
+"""Any finger."""
+
+
+def begin(felt: Felt, known: Known) -> Touch:
+    """Return the state when a touch or the mode begins: it asks for the amplitude there is.
+
+    Parameters
+    ----------
+    felt
+        The first tick.
+    known
+        What was learned before.
+    """
+    return Touch(known, False, 0, Path(value(MEAN, felt.W), 0.0), 0.0, 0.0, felt.W, felt)
+
+
+def follow(touch: Touch, felt: Felt) -> Touch:
+    """Return the state a tick later."""
+    known, slides, since_turn, path, lasting, bump, W_ref, before = touch
+    path = _through_path(path, 0.5 * (value(MEAN, before.W) + value(MEAN, felt.W)))
+    since_turn += 1
+    if felt.Fx * before.Fx + felt.Fy * before.Fy < 0.0:
+        since_turn, lasting = 0, 0.0
+    starts = False
+    if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN:
+        if slides:
+            error = log(felt.mu) - known.m0 - known.s * path.y
+            lasting += LASTING_SHARE * (error - lasting)
+            lost = abs(lasting) > LASTING_MAX
+            known = learned(known, path.y, error, felt.u_mu / felt.mu, lost)
+        else:
+            slides = starts = True
+            m0 = log(felt.mu) - known.s * path.y
+            known = Known(m0, known.s, LEVEL_VARIANCE, 0.0, known.ss)
+    if slides:
+        asked = amplitude_for(MEAN, (log(felt.mu_ref) - known.m0) / known.s)
+        bump = W_ref - asked if starts else BUMP_KEPT * bump
+        W_ref = asked + bump
+    return Touch(known, slides, since_turn, path, lasting, bump, W_ref, felt)
+
+
+def learned(known: Known, h: float, error: float, relative: float, lost: bool) -> Known:
+    """Return what is known once a tick was felt.
+
+    Parameters
+    ----------
+    known
+        Before it.
+    h
+        Behind the force path.
+    error
+        By how much ln mu is above what was expected.
+    relative
+        Standard uncertainty of the COF over the COF.
+    lost
+        Whether the errors last.
+    """
+    m0, s, mm, ms, ss = known
+    mm += LEVEL_DRIFT
+    if lost and mm < LOST_VARIANCE:
+        mm = LOST_VARIANCE
+    ms *= 1.0 - FORGOTTEN
+    ss += FORGOTTEN * (STEEPNESS_VARIANCE - ss)
+    by_m, by_s = mm + ms * h, ms + ss * h
+    spread = by_m + by_s * h + relative * relative + MODEL_VARIANCE
+    most = GATE * sqrt(spread)
+    share = (most if error > most else -most if error < -most else error) / spread
+    s += by_s * share
+    return Known(
+        m0 + by_m * share,
+        FLATTEST if s < FLATTEST else STEEPEST if s > STEEPEST else s,
+        mm - by_m * by_m / spread,
+        ms - by_m * by_s / spread,
+        ss - by_s * by_s / spread,
+    )
+
+
+def _through_path(path: Path, middle: float) -> Path:
+    """Step the force path with h as it is in the middle of the tick."""
+    away = path.y - middle
+    return Path(
+        middle + PATH.yy * away + PATH.yr * path.rate,
+        PATH.ry * away + PATH.rr * path.rate,
+    )
+
+
+class TextureFriction:
+    """C_mu of mode TEXTURE; what it learned of a finger outlives a touch."""
+
+    __slots__ = ("_known", "line", "touch")
+
+    def __init__(self) -> None:
+        self._known = ANYBODY
+        self.line: Line | None = None
+        """Where the finger is while it touches; None otherwise, as `touch`."""
+        self.touch: Touch | None = None
+
+    def locate(self, centre: float, unsure: float) -> Line:
+        """Return where a finger that touches is; the arguments are those of `prolonged`."""
+        line = self.line
+        self.line = line = line_from(centre) if line is None else prolonged(line, centre, unsure)
+        return line
+
+    def reference(self, contact: Contact, W: float, mu_ref: float) -> float:
+        """Return the amplitude reference in m of this tick, before its limits.
+
+        Parameters
+        ----------
+        contact
+            A finger that touches.
+        W
+            Measured amplitude in m.
+        mu_ref
+            Reference of the COF, above 0.
+        """
+        felt = Felt(contact.mu, contact.u_mu, contact.Fx, contact.Fy, W, mu_ref)
+        touch = self.touch
+        self.touch = touch = begin(felt, self._known) if touch is None else follow(touch, felt)
+        return touch.W_ref
+
+    def release(self) -> None:
+        """Take note that no finger touches, or that another mode begins."""
+        self.line = None
+        if self.touch is not None:
+            self._known = self.touch.known
+            self.touch = None

@@ -1,0 +1,164 @@
+"""C_mu of mode TEXTURE: what it learns of a finger while a texture plays, and what it asks for."""
+
+import math
+import random
+from itertools import pairwise
+
+import pytest
+
+from smarttac_can.control.friction_map import MEAN, value
+from smarttac_can.control.predictive_friction import FROZEN_TICKS, PATH, Felt
+from smarttac_can.control.texture_friction import (
+    ANYBODY,
+    FLATTEST,
+    STEEPEST,
+    Known,
+    TextureFriction,
+    begin,
+    follow,
+    learned,
+)
+from smarttac_can.vocabulary.signals import Contact
+
+M0 = math.log(0.6)
+NOISE = 0.02
+"""Of ln mu in a tick."""
+
+
+class Finger:
+    """ln mu = m0 + s h(W) behind the force path; it vibrates as was asked for a tick before."""
+
+    def __init__(self, s, m0=M0, noise=NOISE, seed=1):
+        self.s, self.m0, self.noise = s, m0, noise
+        self.way = 1.0
+        self.W = self.before = 1e-6
+        self.y = value(MEAN, self.W)
+        self.rate = 0.0
+        self._random = random.Random(seed)
+
+    def feel(self, mu_ref):
+        middle = 0.5 * (value(MEAN, self.before) + value(MEAN, self.W))
+        away = self.y - middle
+        self.y = middle + PATH.yy * away + PATH.yr * self.rate
+        self.rate = PATH.ry * away + PATH.rr * self.rate
+        ln_mu = self.m0 + self.s * self.y + self._random.gauss(0.0, self.noise)
+        mu = math.exp(ln_mu)
+        return Felt(mu, self.noise * mu, self.way * mu, 0.0, self.W, mu_ref)
+
+    def vibrate(self, asked):
+        self.before, self.W = self.W, min(max(asked, 0.0), 3e-6)
+
+    @property
+    def mu(self):
+        """COF in the steady state."""
+        return math.exp(self.m0 + self.s * value(MEAN, self.W))
+
+
+def played(finger, references, known=ANYBODY):
+    """Return the states of the law in a touch, and the COF in steady state."""
+    touches, cofs = [], []
+    for mu_ref in references:
+        felt = finger.feel(mu_ref)
+        touches.append(follow(touches[-1], felt) if touches else begin(felt, known))
+        finger.vibrate(touches[-1].W_ref)
+        cofs.append(finger.mu)
+    return touches, cofs
+
+
+def grating(ticks):
+    return [0.50 if tick // 17 % 2 else 0.40 for tick in range(ticks)]
+
+
+@pytest.mark.parametrize("s", [0.6, 1.0, 1.8])
+def test_the_map_is_learned_from_the_texture(s):
+    finger = Finger(s)
+    touches, cofs = played(finger, grating(1000))
+    assert touches[-1].known.m0 == pytest.approx(M0, abs=0.03)
+    assert touches[-1].known.s == pytest.approx(s, rel=0.06)
+    for tick in range(800, 1000):
+        assert cofs[tick] == pytest.approx(grating(1000)[tick], rel=0.03)
+
+
+def test_the_amplitude_is_held_until_the_finger_is_known_to_slide_and_then_moves_without_a_bump():
+    finger = Finger(1.0)
+    touches, _ = played(finger, [0.5] * 100)
+    assert [touch.W_ref for touch in touches[:FROZEN_TICKS]] == [1e-6] * FROZEN_TICKS
+    first = touches[FROZEN_TICKS]
+    assert first.slides
+    assert first.W_ref == pytest.approx(1e-6, rel=1e-9)
+    steps = [abs(after.W_ref - before.W_ref) for before, after in pairwise(touches[20:60])]
+    assert max(steps) < 0.1e-6
+    assert touches[-1].bump == pytest.approx(0.0, abs=1e-12)
+
+
+def test_nothing_is_learned_where_the_finger_turns():
+    finger = Finger(1.0)
+    touches, _ = played(finger, grating(200))
+    finger.way = -1.0
+    last = touches[-1]
+    for tick in range(FROZEN_TICKS):
+        felt = finger.feel(0.45)
+        last = follow(last, felt._replace(mu=0.05))
+        assert last.known == touches[-1].known, tick
+    last = follow(last, felt._replace(mu=0.05))
+    assert last.known != touches[-1].known
+
+
+@pytest.mark.parametrize("change", [-0.5, 0.5])
+def test_another_level_of_friction_is_found_again(change):
+    finger = Finger(1.0)
+    touches, _ = played(finger, grating(500))
+    finger.m0 += change
+    last = touches[-1]
+    for _ in range(300):
+        last = follow(last, finger.feel(0.45))
+        finger.vibrate(last.W_ref)
+    assert last.known.m0 == pytest.approx(M0 + change, abs=0.05)
+
+
+@pytest.mark.parametrize("error", [-1e3, 1e3])
+def test_no_errors_make_the_map_turn_round(error):
+    known = ANYBODY
+    for tick in range(500):
+        known = learned(known, -0.3 - 0.2 * (tick % 2), error, 0.02, False)
+    assert FLATTEST <= known.s <= STEEPEST
+    assert known.mm > 0.0
+    assert known.ss > 0.0
+    assert known.mm * known.ss >= known.ms * known.ms
+
+
+def test_what_is_not_excited_is_not_unlearned_beyond_any_finger():
+    known = ANYBODY
+    for _ in range(200_000):
+        known = learned(known, -0.3, 0.0, 0.02, False)
+    assert known.ss <= ANYBODY.ss + 1e-12
+    assert known.s == 1.0
+
+
+def test_what_was_learned_outlives_a_touch_but_not_the_level():
+    law, finger = TextureFriction(), Finger(1.8)
+
+    def touch(ticks):
+        for mu_ref in grating(ticks):
+            felt = finger.feel(mu_ref)
+            contact = Contact(felt.Fx, 0.0, 1.0, felt.mu, felt.u_mu, 0.0, 0.06, True)
+            finger.vibrate(law.reference(contact, felt.W, mu_ref))
+
+    touch(1000)
+    before = law.touch.known
+    law.release()
+    assert (law.touch, law.line) == (None, None)
+    finger.m0 += 0.3
+    touch(FROZEN_TICKS + 1)
+    after = law.touch.known
+    assert after.s == before.s
+    assert after.m0 == pytest.approx(M0 + 0.3, abs=0.1)
+    law.release()
+    law.release()
+
+
+def test_a_finger_is_located_by_a_line():
+    law = TextureFriction()
+    assert law.locate(1e-3, 1e-4).position == 1e-3
+    assert law.locate(1.06e-3, 1e-4).speed == pytest.approx(0.06)
+    assert Known(0.0, 1.0, 0.04, 0.0, 0.25) == ANYBODY
