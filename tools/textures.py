@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
+from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,12 +14,15 @@ from smarttac_can.bench import Texture, Tracking, track
 from smarttac_can.bench.drawing import INK, RED, canvas
 from smarttac_can.od.object_reference import table
 from smarttac_can.trials.texture_playing import LEVELS, Stroke, play
+from smarttac_can.vocabulary.modes import VibrationLaw
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"
 TEMPLATE = Path(__file__).with_suffix(".md")
 PERIOD_MM = 2.0
 SHAPES = ("sine", "square")
-PREVIEWS_US = (0, 1000, 1500, 2000, 2500, 3000, 4000)
+PREVIEWS_US = (0, 500, 1000, 1500, 2000, 2500, 3000)
+DEAD_TIMES_US = (0, 540)
+FORCES = (0.5, 1.0, 1.5)
 
 
 def grating(subject: int, shape: str) -> Texture:
@@ -26,17 +31,30 @@ def grating(subject: int, shape: str) -> Texture:
     return Texture.grating(PERIOD_MM, low, high, shape=shape)
 
 
+class Conditions(NamedTuple):
+    """What a texture is played under."""
+
+    preview_us: int = 1500
+    dead_time_us: int = 0
+    vibration_law: VibrationLaw = VibrationLaw.PI
+    force: float = 1.0
+    tares: int = 16
+    seed: int = 1
+
+
+DEFAULT = Conditions()
+
+
 @cache
-def stroke(subject: int, shape: str, preview_us: int, tares: int, seed: int) -> Stroke:
+def stroke(subject: int, shape: str, conditions: Conditions) -> Stroke:
     """Return what was played."""
-    return play(grating(subject, shape), subject, preview_us=preview_us, tares=tares, seed=seed)
+    return play(grating(subject, shape), subject, **conditions._asdict())
 
 
-def tracked(
-    subject: int, shape: str, preview_us: int = 2000, tares: int = 16, seed: int = 1
-) -> Tracking:
+@cache
+def tracked(subject: int, shape: str, conditions: Conditions = DEFAULT) -> Tracking:
     """Return how the true COF follows."""
-    played = stroke(subject, shape, preview_us, tares, seed)
+    played = stroke(subject, shape, conditions)
     return track(grating(subject, shape), played.position, played.cof)
 
 
@@ -61,10 +79,39 @@ def followed() -> Iterator[str]:
     return table(head, *rows)
 
 
+def one_pass(subject: int, shape: str, conditions: Conditions) -> float:
+    """Return the mean correlation of the passes."""
+    return float(np.mean(tracked(subject, shape, conditions).correlations))
+
+
+def laws() -> Iterator[str]:
+    """Return the table of laws of the vibration and dead times."""
+    rows = []
+    for law, dead_time_us in product(VibrationLaw, DEAD_TIMES_US):
+        conditions = Conditions(dead_time_us=dead_time_us, vibration_law=law)
+        cells = []
+        for shape in SHAPES:
+            found = [tracked(subject, shape, conditions) for subject in LEVELS]
+            cells.append(f"{min(min(one.correlations) for one in found):.3f}")
+            cells.append(f"{min(one.mean_correlation for one in found):.3f}")
+        rows.append((f"`{law.name.lower()}`", f"{dead_time_us} us", *cells))
+    head = ("Law", "Dead time", "Sine, a pass", "20 passes", "Square, a pass", "20 passes")
+    return table(head, *rows)
+
+
+def forces() -> Iterator[str]:
+    """Return the table of normal forces."""
+    rows = [
+        (shape, *(f"{one_pass(2, shape, Conditions(force=Fn)):.3f}" for Fn in FORCES))
+        for shape in SHAPES
+    ]
+    return table(("Force in N", *(f"{Fn:g}" for Fn in FORCES)), *rows)
+
+
 def previews() -> Iterator[str]:
     """Return the table of previews."""
     rows = [
-        (shape, *(f"{np.mean(tracked(2, shape, us).correlations):.3f}" for us in PREVIEWS_US))
+        (shape, *(f"{one_pass(2, shape, Conditions(preview_us=us)):.3f}" for us in PREVIEWS_US))
         for shape in SHAPES
     ]
     return table(("Preview in ms", *(f"{us / 1000:g}" for us in PREVIEWS_US)), *rows)
@@ -72,7 +119,7 @@ def previews() -> Iterator[str]:
 
 def one_tare() -> Iterator[str]:
     """Return the table of single tares."""
-    found = [tracked(2, "square", tares=1, seed=seed) for seed in range(1, 6)]
+    found = [tracked(2, "square", Conditions(tares=1, seed=seed)) for seed in range(1, 6)]
     return table(
         ("Seed", *(str(seed) for seed in range(1, 6))),
         ("One pass", *(f"{np.mean(one.correlations):.3f}" for one in found)),
@@ -84,7 +131,7 @@ def picture() -> None:
     """Draw one pass of subject 2."""
     with canvas(7.2, 6.0) as figure:
         for axes, shape in zip(figure.subplots(2, 1, sharex=True), SHAPES, strict=True):
-            played = stroke(2, shape, 2000, 16, 1)
+            played = stroke(2, shape, DEFAULT)
             places = np.linspace(-8.0, 8.0, 4001)
             axes.plot(places, grating(2, shape).cof(places), color=INK, lw=1.0, label="texture")
             one = slice(0, 600)
@@ -102,11 +149,11 @@ def picture() -> None:
 
 def main() -> None:
     """Write the page and its picture."""
-    squares = [tracked(subject, "square").mean_correlation for subject in LEVELS]
     text = TEMPLATE.read_text(encoding="utf-8")
     for mark, value in (
         ("{FOLLOWED}", "\n".join(followed()).strip()),
-        ("{SQUARE}", f"{min(squares):.3f} to {max(squares):.3f}"),
+        ("{LAWS}", "\n".join(laws()).strip()),
+        ("{FORCE}", "\n".join(forces()).strip()),
         ("{PREVIEW}", "\n".join(previews()).strip()),
         ("{TARE}", "\n".join(one_tare()).strip()),
     ):

@@ -282,7 +282,8 @@ class Cascade:
             return setpoint.amplitude
         self.E = E = relative_error(contact.mu, mu_ref)
         if self.mode is _TEXTURE:
-            return self._textured.reference(contact, self.amplitude, mu_ref)
+            W_max = self._parameters.W_max
+            return self._textured.reference(contact, self.amplitude, mu_ref, W_max)
         if by_map is not None:
             return by_map.reference(contact, self.amplitude, mu_ref)
         return self._law.reference(E, self.amplitude, self.W_ref, setpoint.amplitude)

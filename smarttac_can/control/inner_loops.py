@@ -40,6 +40,7 @@ class InnerLoops:
         "_follows_load",
         "_parameters",
         "_schedule",
+        "_scheduled",
         "amplitude",
         "limited",
         "predictive",
@@ -51,7 +52,8 @@ class InnerLoops:
         law = p.vibration_law
         self._parameters = p
         self._schedule = Schedule(model, p.amplitude_pole, p.resonance_pole, p.dead_time)
-        self._follows_load = law is VibrationLaw.SCHEDULED
+        self._scheduled = law is VibrationLaw.SCHEDULED
+        self._follows_load = False
         self.predictive = (
             PredictiveLoop(model, p.dead_time) if law is VibrationLaw.PREDICTIVE else None
         )
@@ -59,20 +61,19 @@ class InnerLoops:
         self.resonance = ResonanceLoop(
             resonance_pi(model, p.resonance_pole, p.dead_time), p.f_min, p.f_max
         )
-        self._designed = (self.amplitude.pi.Kp, self.resonance.pi.Kp, self.amplitude.pi.a)
+        self._designed = (self.amplitude.pi.Kp, self.amplitude.pi.a)
         self.limited = 0
         self.preset(drive)
 
     def follow_load(self, on: bool) -> None:
-        """Have the gains of the law ``pi`` follow the finger as those of ``scheduled`` do, or not.
+        """Have the amplitude's gains of the law ``pi`` follow the finger, or stand as designed.
 
-        What the PIs stand at does not change.
+        What the PI stands at does not change. The resonance keeps its gains: a pick-up that has
+        lost some of its direct axis would lead faster ones astray.
         """
         if self._parameters.vibration_law is VibrationLaw.PI:
             self._follows_load = on
-            amplitude, resonance = self.amplitude.pi, self.resonance.pi
-            amplitude.Kp, resonance.Kp, a = self._designed
-            amplitude.a = resonance.a = a
+            self.amplitude.pi.Kp, self.amplitude.pi.a = self._designed
 
     def preset(self, drive: Drive) -> None:
         """Have both PIs start from a drive."""
@@ -105,9 +106,11 @@ class InnerLoops:
             return self._predicted(self.predictive, W_ref, fixed)
         limited = 0
         amplitude_loop = self.amplitude
-        if self._follows_load:
-            Fn = contact.Fn if contact.touching else 0.0
+        Fn = contact.Fn if contact.touching else 0.0
+        if self._scheduled:
             self._schedule.tune(Fn, amplitude_loop.pi, self.resonance.pi)
+        elif self._follows_load:
+            self._schedule.tune_amplitude(Fn, amplitude_loop.pi)
         V = amplitude_loop.step(W_ref, amplitude)
         if amplitude_loop.limited:
             limited = VOLTAGE

@@ -50,6 +50,11 @@ class Schedule:
         amplitude.Kp, resonance.Kp, a = self._rows[row] or self.gains(row)
         amplitude.a = resonance.a = a
 
+    def tune_amplitude(self, Fn: float, amplitude: PI) -> None:
+        """Do so with the PI of the amplitude alone."""
+        row = row_of(Fn, ROWS)
+        amplitude.Kp, _, amplitude.a = self._rows[row] or self.gains(row)
+
     def gains(self, row: int) -> Gains:
         """Design both loops for a row when it is first asked for: all at once would be a cycle."""
         model = self._model

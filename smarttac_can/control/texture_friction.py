@@ -15,6 +15,7 @@ from math import log, sqrt
 from typing import Final, NamedTuple
 
 from smarttac_can.control.finger_line import Line, line_from, prolonged
+from smarttac_can.control.friction import limited_step, relative_error
 from smarttac_can.control.friction_map import MEAN, amplitude_for, value
 from smarttac_can.control.predictive_friction import FROZEN_TICKS, MU_MIN, PATH, Felt, Path
 from smarttac_can.vocabulary.signals import Contact
@@ -44,6 +45,17 @@ BUMP_KEPT: Final = 0.85
 """Share of the first step of the amplitude, made once a finger is known to slide, that is left for
 the next tick."""
 
+LAG_KEPT: Final = 0.6
+"""Share of a rise of the amplitude by which |W| may still be behind in the next tick."""
+BEHIND: Final = 0.15e-6
+"""Distance in m by which |W| is farther behind, from which the plate does not follow."""
+BEHIND_TICKS: Final = 100
+"""Ticks of that in which nothing is learned: by then a lack of the pick-up is a fault."""
+SLOPE: Final = 0.04e-6
+"""Step of the amplitude in m per % of friction error while it does not, of the paper's eq. (9)."""
+STEP_MAX: Final = 1e-6
+"""Largest such step in m."""
+
 
 class Known(NamedTuple):
     """What is known of a finger, and its covariance."""
@@ -71,8 +83,15 @@ class Touch(NamedTuple):
     """Filtered error of ln mu."""
     bump: float
     """What is left of the first step of the amplitude, in m."""
+    risen: float
+    """What is left of its rises, in m."""
+    behind: int
+    """Ticks in a row in which the plate has not followed."""
+    W_map: float
+    """Amplitude in m by the map, within its limits."""
     W_ref: float
-    """Amplitude in m that is asked for; below 0 for a COF that none reaches."""
+    """The same as it is asked for. Where the plate does not follow, by a lack of voltage or a pick-up
+    that reads too little, it is by the measured amplitude and the error: as by the law ``measured``."""
     felt: Felt
     """The last tick."""
 
@@ -91,19 +110,24 @@ def begin(felt: Felt, known: Known) -> Touch:
     known
         What was learned before.
     """
-    return Touch(known, False, 0, Path(value(MEAN, felt.W), 0.0), 0.0, 0.0, felt.W, felt)
+    return Touch(
+        known, False, 0, Path(value(MEAN, felt.W), 0.0), 0.0, 0.0, 0.0, 0, felt.W, felt.W, felt
+    )
 
 
-def follow(touch: Touch, felt: Felt) -> Touch:
-    """Return the state a tick later."""
-    known, slides, since_turn, path, lasting, bump, W_ref, before = touch
+def follow(touch: Touch, felt: Felt, W_max: float) -> Touch:
+    """Return the state a tick later; W_max is the limit of the amplitude in m."""
+    known, slides, since_turn, path, lasting, bump, risen, behind, W_before, W_ref, before = touch
+    W_map = W_before
     path = _through_path(path, 0.5 * (value(MEAN, before.W) + value(MEAN, felt.W)))
     since_turn += 1
     if felt.Fx * before.Fx + felt.Fy * before.Fy < 0.0:
         since_turn, lasting = 0, 0.0
     starts = False
     if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN:
-        if slides:
+        if slides and 0 < behind <= BEHIND_TICKS:
+            lasting = 0.0
+        elif slides:
             error = log(felt.mu) - known.m0 - known.s * path.y
             lasting += LASTING_SHARE * (error - lasting)
             lost = abs(lasting) > LASTING_MAX
@@ -114,9 +138,16 @@ def follow(touch: Touch, felt: Felt) -> Touch:
             known = Known(m0, known.s, LEVEL_VARIANCE, 0.0, known.ss)
     if slides:
         asked = amplitude_for(MEAN, (log(felt.mu_ref) - known.m0) / known.s)
-        bump = W_ref - asked if starts else BUMP_KEPT * bump
-        W_ref = asked + bump
-    return Touch(known, slides, since_turn, path, lasting, bump, W_ref, felt)
+        bump = W_before - asked if starts else BUMP_KEPT * bump
+        W_map = asked + bump
+        W_map = 0.0 if W_map < 0.0 else W_max if W_map > W_max else W_map
+        risen = LAG_KEPT * risen + W_map - W_before
+        risen = risen if risen > 0.0 else 0.0
+        W_ref = W_map
+        behind = behind + 1 if W_map - felt.W - risen > BEHIND else 0
+        if behind:
+            W_ref = felt.W + limited_step(SLOPE, STEP_MAX, relative_error(felt.mu, felt.mu_ref))
+    return Touch(known, slides, since_turn, path, lasting, bump, risen, behind, W_map, W_ref, felt)
 
 
 def learned(known: Known, h: float, error: float, relative: float, lost: bool) -> Known:
@@ -181,7 +212,7 @@ class TextureFriction:
         self.line = line = line_from(centre) if line is None else prolonged(line, centre, unsure)
         return line
 
-    def reference(self, contact: Contact, W: float, mu_ref: float) -> float:
+    def reference(self, contact: Contact, W: float, mu_ref: float, W_max: float) -> float:
         """Return the amplitude reference in m of this tick, before its limits.
 
         Parameters
@@ -192,10 +223,13 @@ class TextureFriction:
             Measured amplitude in m.
         mu_ref
             Reference of the COF, above 0.
+        W_max
+            Limit of the amplitude in m.
         """
         felt = Felt(contact.mu, contact.u_mu, contact.Fx, contact.Fy, W, mu_ref)
         touch = self.touch
-        self.touch = touch = begin(felt, self._known) if touch is None else follow(touch, felt)
+        touch = begin(felt, self._known) if touch is None else follow(touch, felt, W_max)
+        self.touch = touch
         return touch.W_ref
 
     def release(self) -> None:

@@ -41,7 +41,8 @@ class VibrationLaw(IntEnum):
     """How amplitude and resonance are regulated."""
 
     PI = 0
-    """Two PIs designed for the bare plate, as in the paper."""
+    """Two PIs designed for the bare plate, as in the paper; in mode TEXTURE that of the
+    amplitude as `SCHEDULED`."""
     SCHEDULED = 1
     """The same two, designed for the plate under the finger that presses now."""
     PREDICTIVE = 2

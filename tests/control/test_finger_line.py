@@ -1,4 +1,4 @@
-"""The line through a finger's positions: no lag, less noise the longer it holds, short at a turn."""
+"""The line through a finger's places: no lag, less noise the longer it holds, short at a turn."""
 
 import math
 import random

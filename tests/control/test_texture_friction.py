@@ -10,7 +10,9 @@ from smarttac_can.control.friction_map import MEAN, value
 from smarttac_can.control.predictive_friction import FROZEN_TICKS, PATH, Felt
 from smarttac_can.control.texture_friction import (
     ANYBODY,
+    BEHIND_TICKS,
     FLATTEST,
+    SLOPE,
     STEEPEST,
     Known,
     TextureFriction,
@@ -21,6 +23,7 @@ from smarttac_can.control.texture_friction import (
 from smarttac_can.vocabulary.signals import Contact
 
 M0 = math.log(0.6)
+W_MAX = 3e-6
 NOISE = 0.02
 """Of ln mu in a tick."""
 
@@ -59,7 +62,7 @@ def played(finger, references, known=ANYBODY):
     touches, cofs = [], []
     for mu_ref in references:
         felt = finger.feel(mu_ref)
-        touches.append(follow(touches[-1], felt) if touches else begin(felt, known))
+        touches.append(follow(touches[-1], felt, W_MAX) if touches else begin(felt, known))
         finger.vibrate(touches[-1].W_ref)
         cofs.append(finger.mu)
     return touches, cofs
@@ -98,9 +101,10 @@ def test_nothing_is_learned_where_the_finger_turns():
     last = touches[-1]
     for tick in range(FROZEN_TICKS):
         felt = finger.feel(0.45)
-        last = follow(last, felt._replace(mu=0.05))
+        last = follow(last, felt._replace(mu=0.05), W_MAX)
+        finger.vibrate(last.W_ref)
         assert last.known == touches[-1].known, tick
-    last = follow(last, felt._replace(mu=0.05))
+    last = follow(last, felt._replace(mu=0.05), W_MAX)
     assert last.known != touches[-1].known
 
 
@@ -111,7 +115,7 @@ def test_another_level_of_friction_is_found_again(change):
     finger.m0 += change
     last = touches[-1]
     for _ in range(300):
-        last = follow(last, finger.feel(0.45))
+        last = follow(last, finger.feel(0.45), W_MAX)
         finger.vibrate(last.W_ref)
     assert last.known.m0 == pytest.approx(M0 + change, abs=0.05)
 
@@ -142,7 +146,7 @@ def test_what_was_learned_outlives_a_touch_but_not_the_level():
         for mu_ref in grating(ticks):
             felt = finger.feel(mu_ref)
             contact = Contact(felt.Fx, 0.0, 1.0, felt.mu, felt.u_mu, 0.0, 0.06, True)
-            finger.vibrate(law.reference(contact, felt.W, mu_ref))
+            finger.vibrate(law.reference(contact, felt.W, mu_ref, W_MAX))
 
     touch(1000)
     before = law.touch.known
@@ -162,3 +166,22 @@ def test_a_finger_is_located_by_a_line():
     assert law.locate(1e-3, 1e-4).position == 1e-3
     assert law.locate(1.06e-3, 1e-4).speed == pytest.approx(0.06)
     assert Known(0.0, 1.0, 0.04, 0.0, 0.25) == ANYBODY
+
+
+def test_a_plate_that_does_not_follow_is_driven_by_the_error_and_teaches_nothing_at_first():
+    finger = Finger(1.0)
+    touches, _ = played(finger, grating(500))
+    last = touches[-1]
+    known = last.known
+    for tick in range(BEHIND_TICKS + 20):
+        # A pick-up that reads 0.4 of the vibration, whose friction is as asked for.
+        felt = Felt(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
+        last = follow(last, felt, W_MAX)
+        if 4 < tick < BEHIND_TICKS:
+            assert last.W_map > 1e-6
+            assert last.W_ref == pytest.approx(0.4e-6 + SLOPE * 2.0)
+            assert last.known == known
+        known = last.known
+    assert last.known != touches[-1].known
+    last = follow(last, felt._replace(W=last.W_map), W_MAX)
+    assert (last.behind, last.W_ref) == (0, last.W_map)
