@@ -90,8 +90,8 @@ class Touch(NamedTuple):
     W_map: float
     """Amplitude in m by the map, within its limits."""
     W_ref: float
-    """The same as it is asked for. Where the plate does not follow, by a lack of voltage or a pick-up
-    that reads too little, it is by the measured amplitude and the error: as by the law ``measured``."""
+    """Amplitude in m that is asked for: the same, or, where the plate does not follow by a lack of
+    voltage or a pick-up that reads too little, as by the law ``measured``."""
     felt: Felt
     """The last tick."""
 

@@ -16,7 +16,7 @@ _NAMES: Final = {PICKUP: "pick-up", PICKUP_D: "pick-up d", PICKUP_Q: "pick-up q"
 LACK_BOUND: Final = 2 * LACK_CYCLES + RING_DOWN_CYCLES
 """A friction loop that pauses interrupts a lack, but not for longer."""
 _FIXED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
-_BY_FRICTION: Final = (Mode.FRICTION, Mode.TEXTURE)
+_BY_FRICTION: Final = (Mode.FRICTION,)
 """Elsewhere half the gain is at the bound of what is seen: cycles beyond it add up in the end."""
 _BY_AMPLITUDE: Final = {
     Mode.AMPLITUDE: Watchdog.UNSEEN,

@@ -6,7 +6,7 @@ import pytest
 from first_order_plate import FirstOrderPlate, gauges, setpoint
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.inner_loops import InnerLoops
+from smarttac_can.control.design import amplitude_pi
 from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.schedule import Schedule
@@ -69,7 +69,7 @@ def test_a_voltage_that_would_be_negative_is_told(law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_in_mode_texture_the_gains_of_pi_follow_the_finger_and_are_as_designed_after_it(law):
+def test_in_mode_texture_the_amplitude_of_pi_follows_the_finger_and_is_as_designed_after_it(law):
     cascade, plate = Cascade(CascadeParameters(vibration_law=law)), FirstOrderPlate()
     cascade.texture = TexturePlayer(TextureTable(Axis.POSITION, True, 0, 1_000_000, (3000, 4000)))
 
@@ -83,10 +83,9 @@ def test_in_mode_texture_the_gains_of_pi_follow_the_finger_and_are_as_designed_a
     friction, texture = gains(Mode.FRICTION), gains(Mode.TEXTURE)
     assert (texture != friction) == (law is VibrationLaw.PI)
     if law is VibrationLaw.PI:
-        scheduled = InnerLoops(cascade.model, CascadeParameters(vibration_law=law), cascade.drive)
-        loops = scheduled.amplitude.pi, scheduled.resonance.pi
-        Schedule(cascade.model, 0.2, 0.3, 0.0).tune(1.0, *loops)
-        assert texture == (loops[0].Kp, loops[1].Kp, loops[0].a)
+        amplitude = amplitude_pi(cascade.model, 0.2)
+        Schedule(cascade.model, 0.2, 0.3, 0.0).tune_amplitude(1.0, amplitude)
+        assert texture == (amplitude.Kp, friction[1], amplitude.a)
         # Other parameters that ask for a new design leave them to follow it.
         cascade.configure(replace(cascade.parameters, amplitude_pole=0.3))
         assert gains(Mode.TEXTURE)[0] < texture[0]
