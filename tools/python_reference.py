@@ -16,7 +16,7 @@ from smarttac_can.od.object_reference import table
 PACKAGE: Final = Path(__file__).resolve().parent.parent / "smarttac_can"
 FACES: Final = (
     "bench", "vocabulary", "nodes", "host", "device", "od", "master", "plant", "control",
-    "commissioning", "conformance", "paper", "trials", "timing", "audit",
+    "commissioning", "conformance", "paper", "trials", "timing", "audit", "replay",
 )  # fmt: skip
 """From what most people import to what fewest do; a name that several have is of the first."""
 

@@ -16,6 +16,7 @@ from smarttac_can.cli.jitter import jitter
 from smarttac_can.cli.lss import lss
 from smarttac_can.cli.nodes import node, plate
 from smarttac_can.cli.record import record
+from smarttac_can.cli.replay import replay
 from smarttac_can.cli.reproduction import demo, report, reproduce
 from smarttac_can.cli.scan import scan
 from smarttac_can.cli.selftest import selftest
@@ -36,6 +37,6 @@ def main() -> None:
 
 for command in (
     demo, reproduce, report, node, plate, device, conform, scan, lss, eds, jitter, faults,
-    soak, hostile, campaign, watch, record, selftest, calibrate,
+    soak, hostile, campaign, watch, record, replay, selftest, calibrate,
 ):  # fmt: skip
     main.add_command(command)

@@ -134,12 +134,12 @@ def node(
     own = STIMULATOR_ID if node_id is None else node_id
     if plate_node == own:
         raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
-    with plain_errors(), _blaming(eds):
-        od = _load("stimulator.eds", eds, own)
+    with plain_errors(), blaming(eds):
+        od = load_device("stimulator.eds", eds, own)
         motion, recording = finger
         inside, presets = None, {}
         if plate_node is None:
-            inside = PlateBlock(_load("plate.eds", None, PLATE_ID), recording)
+            inside = PlateBlock(load_device("plate.eds", None, PLATE_ID), recording)
             presets = _finger_presets(od, motion, subject, seed)
         device = StimulatorNode(
             od,
@@ -182,8 +182,8 @@ def plate(
 ) -> None:
     """Run the plate as a node of its own, simulated or a front end, until Ctrl-C or SIGTERM."""
     fixed = own_node_id(node_id, unconfigured)
-    with plain_errors(), _blaming(eds), ExitStack() as stack:
-        od = _load("plate.eds", eds, PLATE_ID if node_id is None else node_id)
+    with plain_errors(), blaming(eds), ExitStack() as stack:
+        od = load_device("plate.eds", eds, PLATE_ID if node_id is None else node_id)
         motion, recording = finger
         hardware = None
         presets = {}
@@ -271,7 +271,8 @@ def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) 
     return presets
 
 
-def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
+def load_device(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
+    """Load an EDS of this package, or another in its place, and say what is odd about it."""
     text = read_eds(packaged) if other is None else read_eds_file(other)
     with naming(other or packaged):
         od = load_eds(text, node_id)
@@ -280,7 +281,7 @@ def _load(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
 
 
 @contextmanager
-def _blaming(eds: Path | None) -> Iterator[None]:
+def blaming(eds: Path | None) -> Iterator[None]:
     """Turn an EDS that lacks what a node needs into an error that names the file."""
     try:
         yield

@@ -109,7 +109,7 @@ class Device:
         self._time_stamp = TimeStamp(port, od)
         if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
             eds.default = eds.value = od.text.encode("latin-1", "replace")
-        heartbeat = HeartbeatProducer(port, od)
+        self._heartbeat = heartbeat = HeartbeatProducer(port, od)
         self._collision = Collision(port, od, application, lambda: self._services)
         self._error_behaviour = ErrorBehaviour(port, od, nmt.enter)
         self._sync = sync = Sync(port, od, emergency, self._synchronise)
@@ -181,6 +181,11 @@ class Device:
         return self._sync.produces
 
     @property
+    def sync_due(self) -> int:
+        """Device time in us of the next SYNC that it produces; `NEVER` if there is none."""
+        return self._sync.due
+
+    @property
     def sync_missed(self) -> int:
         """How many SYNCs it came too late to produce before the last one."""
         return self._sync.missed
@@ -233,6 +238,11 @@ class Device:
         lets the transfer time out.
         """
         return self._port.segments(most)
+
+    def unasked(self) -> dict[int, Frame]:
+        """Return what timers would send now by CAN-ID: heartbeat, and TPDOs with an event timer."""
+        frames = [self._heartbeat.unasked(), *[tpdo.unasked() for tpdo in self._tpdos.values()]]
+        return {frame.can_id: frame for frame in frames if frame is not None}
 
     def take(self) -> list[Frame]:
         """Return the frames that `trigger` and `emergency` caused outside of the hooks."""
@@ -316,7 +326,8 @@ class Device:
         emcy = self._emergency.can_id
         loop = [tpdo.can_id for tpdo in self._loop_tpdos if tpdo.valid]
         urgent = (self._sync.can_id, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
-        self.ids = Identifiers(frozenset(self._port.listeners), frozenset(urgent), emcy)
+        sent = frozenset(can_id for service in self._services for can_id in service.sends)
+        self.ids = Identifiers(frozenset(self._port.listeners), frozenset(urgent), emcy, sent)
 
     def _take_parameters(self) -> None:
         self._listen()

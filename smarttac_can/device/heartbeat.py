@@ -50,6 +50,10 @@ class HeartbeatProducer(Service):
         """Send the boot-up message, a heartbeat of the value 0."""
         self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, b"\0"))
 
+    def unasked(self) -> Frame | None:
+        """Return the heartbeat that is due next, as of now; None if there is none."""
+        return self._made() if self._period else None
+
     def enter(self, state: NMTState | None) -> None:
         """Remember the NMT state, which the next heartbeat carries."""
         if state is not None:
@@ -76,7 +80,10 @@ class HeartbeatProducer(Service):
         self._timer.stop()
 
     def _send(self) -> None:
-        self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, bytes((self._state,))))
+        self.port.out.append(self._made())
+
+    def _made(self) -> Frame:
+        return Frame(HEARTBEAT_ID + self.od.node_id, bytes((self._state,)))
 
 
 class Monitor:

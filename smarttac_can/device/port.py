@@ -20,6 +20,8 @@ class Identifiers(NamedTuple):
     the TPDOs that somebody's control loop waits for."""
     emcy: int = 0
     """Of its emergency messages, which are of use however late."""
+    sent: frozenset[int] = frozenset()
+    """Those that are its own: no other device may send with them."""
 
 
 class Port:

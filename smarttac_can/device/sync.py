@@ -78,6 +78,11 @@ class Sync(Service):
         return self._timer.missed
 
     @property
+    def due(self) -> int:
+        """Device time in us of the next SYNC that it produces; `NEVER` if there is none."""
+        return self._timer.due
+
+    @property
     def produces(self) -> bool:
         """Whether it is the producer, which needs a period, too."""
         return self._produces and self._period > 0

@@ -57,6 +57,11 @@ class TPDO(PDO):
         """Its own, while it is valid."""
         return (self.can_id,) if self.valid else ()
 
+    def unasked(self) -> Frame | None:
+        """Return what the event timer would send now; None if there is none."""
+        timed = self._sends and self.event_time and self.transmission >= EVENT_MANUFACTURER
+        return Frame(self.can_id, self._sample()) if timed else None
+
     def configure(self) -> None:
         """Read inhibit time, SYNC start value, and what every PDO has."""
         super().configure()

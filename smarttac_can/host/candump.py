@@ -63,7 +63,7 @@ def read_candump(path: Path) -> Iterator[tuple[int, Frame]]:
     ValueError
         At a line that is no candump log, or that is cut.
     """
-    with _Lines(open_regular(path), encoding="ascii") as lines, can.CanutilsLogReader(lines) as log:
+    with Lines(open_regular(path), encoding="ascii") as lines, can.CanutilsLogReader(lines) as log:
         messages = iter(log)
         while True:
             try:
@@ -78,7 +78,7 @@ def read_candump(path: Path) -> Iterator[tuple[int, Frame]]:
                 yield time, frame
 
 
-class _Lines(TextIOWrapper):
+class Lines(TextIOWrapper):
     """The lines of a log, none of which is read further than a frame can go."""
 
     def __next__(self) -> str:  # type: ignore[override] # typeshed has it that of bytes

@@ -132,6 +132,18 @@ class FrameLog(Background):
         os.fsync(self._file.fileno())
 
 
+def is_frame_log(path: Path) -> bool:
+    """Tell whether a file begins as a log does.
+
+    Raises
+    ------
+    OSError
+        If it is no regular file, or cannot be read.
+    """
+    with open_regular(path) as file:
+        return file.read(len(_MAGIC)) == _MAGIC
+
+
 class FrameLogReader:
     """Reads a log, as far as it is whole.
 

@@ -1,0 +1,256 @@
+"""A replay gives what was recorded, to the bit, and names the first frame that is another."""
+
+import random
+
+import pytest
+from recorded import (
+    BOOT_UP,
+    DRIVE,
+    SDO_FROM,
+    SDO_TO,
+    SYNC,
+    Log,
+    changed,
+    clocked_node,
+    clocked_run,
+    friction_run,
+    places,
+    replayed,
+)
+
+from smarttac_can.bench.simulation import STIMULATOR_ID
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.master.local_master import LocalMaster
+from smarttac_can.replay import Difference, DifferenceError, Replay
+
+
+def first_difference(log: Log, *, lockstep: bool = True) -> Difference:
+    with pytest.raises(DifferenceError) as caught:
+        replayed(log, lockstep=lockstep)
+    return caught.value.difference
+
+
+def test_a_run_in_lockstep_is_the_same_to_the_bit() -> None:
+    log = friction_run()
+    found = replayed(log)
+    drives = [log[place][1].data[:6] for place in places(log, DRIVE)]
+    # All but that of the end, which no frame explains.
+    assert found.drives == len(drives) - 1 > 500
+    assert len(set(drives)) > 100
+    own = [f for _, f in log if f.can_id in (0x1A0, 0x2A0, 0x3A0, 0x4A0, SDO_FROM, BOOT_UP, DRIVE)]
+    assert len(own) - 6 < found.compared < len(own)
+    assert (found.frames, found.power_ons) == (len(log), 1)
+
+
+@pytest.mark.parametrize(
+    ("byte", "name", "unit"),
+    [(0, "Drive.Voltage", " mV"), (2, "Drive.Frequency", " Hz"), (6, "Drive.Tick", "")],
+)
+def test_one_byte_of_a_drive_is_named(byte: int, name: str, unit: str) -> None:
+    log = friction_run()
+    place = places(log, DRIVE)[300]
+    value = log[place][1].data[byte] ^ 0x04
+    found = first_difference(changed(log, place, byte, value))
+    assert (found.number, found.can_id, found.what) == (place + 1, DRIVE, "drive, TPDO 5")
+    assert found.time_s == pytest.approx((log[place][0] - log[0][0]) * 1e-6)
+    [field] = found.fields
+    assert field.name == name
+    assert field.recorded != field.recomputed
+    assert field.recorded.endswith(unit)
+    assert found.recomputed == log[place][1]
+    assert f"{name} is {field.recorded} in the log, {field.recomputed} recomputed" in str(found)
+
+
+def test_a_drive_in_its_units() -> None:
+    log = friction_run()
+    place = places(log, DRIVE)[400]
+    data = log[place][1].data
+    volt = int.from_bytes(data[:2], "little")
+    found = first_difference(changed(log, place, 0, data[0] ^ 0x01))
+    assert found.fields[0].recomputed == f"{volt * 10} mV"
+    assert found.fields[0].recorded == f"{(volt ^ 1) * 10} mV"
+
+
+def test_another_set_point_shows_in_the_drives() -> None:
+    log = friction_run()
+    writes = [
+        place
+        for place in places(log, SDO_TO)
+        if log[place][1].data[0] in (0x2B, 0x23) and log[place][1].data[4:6] == b"\xd0\x07"
+    ]  # 2000, COF 0.2 on the left
+    found = first_difference(changed(log, writes[0], 4, 0xD1))
+    assert found.number > writes[0]
+    assert found.what in ("drive, TPDO 5", "TPDO 3")
+
+
+def test_a_byte_that_the_plate_measured_shows_at_once() -> None:
+    log = friction_run()
+    place = places(log, 0x3A1)[300]
+    found = first_difference(changed(log, place, 0, log[place][1].data[0] ^ 0x10))
+    # Its check does not hold, so it is answered by nothing.
+    assert (found.what, found.recomputed) == ("drive, TPDO 5", None)
+    assert found.number == places(log, DRIVE)[300] + 1
+    assert "nothing that the log has makes the node send this drive" in str(found)
+
+
+def test_a_drive_that_is_not_there_is_missed() -> None:
+    log = friction_run()
+    place = places(log, DRIVE)[-20]
+    found = first_difference(log[:place] + log[place + 1 :])
+    # The next one is compared with it.
+    assert (found.what, found.fields[0].name) == ("drive, TPDO 5", "Drive.Tick")
+
+
+def test_the_end_of_a_log_may_lack_what_was_not_sent_yet() -> None:
+    log = friction_run()
+    assert replayed(log[: places(log, DRIVE)[300]]).drives == 300
+
+
+def test_a_log_that_lacks_all_drives_from_some_time_on_is_told() -> None:
+    log = friction_run()
+    place = places(log, DRIVE)[300]
+    rest = [item for item in log[place:] if item[1].can_id != DRIVE]
+    found = first_difference(log[:place] + rest)
+    assert (found.recorded, found.what) == (None, "drive, TPDO 5")
+    assert "the log lacks the drive, TPDO 5 (221h)" in str(found)
+
+
+def test_an_answer_to_a_read_is_named_by_its_object() -> None:
+    log = friction_run()
+    place = next(
+        p for p in places(log, SDO_FROM) if log[p][1].data[:4] == bytes((0x43, 0x18, 0x10, 2))
+    )
+    found = first_difference(changed(log, place, 4, log[place][1].data[4] ^ 1))
+    assert found.what == "SDO answer"
+    assert found.fields[0].name == "Identity object.Product code"
+
+
+def test_what_comes_before_the_boot_up_is_not_looked_at() -> None:
+    log = friction_run()
+    before = [(0, Frame(SYNC)), (0, Frame(DRIVE, bytes(8)))]
+    found = replayed(before + [(time + 1_000_000, frame) for time, frame in log])
+    assert found.begun_s == pytest.approx(1.0, abs=1e-3)
+    assert found.drives == replayed(log).drives
+
+
+def test_a_reset_is_as_good_as_a_power_on() -> None:
+    log = clocked_run(reset=True)
+    whole = replayed(log, lockstep=False)
+    assert (whole.power_ons, whole.drives) == (1, len(places(log, DRIVE)))
+    reset = next(p for p in places(log, 0) if log[p][1].data[0] == 0x81)
+    second = replayed(log[reset - 300 :], lockstep=False)
+    assert second.power_ons == 1
+    assert second.drives == len(places(log[reset:], DRIVE)) > 400
+
+
+def test_a_node_that_was_switched_off_and_on_begins_anew() -> None:
+    log = friction_run()
+    again = [(time + 10_000_000, frame) for time, frame in log]
+    found = replayed(log + again)
+    assert (found.power_ons, found.drives) == (2, 2 * replayed(log).drives)
+
+
+def test_a_log_without_a_boot_up_is_refused() -> None:
+    log = friction_run()
+    with pytest.raises(ValueError, match="no boot-up message of node 32"):
+        replayed(log[1000:])
+
+
+def test_the_boot_up_of_a_reset_communication_is_none_to_begin_with() -> None:
+    log = friction_run()
+    start = places(log, BOOT_UP)[0]
+    reset = (log[start][0], Frame(0, bytes((0x82, 32))))
+    with pytest.raises(ValueError, match="no boot-up message of node 32"):
+        replayed([*log[:start], reset, *log[start:]])
+    reset = (log[start][0], Frame(0, bytes((0x81, 32))))
+    assert replayed([*log[:start], reset, *log[start:]]).drives > 500
+
+
+def test_a_log_without_sync_is_refused() -> None:
+    log = [item for item in friction_run() if item[1].can_id != SYNC]
+    with pytest.raises(ValueError, match=r"no drive of node 32 .* needs SYNC, the measurements"):
+        replayed([item for item in log if not 0x180 <= item[1].can_id < 0x500])
+
+
+def test_time_that_runs_backwards_is_refused() -> None:
+    log = friction_run()
+    with pytest.raises(ValueError, match="time runs backwards behind frame 2000"):
+        replayed([*log[:2000], *((time - 10_000_000, frame) for time, frame in log[2000:])])
+
+
+@pytest.mark.parametrize("drift", [0.0, 80e-6, -80e-6])
+def test_a_run_by_the_clock_is_the_same_to_the_bit(drift: float) -> None:
+    log = [(round(time * (1 + drift)), frame) for time, frame in clocked_run()]
+    found = replayed(log, lockstep=False)
+    drives = places(log, DRIVE)
+    assert found.drives == len(drives) > 480
+    assert len({log[place][1].data[:6] for place in drives}) > 100
+
+
+@pytest.mark.parametrize("drift", [90e-6, -90e-6])
+def test_the_clock_of_a_logger_may_be_another_one(drift: float) -> None:
+    """After 20 s it is off by almost two periods of SYNC, none of which was missed."""
+    log: Log = []
+    bus = LocalBus(log=lambda *frame: log.append(frame))
+    master = LocalMaster(bus, lambda frame: None)
+    node = clocked_node()
+    bus.attach(node, lockstep=False)
+    bus.advance(20_000_000)
+    assert master.read(STIMULATOR_ID, node.od["Cycle.Missed deadlines"]) == 0
+    replay = Replay(clocked_node, STIMULATOR_ID, lockstep=False)
+    for time, frame in log:
+        replay.take(round(time * (1 + drift)), frame)
+    assert sum(frame.can_id == SYNC for _, frame in log) == 20_000
+    with pytest.raises(ValueError, match="no drive of node 32"):
+        replay.end()
+
+
+def test_frames_of_timers_may_wait_for_those_of_the_loop() -> None:
+    """What a timer sends is not urgent: on a full bus the drives of some cycles go before it."""
+    log = clocked_run()
+    pick = random.Random(1)
+    stamped = []
+    moved = 0
+    for time, frame in log:
+        late = frame.can_id in (0x2A0, 0x3A0, 0x4A0) and pick.random() < 0.7
+        moved += late
+        stamped.append((time + (5200 if late else pick.randrange(40)), frame))
+    stamped.sort(key=lambda item: item[0])
+    assert moved > 5
+    assert replayed(stamped, lockstep=False).drives == len(places(log, DRIVE))
+
+
+def test_what_a_timer_sends_is_compared() -> None:
+    log = clocked_run()
+    place = places(log, 0x2A0)[3]
+    found = first_difference(changed(log, place, 0, log[place][1].data[0] ^ 1), lockstep=False)
+    assert (found.number, found.what) == (place + 1, "TPDO 2")
+    assert found.fields[0].name == "Contact.Tangential force"
+
+
+def test_measurements_that_came_before_the_node_listened_are_left_out() -> None:
+    """The first one after the start is on the bus, and the node has not heard it."""
+    log = clocked_run()
+    first = places(log, 0x1A1)[0]
+    unheard = [
+        (log[first][0] - 20 + n, Frame(can_id, log[place][1].data))
+        for n, (can_id, place) in enumerate(
+            (can_id, places(log, can_id)[40]) for can_id in (0x1A1, 0x2A1, 0x3A1)
+        )
+    ]
+    started = max(place for place in places(log, 0) if place < first)
+    assert started < first
+    found = replayed([*log[:first], *unheard, *log[first:]], lockstep=False)
+    assert found.drives == len(places(log, DRIVE))
+
+
+@pytest.mark.parametrize("byte", [0, 7])
+def test_one_byte_of_a_drive_by_the_clock_is_named(byte: int) -> None:
+    log = clocked_run()
+    place = places(log, DRIVE)[300]
+    found = first_difference(
+        changed(log, place, byte, log[place][1].data[byte] ^ 1), lockstep=False
+    )
+    assert found.number == place + 1
+    assert found.fields[0].name == ("Drive.Voltage", "Drive.Check")[byte == 7]
