@@ -22,7 +22,7 @@ from smarttac_can.bench.simulation import (
     stimulator_od,
 )
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.drivers import cure
+from smarttac_can.host.drivers import cannot_open
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import Abort
@@ -75,7 +75,7 @@ def open_can_link(
     try:
         network.connect(interface=interface, channel=channel, **options)
     except Exception as error:  # drivers raise what they like
-        raise BenchError(f"cannot open {where}: {error}{cure(interface, error)}") from error
+        raise BenchError(cannot_open(interface, channel, error)) from error
     return _over_can(
         network, node_id, plate_node_id, where=where, lockstep=lockstep, timeout=timeout
     )

@@ -55,6 +55,7 @@ def calibrate(
     direction in which it falls (0 along x, 90 along y), and where the weight is. A fit that leaves
     too much ends with 1, and changes nothing in the stimulator; the certificate says what.
     """
+    _refuse_the_plan(certificate, plan)
     with plain_errors(), ExitStack() as stack:
         placings = _plan(plan)
         file = stack.enter_context(result_file(certificate))
@@ -62,9 +63,17 @@ def calibrate(
             Stimulator.connect(node_id=node_id, plate_node_id=plate_node, **bus.options)
         )
         before = [stimulator.get(f"Calibration.{name}", "mm") for name in POSITIONS]
-        weighings = [_weigh(stimulator, placing, n) for n, placing in enumerate(placings, 1)]
-        _ask("level the plate, nothing on it")
-        nulls = mean_gauges(stimulator)
+        weighings: list[Weighing] = []
+        try:
+            for number, placing in enumerate(placings, 1):
+                weighings.append(_weigh(stimulator, placing, number))
+            _ask("level the plate, nothing on it")
+            nulls = mean_gauges(stimulator)
+        except (click.Abort, KeyboardInterrupt) as error:
+            raise click.ClickException(
+                f"interrupted after {len(weighings)} of {len(placings)} weighings: none is kept, "
+                "and nothing was set in the stimulator"
+            ) from error
         calibration = _fit(weighings, before, gravity)
         results: dict[str, Any] = {
             "version": __version__,
@@ -87,6 +96,16 @@ def calibrate(
         raise click.ClickException(
             one_line(f"not to be used: {'; '.join(shortcomings)}; {certificate} has all of it")
         )
+
+
+def _refuse_the_plan(certificate: Path, plan: Path) -> None:
+    """Refuse to write over the plan, under whatever name, also while the certificate is made."""
+    for path in (
+        certificate,
+        certificate.resolve().with_name(f"{certificate.resolve().name}.part"),
+    ):
+        if path.exists() and path.samefile(plan):
+            raise click.UsageError(f"--certificate {certificate} would take the place of the plan")
 
 
 def _plan(path: Path) -> list[Placing]:

@@ -163,7 +163,7 @@ def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
 
 @eds.command(
     epilog="Example: smarttac eds dcf stimulator --node-id 32 --bitrate 1000000"
-    " --set 1017=500 --output stimulator-32.dcf"
+    " --set 1017=500 --set 'Limit.Voltage=80 V' --output stimulator-32.dcf"
 )
 @eds_file
 @click.option("--node-id", type=NODE_ID, required=True)
@@ -179,7 +179,8 @@ def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
     multiple=True,
     metavar="NAME=VALUE",
     callback=_values,
-    help="Raw value of an object, by name (Setpoint.Voltage) or section (1017, 2010sub1).",
+    help="Value of an object, by name (Limit.Voltage) or section (1017, 2010sub1): raw, or with a"
+    " unit as in '80 V'.",
 )
 @output_option
 def dcf(

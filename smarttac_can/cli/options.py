@@ -15,7 +15,7 @@ import click
 
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.drivers import cure, unknown_options
+from smarttac_can.host.drivers import cannot_open, unknown_options
 from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import StorageFile
@@ -181,9 +181,7 @@ class BusChoice(NamedTuple):
         try:
             network.connect(**self.options)
         except Exception as error:  # drivers raise what they like
-            raise BusError(
-                f"cannot open {self.where}: {error}{cure(self.interface, error)}"
-            ) from error
+            raise BusError(cannot_open(self.interface, self.channel, error)) from error
         return network
 
 

@@ -148,14 +148,20 @@ def _wait(recording: Recording, stopped: Callable[[], bool], seconds: float | No
 
 def _lines(file: Path, summary: Summary) -> list[str]:
     counts = [
-        f"{summary.rows} rows",
-        f"{summary.lost} lost ticks in {summary.gaps} gaps",
-        f"{summary.runs} runs",
-        f"{summary.markers} markers",
-        f"{summary.set_points} changes of set-points",
-        f"{summary.emergencies} emergencies",
+        _counted(summary.rows, "row"),
+        f"{_counted(summary.lost, 'lost tick')} in {_counted(summary.gaps, 'gap')}",
+        _counted(summary.runs, "run"),
+        _counted(summary.markers, "marker"),
+        f"{_counted(summary.set_points, 'change')} of set-points",
+        f"{summary.emergencies} {'emergency' if summary.emergencies == 1 else 'emergencies'}",
     ]
     lines = [f"{file}: {', '.join(counts)}"]
     if summary.damaged:
-        lines.append(f"{summary.damaged} records of the log were cut or damaged, and left out")
+        were = "was" if summary.damaged == 1 else "were"
+        records = _counted(summary.damaged, "record")
+        lines.append(f"{records} of the log {were} cut or damaged, and left out")
     return lines
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -16,6 +16,7 @@ from smarttac_can.od.eds import load_eds
 from smarttac_can.od.eds_values import parse_integer, parse_value
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.ini import EDSError
+from smarttac_can.od.units import Quantity
 
 _BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Bit rates in bit/s that an EDS can speak of."""
@@ -49,8 +50,8 @@ def make_dcf(
     bit_rate
         Bit rate in bit/s, one the EDS says the device has.
     values
-        Raw values as an EDS writes them, by name (``Setpoint.Voltage``) or section (``1017``,
-        ``2010sub1``).
+        By name (``Setpoint.Voltage``) or section (``1017``, ``2010sub1``): raw values as an EDS
+        writes them, or quantities with a unit, such as ``80 V``.
     eds_name, dcf_name
         File names for ``[FileInfo]``.
     now
@@ -73,8 +74,9 @@ def make_dcf(
     _resolve_node_id(file, od)
     for name, value in values.items():
         entry = _find(od, name)
-        _check(entry, value, node_id)
-        _set_value(file, od, entry, value)
+        raw = _raw(entry, value)
+        _check(entry, raw, node_id, value)
+        _set_value(file, od, entry, raw)
     info = _section(file, "FileInfo")
     _put(info, "FileName", dcf_name)
     _put(info, "LastEDS", eds_name)
@@ -170,7 +172,17 @@ def _find(od: ObjectDictionary, name: str) -> Entry:
     return entry
 
 
-def _check(entry: Entry, text: str, node_id: int) -> None:
+def _raw(entry: Entry, text: str) -> str:
+    """Return what an EDS writes for a quantity with a unit; any other text as it is."""
+    try:
+        with_unit = bool(Quantity.parse(text).symbol)
+    except ValueError:
+        return text
+    return str(entry.counts(text)) if with_unit and isinstance(entry.default, int) else text
+
+
+def _check(entry: Entry, text: str, node_id: int, given: str) -> None:
+    """Refuse a raw value; one that was given with a unit has its bounds in that of the object."""
     if not entry.writable:
         raise ValueError(f"{entry.name} is {entry.access}: it takes no value")
     if not text:
@@ -179,7 +191,13 @@ def _check(entry: Entry, text: str, node_id: int) -> None:
         raise ValueError(f"{entry.name} is a DOMAIN: its value is a file, not a text")
     value = parse_value(entry.data_type, text, node_id, f"{entry.name} value {text!r}")
     if isinstance(value, int | float) and not entry.low <= value <= entry.high:
-        raise ValueError(f"{entry.name} {text} is outside {entry.low}..{entry.high}")
+        bounds = f"{entry.low}..{entry.high}"
+        if given != text:
+            low, high = (
+                f"{bound * float(entry.unit.number):.12g}" for bound in (entry.low, entry.high)
+            )
+            bounds = f"{low}..{high} {entry.unit.symbol}".rstrip()
+        raise ValueError(f"{entry.name} {given} is outside {bounds}")
     try:
         entry.check(value)
     except Abort as error:

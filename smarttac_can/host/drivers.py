@@ -83,6 +83,23 @@ def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
     return [name for name in names if name not in known]
 
 
+def cannot_open(interface: str | None, channel: object, error: BaseException) -> str:
+    """Say that a bus of python-can could not be opened, why, and what may be missing.
+
+    Parameters
+    ----------
+    interface, channel
+        As they were given; None for what python-can's configuration has.
+    error
+        What opening it has raised.
+    """
+    if interface is None:
+        asked = "bus of python-can's configuration (no interface was given)"
+    else:
+        asked = f"{interface} bus, channel {channel or 'configured'}"
+    return f"cannot open the {asked}: {error}{cure(interface, error)}"
+
+
 def cure(interface: str | None, error: BaseException) -> str:
     """Say what may be missing when an interface of python-can could not be opened.
 

@@ -11,7 +11,7 @@ import can
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook, QueueFullError
 from smarttac_can.host.can_socket import open_socket
-from smarttac_can.host.drivers import cure
+from smarttac_can.host.drivers import cannot_open
 
 _REFUSING_S = 0.1
 """How long a driver that does not say why may take no frame before its bus is lost."""
@@ -74,11 +74,7 @@ class PythonCanBus:
         try:
             self._bus = can.Bus(channel=channel, interface=interface, **options)
         except Exception as error:  # drivers raise what they like, down to NameError
-            if interface is None:
-                asked = "bus of python-can's configuration (no interface was given)"
-            else:
-                asked = f"{interface} bus, channel {channel or 'configured'}"
-            raise BusError(f"cannot open the {asked}: {error}{cure(interface, error)}") from error
+            raise BusError(cannot_open(interface, channel, error)) from error
         self._log = log
         self._can_ids: frozenset[int] | None = None
         self._refusing_since: float | None = None

@@ -18,6 +18,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.drivers import cannot_open
 from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.host.python_can import to_frame
 from smarttac_can.master.errors import BenchError
@@ -158,7 +159,7 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
     try:
         opened = can.Bus(**bus)
     except Exception as error:  # drivers raise what they like
-        raise BusError(f"cannot open the bus: {error}") from error
+        raise BusError(cannot_open(bus.get("interface"), bus.get("channel"), error)) from error
     with opened:
         if not isinstance(opened, SocketcanBus | UdpMulticastBus):
             raise BusError(

@@ -38,7 +38,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 def test_no_such_interface() -> None:
-    with pytest.raises(BenchError, match="cannot open nonsense:x: "):
+    with pytest.raises(BenchError, match="cannot open the nonsense bus, channel x: "):
         Stimulator.connect(interface="nonsense", channel="x")
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner, Result
 
@@ -166,3 +167,45 @@ def test_tilts_in_one_direction_leave_no_certificate(
     assert result.exit_code == 1
     assert "tilt along x and along y" in result.stderr.splitlines()[-1]
     assert not (tmp_path / "plate.json").exists()
+
+
+@pytest.mark.parametrize("end", [click.Abort, KeyboardInterrupt])
+def test_who_interrupts_is_told_that_nothing_is_kept(
+    laboratory: Laboratory,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    end: type[BaseException],
+) -> None:
+    def leave(what: str) -> None:
+        if what.startswith("2: put"):
+            raise end
+        laboratory.do(what)
+
+    monkeypatch.setattr(sys.modules["smarttac_can.cli.calibrate"], "_ask", leave)
+    result = calibrate(tmp_path, "--write")
+    assert (result.exit_code, result.stderr) == (
+        1,
+        "Error: interrupted after 1 of 4 weighings: none is kept, and nothing was set in the "
+        "stimulator\n",
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.csv"]
+
+
+@pytest.mark.parametrize("name", ["plan.csv", "linked.json", "./plan.csv"])
+def test_the_certificate_never_takes_the_place_of_the_plan(tmp_path: Path, name: str) -> None:
+    plan = tmp_path / "plan.csv"
+    plan.write_text(PLAN)
+    (tmp_path / "linked.json").symlink_to(plan)
+    arguments = ["calibrate", str(plan), "--certificate", f"{tmp_path}/{name}"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2
+    assert "would take the place of the plan" in result.stderr
+    assert plan.read_text() == PLAN
+
+
+def test_the_plan_is_not_where_the_certificate_is_made(tmp_path: Path) -> None:
+    plan = tmp_path / "plate.json.part"
+    plan.write_text(PLAN)
+    arguments = ["calibrate", str(plan), "--certificate", str(tmp_path / "plate.json")]
+    assert CliRunner().invoke(main, arguments).exit_code == 2
+    assert plan.read_text() == PLAN

@@ -143,6 +143,9 @@ def test_dcf(tmp_path: Path) -> None:
     od = load_eds(path.read_text(), 9)
     assert (od["Setpoint.Voltage"].default, od.number(0x1017)) == (100, 500)
     assert "FileName=node9.dcf\n" in path.read_text()
+    values = ("--set", "Setpoint.Voltage=80 V")
+    text = run("dcf", RICH, *COMMISSION, *values).stdout
+    assert load_eds(text, 9)["Setpoint.Voltage"].default == 8000
     assert "FileName=rich.dcf\n" in run("dcf", RICH, *COMMISSION).stdout
 
 

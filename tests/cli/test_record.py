@@ -17,7 +17,9 @@ from click.testing import CliRunner
 from nodes_on_a_bus import GUARD_S, multicast_options, processes
 
 from smarttac_can.bench import Stimulator
+from smarttac_can.bench.recording_file import Summary
 from smarttac_can.cli import main
+from smarttac_can.cli.record import _lines
 from smarttac_can.host.frame_log import RECORD, FrameLogReader
 
 
@@ -141,3 +143,16 @@ def test_one_file_twice_is_refused(tmp_path: Path, option: str, suffix: str) -> 
     assert refused.exit_code == 2
     assert f"run.h5{suffix} is a file of the recording itself" in refused.output
     assert list(tmp_path.iterdir()) == []
+
+
+def test_one_is_one_and_not_many() -> None:
+    few = _lines(Path("run.h5"), Summary(1, 1, 1, 1, 1, 1, 1, 1))
+    assert few == [
+        "run.h5: 1 row, 1 lost tick in 1 gap, 1 run, 1 marker, 1 change of set-points, 1 emergency",
+        "1 record of the log was cut or damaged, and left out",
+    ]
+    many = _lines(Path("run.h5"), Summary(2, 0, 0, 2, 0, 2, 0, 0))
+    assert many == [
+        "run.h5: 2 rows, 0 lost ticks in 0 gaps, 2 runs, 0 markers, 2 changes of set-points, "
+        "0 emergencies"
+    ]

@@ -67,6 +67,13 @@ def test_the_values_are_in_force() -> None:
     assert changed == ["Setpoint.Voltage", "Setpoint.Frequency"]
 
 
+@pytest.mark.parametrize(
+    ("given", "raw"), [("80 V", 8000), ("0.08 kV", 8000), ("55 mV", 6), ("80", 80), ("0x50", 80)]
+)
+def test_a_value_with_a_unit_is_what_the_bench_makes_of_it(given: str, raw: int) -> None:
+    assert load_eds(dcf(RICH, Setpoint__Voltage=given), 9)["Setpoint.Voltage"].default == raw
+
+
 def test_a_member_of_a_compact_array() -> None:
     od = load_eds(dcf(RICH, **{"2210sub1": "33"}), 9)
     values = [od.entry(0x2210, subindex).default for subindex in (1, 2, 3)]
@@ -91,6 +98,9 @@ def test_a_dcf_becomes_that_of_another_node() -> None:
         ("2100sub1", "20001", r"Setpoint.Voltage 20001 is outside 0..20000"),
         ("2100sub1", "x", "is no integer"),
         ("1017", "65536", "is outside UNSIGNED16"),
+        ("2100sub1", "200.01 V", r"Setpoint.Voltage 200.01 V is outside 0..200000 mV"),
+        ("2100sub1", "1 um", "Setpoint.Voltage '1 um' is not a number with a unit like mV"),
+        ("2100sub1", "1 volt", "is no integer"),
     ],
 )
 def test_what_it_refuses(name: str, value: str, message: str) -> None:
