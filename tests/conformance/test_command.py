@@ -1,7 +1,10 @@
 """The commands conform and device, as processes on a real bus."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +72,29 @@ def test_results_on_stdout_are_alone_there(multicast: dict[str, Any]) -> None:
     result = CliRunner().invoke(main, ["conform", *NODE, *multicast_options(multicast), *options])
     assert json.loads(result.stdout)["counts"] == {"pass": 1}
     assert "pass  SDO-01" in result.stderr
+
+
+@pytest.fixture
+def hogs() -> Iterator[None]:
+    """Two processes that would have every processor for themselves."""
+    with ExitStack() as stack:
+        for _ in range(2):
+            hog = stack.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+            stack.callback(hog.kill)
+        yield
+
+
+@pytest.mark.usefixtures("device", "hogs")
+def test_a_device_on_a_loaded_machine_is_judged(conform: Conform) -> None:
+    code, output = conform("--timeout", "3", "--case", "SDO-12", "--case", "SDO-16")
+    assert (code, output.splitlines()) == (
+        0,
+        [
+            "pass  SDO-12    A new transfer after one left behind",
+            "pass  SDO-16    Write to a read-only entry",
+            "2 pass, 0 fail, 0 not applicable",
+        ],
+    )
 
 
 def test_no_device_ends_after_one_probe(conform: Conform, multicast: dict[str, Any]) -> None:
