@@ -34,8 +34,9 @@ THIRD: Final = (
 )
 # fmt: on
 """Mean and components of h, as tools/friction_shapes.py prints them."""
-LEAST_FALL: Final = 1e-4
-"""Least fall of h from node to node: nothing that is learned makes the map turn round."""
+FLATTEST: Final = 0.2
+"""Least fall of h from node to node, as a share of that of the mean. Nothing that is learned makes
+the map turn round, or so flat that an error of a few % asks for one end and the other in turn."""
 FARTHEST: Final = 4.0
 """Bound of a weight in standard deviations over all fingers."""
 FORGOTTEN: Final = 0.02
@@ -106,9 +107,10 @@ def shape(weights: Weights) -> Nodes:
 
 
 def _node(weights: Weights, i: int, above: float) -> float:
-    """Return h at a node, below that of the node before."""
+    """Return h at a node, below ``above``, that of the node before."""
     h = MEAN[i] + weights.a * FIRST[i] + weights.b * SECOND[i] + weights.c * THIRD[i]
-    return h if h < above - LEAST_FALL else above - LEAST_FALL
+    most = above + FLATTEST * (MEAN[i] - MEAN[i - 1])
+    return h if h < most else most
 
 
 def learned(weights: Weights, before: Level, after: Level, variance: float) -> Weights:

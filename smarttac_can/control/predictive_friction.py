@@ -13,6 +13,14 @@ from __future__ import annotations
 from math import cos, exp, log, pi, sin, sqrt
 from typing import Final, NamedTuple
 
+from smarttac_can.control.friction_levels import (
+    LEVEL_TICKS,
+    NOTHING,
+    Gathered,
+    gathered,
+    interrupted,
+    tells,
+)
 from smarttac_can.control.friction_map import (
     PRIOR,
     Level,
@@ -51,17 +59,8 @@ ERROR_MAX: Final = 0.1
 """Bound of the error of ln mu in a tick."""
 SETTLED_TICKS: Final = 22
 """Ticks after a step of the reference until a level counts as settled."""
-LEVEL_TICKS: Final = 20
-"""Ticks that make a level."""
-LEVEL_SPREAD: Final = 0.1e-6
-"""Distance in m of an amplitude to the mean so far with which a level begins anew."""
 STEP_MIN: Final = 0.02
 """Change of ln mu_ref in a tick that is a step."""
-PAIR_MIN: Final = 0.05
-"""Difference of ln mu_ref from which two levels make a pair: a smaller one is noise that the loop
-has followed, from which it would learn itself."""
-PAIR_MIN_W: Final = 0.05e-6
-"""The same of their amplitudes in m."""
 SPEED_VARIANCE: Final = 2.5e-5
 """Variance of the difference of two levels by what is not noise: force and speed within a pass."""
 MU_MIN: Final = 0.02
@@ -124,18 +123,6 @@ class Known(NamedTuple):
     """Pairs of levels that it was learned from."""
 
 
-class Gathered(NamedTuple):
-    """The levels of a pass."""
-
-    ticks: int
-    """Of the level that is being made, as the sums."""
-    sum_ln: float
-    sum_W: float
-    levels: int
-    """Levels that were made."""
-    last: Level
-
-
 class Touch(NamedTuple):
     """State of the law while a finger touches."""
 
@@ -158,7 +145,6 @@ class Touch(NamedTuple):
 
 ANYBODY: Final = Known(PRIOR, shape(PRIOR), 0)
 """Any finger."""
-_NOTHING: Final = Gathered(0, 0.0, 0.0, 0, Level(0.0, 0.0, 0.0))
 
 
 def begin(felt: Felt, known: Known) -> Touch:
@@ -175,7 +161,7 @@ def begin(felt: Felt, known: Known) -> Touch:
     ln_mu = log(felt.mu if felt.mu > MU_MIN else felt.mu_ref)
     path = Path(exp(h), 0.0)
     # It is not known to slide yet.
-    return Touch(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, _NOTHING, known, felt)
+    return Touch(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, NOTHING, known, felt)
 
 
 def follow(touch: Touch, felt: Felt) -> Touch:
@@ -189,9 +175,12 @@ def follow(touch: Touch, felt: Felt) -> Touch:
     since_turn = 0 if turned else touch.since_turn + 1
     gain = GAIN_FIRST if turned and touch.gain < GAIN_UNKNOWN else touch.gain
     path = _through_path(touch.path, known.nodes, before.W, felt.W)
-    gathered = touch.gathered
+    levels = touch.gathered
+    if turned and levels.made:
+        # What m0 took in since was a finger that stopped, of which less friction is felt.
+        m0 = levels.last.ln_mu - value(known.nodes, levels.last.W)
     if stepped or turned:
-        gathered = Gathered(0, 0.0, 0.0, 0 if turned else gathered.levels, gathered.last)
+        levels = interrupted(levels, turned)
     if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN and path.y >= MU_MIN:
         error = log(felt.mu) - m0 - log(path.y)
         if gain < GAIN_UNKNOWN:
@@ -204,17 +193,17 @@ def follow(touch: Touch, felt: Felt) -> Touch:
             ln_aim += error
             gain = GAIN_FIRST
         if since_step >= SETTLED_TICKS:
-            last = gathered
-            gathered = _gathered(last, felt, ln_ref)
-            if gathered.levels > last.levels > 0 and _tells(last.last, gathered.last):
-                known = _taught(known, last.last, gathered.last, felt)
+            so_far = levels
+            levels = gathered(so_far, log(felt.mu), felt.W, ln_ref, m0)
+            if levels.made > so_far.made > 0 and tells(so_far.last, levels.last):
+                known = _taught(known, so_far.last, levels.last, felt)
                 # What is expected at this amplitude stays.
                 rise = value(known.nodes, felt.W) - value(touch.known.nodes, felt.W)
                 m0 -= rise
                 path = Path(path.y * exp(rise), path.rate * exp(rise))
     if gain < GAIN_UNKNOWN:
         ln_aim = ln_ref + pole * (ln_aim - ln_ref)
-    return Touch(m0, gain, ln_aim, since_step, since_turn, path, gathered, known, felt)
+    return Touch(m0, gain, ln_aim, since_step, since_turn, path, levels, known, felt)
 
 
 def amplitude_asked(touch: Touch) -> float:
@@ -234,23 +223,6 @@ def _through_path(path: Path, nodes: Nodes, W_before: float, W: float) -> Path:
 
 def _bounded(error: float) -> float:
     return ERROR_MAX if error > ERROR_MAX else -ERROR_MAX if error < -ERROR_MAX else error
-
-
-def _gathered(so_far: Gathered, felt: Felt, ln_ref: float) -> Gathered:
-    """Add a tick to the level that is being made."""
-    ticks, sum_ln, sum_W, levels, last = so_far
-    if abs(ticks * felt.W - sum_W) > ticks * LEVEL_SPREAD:
-        ticks, sum_ln, sum_W = 0, 0.0, 0.0
-    ticks, sum_ln, sum_W = ticks + 1, sum_ln + log(felt.mu), sum_W + felt.W
-    if ticks < LEVEL_TICKS:
-        return Gathered(ticks, sum_ln, sum_W, levels, last)
-    return Gathered(0, 0.0, 0.0, levels + 1, Level(sum_ln / ticks, sum_W / ticks, ln_ref))
-
-
-def _tells(before: Level, after: Level) -> bool:
-    """Tell whether two levels differ because they were asked to."""
-    asked = abs(after.ln_ref - before.ln_ref) > PAIR_MIN
-    return asked and abs(after.W - before.W) > PAIR_MIN_W
 
 
 def _taught(known: Known, before: Level, after: Level, felt: Felt) -> Known:

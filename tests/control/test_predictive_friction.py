@@ -124,11 +124,57 @@ def test_nothing_is_learned_after_a_turn():
     bench.run(60, LOW)
     bench.turn()
     bench.ln_mu0 -= 1.0  # It sticks.
+    bench.run(1, LOW)
     m0 = bench.touch.m0
-    bench.run(FROZEN_TICKS, LOW)
+    bench.run(FROZEN_TICKS - 1, LOW)
     assert bench.touch.m0 == m0
     bench.run(2, LOW)
     assert bench.touch.m0 != m0
+
+
+def test_a_turn_brings_back_the_finger_that_slid():
+    bench = Bench().passes(4)
+    bench.run(100, LOW)
+    m0, W = bench.touch.m0, bench.W
+    for _ in range(60):  # It stops.
+        bench.ln_mu0 -= 0.02
+        bench.run(1, LOW)
+    assert bench.touch.m0 < m0 - 0.3
+    assert bench.W == 0.0
+    bench.turn()
+    bench.ln_mu0 += 1.2
+    bench.run(1, LOW)
+    assert bench.touch.m0 == pytest.approx(m0, abs=0.01)
+    assert bench.W == pytest.approx(W, rel=0.02)
+
+
+def test_a_turn_before_any_level_leaves_m0():
+    bench = Bench()
+    bench.run(FROZEN_TICKS + 5, LOW)
+    m0 = bench.touch.m0
+    bench.turn()
+    bench.run(1, LOW)
+    assert bench.touch.m0 == m0
+
+
+def test_a_finger_that_stops_makes_no_level():
+    bench = Bench().passes(4)
+    bench.run(100, HIGH)
+    known = bench.touch.known
+    bench.run(10, LOW)
+    for _ in range(90):
+        bench.ln_mu0 -= 0.02
+        bench.run(1, LOW)
+    assert bench.W == 0.0  # It rests there, and the friction falls.
+    assert bench.touch.known is known
+
+
+def test_a_map_that_was_learned_flat_does_not_make_it_hunt():
+    flat = PRIOR._replace(a=-2.5, b=0.3, c=-0.7)
+    bench = Bench(PRIOR._replace(a=-1.1), mu0=0.5, noise=0.005, known=Known(flat, shape(flat), 5))
+    bench.run(300, LOW)
+    found = bench.run(300, LOW)
+    assert max(found) - min(found) < 0.2 * LOW
 
 
 def test_a_step_makes_m0_quiet():
