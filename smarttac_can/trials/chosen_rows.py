@@ -55,7 +55,12 @@ def _rows(given: Sequence[FaultCase]) -> tuple[Row, ...]:
     return tuple((case, mode) for case in given for mode in case.modes)
 
 
-ALL_NOT_SEEN: Final = _rows((*NOT_SEEN, *_predicted(NOT_SEEN)))
+_ADDS_UP: Final = frozenset({"pick-up at 0.5", "pick-up d at 0.5"})
+"""What predictive laws let be seen: half the gain is at the bound, and a turn, which brings the
+vibration to 0 under others, does not interrupt the cycles beyond it."""
+ALL_NOT_SEEN: Final = _rows(
+    (*NOT_SEEN, *_predicted([case for case in NOT_SEEN if case.name not in _ADDS_UP]))
+)
 """Every fault that is not seen, with every mode."""
 ALL_TOLERATED: Final = _rows((*TOLERATED, *_predicted(TOLERATED)))
 """Every fault that must not end a run, with every mode."""
