@@ -6,7 +6,8 @@ from dataclasses import replace
 from math import isfinite, sqrt
 from typing import Final
 
-from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
+from smarttac_can.control.friction import relative_error
+from smarttac_can.control.friction_control import FrictionControl
 from smarttac_can.control.identification import Identification
 from smarttac_can.control.inner_loops import InnerLoops, designed_for
 from smarttac_can.control.limit import (
@@ -17,12 +18,10 @@ from smarttac_can.control.limit import (
     in_limits,
 )
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.predictive_friction import PredictiveFriction
 from smarttac_can.control.texture import TexturePlayer
-from smarttac_can.control.texture_friction import TextureFriction
 from smarttac_can.control.tribometer import Tribometer
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
 
 # To look a member up costs ten times as much as a name, and every cycle asks for these.
@@ -85,16 +84,13 @@ class Cascade:
     __slots__ = (
         "E",
         "W_ref",
-        "_boundary",
         "_fresh",
         "_from_off",
         "_inner",
-        "_law",
-        "_map",
         "_model",
+        "_outer",
         "_parameters",
         "_predictive",
-        "_textured",
         "amplitude",
         "contact",
         "drive",
@@ -121,13 +117,10 @@ class Cascade:
         self.identification: Identification | None = None
         self.tribometer = Tribometer(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force)
         self.texture: TexturePlayer | None = None
-        self._boundary = Boundary(p.hysteresis)
         self._fresh = False
         self._from_off = True
         self._parameters = p
-        self._law = FrictionLaw(p.law, p.slope, p.step_max)
-        self._map = PredictiveFriction() if p.law is Law.PREDICTIVE else None
-        self._textured = TextureFriction()
+        self._outer = FrictionControl(p)
         self._design()
 
     @property
@@ -157,12 +150,7 @@ class Cascade:
         if self.mode is Mode.IDENTIFY:
             self._turn_off("identification: parameters were changed")
         self.tribometer.calibrate(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force)
-        right = self._boundary.right
-        self._boundary = Boundary(p.hysteresis)
-        self._boundary.right = right
-        self._law = FrictionLaw(p.law, p.slope, p.step_max)
-        if p.law is not before.law:
-            self._map = PredictiveFriction() if p.law is Law.PREDICTIVE else None
+        self._outer.configure(p)
         self._parameters = p
         if designed_for(p) != designed_for(before):
             self._design()
@@ -272,37 +260,22 @@ class Cascade:
 
     def _friction(self, setpoint: Setpoint) -> float:
         """Return the amplitude reference in m that C_mu asks for."""
-        contact, by_map = self.contact, self._map
-        self.mu_ref = mu_ref = self._cof_reference(contact, setpoint)
+        contact, outer = self.contact, self._outer
+        texture = self.texture if self.mode is _TEXTURE else None
+        if texture is None:
+            mu_ref = outer.at(contact.position, setpoint)
+        else:
+            mu_ref = outer.ahead(texture, contact, self.tribometer)
+        self.mu_ref = mu_ref
         if not contact.touching:
             self.E = 0.0
-            self._textured.release()
-            if by_map is not None:
-                by_map.release()
+            outer.release()
             return setpoint.amplitude
         self.E = E = relative_error(contact.mu, mu_ref)
-        if self.mode is _TEXTURE:
-            W_max = self._parameters.W_max
-            return self._textured.reference(contact, self.amplitude, mu_ref, W_max)
-        if by_map is not None:
-            return by_map.reference(contact, self.amplitude, mu_ref)
-        return self._law.reference(E, self.amplitude, self.W_ref, setpoint.amplitude)
-
-    def _cof_reference(self, contact: Contact, setpoint: Setpoint) -> float:
-        """Return the COF asked for where the finger is, or will be."""
-        if self.mode is _TEXTURE and self.texture is not None:
-            return self._previewed(self.texture, contact)
-        right = self._boundary.update(contact.position, setpoint.boundary)
-        return setpoint.mu_right if right else setpoint.mu_left
-
-    def _previewed(self, texture: TexturePlayer, contact: Contact) -> float:
-        """Return the COF that the texture has where the finger will be."""
-        p = self._parameters
-        ahead = p.dead_time + p.preview
-        if not contact.touching:
-            return texture.reference(contact.position, 0.0, ahead)
-        line = self._textured.locate(*self.tribometer.centre())
-        return texture.reference(line.position, line.speed, ahead)
+        W = self.amplitude
+        if texture is not None:
+            return outer.for_texture(contact, W, mu_ref, self._parameters.W_max)
+        return outer.for_level(contact, E, W, mu_ref, self.W_ref, setpoint.amplitude)
 
     def _identify(self, W: complex, temperature: float) -> Drive:
         identification = self.identification
@@ -328,12 +301,10 @@ class Cascade:
         self._fresh = False
         voltage, frequency = self.drive
         self._inner.preset(Drive(voltage, f_set if self._from_off else frequency))
-        if self._map is not None:
-            self._map.release()
-        self._textured.release()
+        self._outer.release()
         self._inner.follow_load(self.mode is _TEXTURE)
         if self.mode is Mode.FRICTION:
-            self._boundary.place(self.contact.position, setpoint.boundary)
+            self._outer.place(self.contact.position, setpoint.boundary)
         elif self.mode is _TEXTURE and self.texture is not None:
             self.texture.start()
         else:

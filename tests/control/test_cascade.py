@@ -427,15 +427,15 @@ def test_what_the_law_predictive_has_learned_outlives_other_parameters_and_modes
     cascade.set_mode(Mode.FRICTION)
     for x in (-8e-3, 8e-3) * 2:
         run(cascade, plate, setpoint(), 100, lambda W, x=x: finger.touch(W, x=x))
-    learned = cascade._map.touch.known
+    learned = cascade._outer._by_map.touch.known
     assert learned.pairs > 0
     cascade.configure(replace(cascade.parameters, hysteresis=2e-3))
-    assert cascade._map.touch.known is learned
+    assert cascade._outer._by_map.touch.known is learned
     cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
     run(cascade, plate, setpoint(), 5, lambda W: finger.touch(W, x=8e-3))
     cascade.set_mode(Mode.FRICTION)
     run(cascade, plate, setpoint(), 1, lambda W: finger.touch(W, x=8e-3))
-    assert cascade._map.touch.known is learned
+    assert cascade._outer._by_map.touch.known is learned
     assert abs(plate.W) == pytest.approx(cascade.W_ref, rel=0.05)
 
 
@@ -553,9 +553,9 @@ def test_a_finger_that_lifts_ends_what_is_known_of_its_place():
     cascade, plate, finger = cascade_with_texture(), FirstOrderPlate(), Finger()
     cascade.set_mode(Mode.TEXTURE)
     run(cascade, plate, setpoint(), 100, finger.touch)
-    assert cascade._textured.line is not None
+    assert cascade._outer._textured.line is not None
     run(cascade, plate, setpoint(amplitude=1.5e-6), 1)
-    assert cascade._textured.line is None
+    assert cascade._outer._textured.line is None
     assert cascade.W_ref == 1.5e-6
 
 
