@@ -19,7 +19,7 @@ from smarttac_can.trials.fault_case import FaultCase
 from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_row import FaultRow
 from smarttac_can.trials.master_traffic import MasterTraffic
-from smarttac_can.trials.rig import Rig
+from smarttac_can.trials.rig import PLATE_HEARTBEAT_MS, Rig
 from smarttac_can.trials.workers import end_with_parent, interrupts_held
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
@@ -34,6 +34,8 @@ _OTHER_RUN_UP: Final = 500
 _LATE: Final = 10
 _GO_ON: Final = 300
 _SETTLE: Final = 200
+_GONE_CYCLES: Final = PLATE_HEARTBEAT_MS + 1
+"""Cycles in which the stimulator sees that a cause is gone; longest is the plate's heartbeat."""
 _SETPOINTS: Final = {
     "Setpoint.Voltage": 4000,
     "Setpoint.Frequency": 4_339_000,
@@ -241,6 +243,7 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
         rig.cycle(_SETTLE)
         begin_run(rig, case, mode)
         if rig.state is State.FAULT:
+            _await_none_present(rig)
             rig.reset_fault()
         else:
             rig.write("Controlword", 0)
@@ -249,6 +252,14 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
         return False
     rig.cycle(_RUN_UP.get(mode, _OTHER_RUN_UP))
     return rig.state is State.RUNNING and rig.stage.value > 0
+
+
+def _await_none_present(rig: Rig) -> None:
+    """Wait, as the documents tell a master to, until no fault is present, or for too long."""
+    for _ in range(_GONE_CYCLES):
+        if not rig.read("Diagnosis.Present"):
+            return
+        rig.cycle()
 
 
 def tolerated(case: FaultCase, mode: Mode) -> bool:

@@ -60,6 +60,19 @@ def test_fault_ends_in_0_v_in_time_and_recovers(case: FaultCase, mode: Mode) -> 
     assert verify_rows(frames, rows, stimulator_od(), plate_od()).rows == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "hold"),
+    [("a node babbles", 2000), *(("bus-off", hold) for hold in (2000, 2125, 2250, 2375))],
+)
+def test_a_fault_that_outlasts_the_heartbeat_of_the_plate_ends_with_the_next_one(
+    name: str, hold: int
+) -> None:
+    # Heartbeats of the plate come each 500 cycles, so wherever between two of them it ends.
+    (row,) = fault_matrix(cases([name], ["identify"]), hold=hold)
+    assert row.held
+    assert row.recovered
+
+
 @pytest.mark.parametrize("mode", DRIVING)
 def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(mode: Mode) -> None:
     case = next(case for case in CASES if case.name == "plate paused for 2 s")
