@@ -169,6 +169,22 @@ def test_too_much_is_half_more_than_the_model_and_100_nm(um: float, mode: int, c
     assert cycles_to(PICKUP, settled(watch_of(), 5.0), um, mode=mode) == cycles
 
 
+@pytest.mark.parametrize(("volts", "cycles"), [(3.9, 0), (4.1, 10)])
+def test_silence_is_none_while_the_model_has_less_than_200_nm(volts: float, cycles: int) -> None:
+    watch = settled(watch_of(), volts * 0.05, volts=volts)
+    found = []
+    for _ in range(50):
+        watch.note_voltage(volts)
+        found.append(watch.look(0j, pressing(0.0), AMPLITUDE_MODE) & PICKUP)
+    assert (found.index(PICKUP) + 1 if any(found) else 0) == cycles
+
+
+def test_the_trip_itself_is_allowed() -> None:
+    watch = settled(watch_of(), 3.0)
+    for _ in range(20):
+        assert not watch.look(complex(watch._W_trip), pressing(0.0), AMPLITUDE_MODE) & AMPLITUDE
+
+
 @pytest.mark.parametrize(("um", "cycles"), [(3.199, 0), (3.201, 5)])
 def test_an_amplitude_above_the_trip_for_5_cycles_is_a_fault(um: float, cycles: int) -> None:
     assert cycles_to(AMPLITUDE, settled(watch_of(), 3.0), um) == cycles
@@ -257,3 +273,10 @@ def test_cycles_without_a_vibration_do_not_count_for_the_resonance() -> None:
         um = turned(2.0, 60) if at % 2 else 0j
         tripped.append(watch.look(um * 1e-6, pressing(0.0), TRACKED) & RESONANCE)
     assert tripped.index(RESONANCE) == 199
+
+
+@pytest.mark.parametrize(("um", "cycles"), [(0.1, 0), (0.1001, 100)])
+def test_100_nm_are_no_vibration_yet(um: float, cycles: int) -> None:
+    watch = watch_of()
+    found = [watch.look(1e-6j * um, pressing(0.0), TRACKED) & RESONANCE for _ in range(150)]
+    assert (found.index(RESONANCE) + 1 if any(found) else 0) == cycles

@@ -1,0 +1,136 @@
+"""Whose drives a plate takes, without a node: each rule, and each number from both sides."""
+
+from __future__ import annotations
+
+import pytest
+
+from smarttac_can.bench.simulation import plate_od
+from smarttac_can.nodes.drive_sender import DriveSender
+from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.loop_frames import received_drive
+
+ONE, OTHER = 32, 40
+IN_FAULT = 0x80
+V20 = 2000
+
+
+class Plate:
+    """The sender's side of a plate."""
+
+    def __init__(self) -> None:
+        self.od = plate_od()
+        self.sender = DriveSender(self.od)
+        self._check = FrameCheck(received_drive(self.od))
+
+    def sound(self, voltage: int, source: int = ONE, session: int = 0, of: int = 0) -> bool:
+        """Whether a drive of a source, made in one session, is sound in another."""
+        self.od["Drive.Voltage"].value = voltage
+        self._check.write(bytes((of, source)))
+        return self.sender.sound(session)
+
+    @property
+    def corrupt(self) -> int:
+        return int(self.od["Cycle.Corrupt drives"].value)
+
+
+def works_with_one() -> Plate:
+    """Return a plate that has had two drives of its stimulator."""
+    plate = Plate()
+    assert plate.sound(0)
+    assert plate.sound(V20)
+    assert plate.corrupt == 0
+    return plate
+
+
+@pytest.mark.parametrize("voltage", [1, V20])
+def test_nobody_begins_with_a_voltage_and_it_is_not_corrupt(voltage: int) -> None:
+    plate = Plate()
+    assert not plate.sound(voltage)
+    assert (plate.corrupt, plate.sender.level) == (0, 0.0)
+    assert plate.sound(0)
+    assert plate.sound(voltage)
+
+
+def test_who_was_first_and_came_twice_stays() -> None:
+    plate = works_with_one()
+    for voltage in (0, V20, 0):
+        assert not plate.sound(voltage, OTHER)
+    assert plate.corrupt == 3
+    assert plate.sound(V20)
+
+
+def test_until_the_first_comes_again_0_v_of_another_takes_its_place() -> None:
+    plate = Plate()
+    assert plate.sound(0, OTHER)
+    assert not plate.sound(V20)
+    assert plate.sound(0)
+    assert plate.sound(V20)
+    assert not plate.sound(0, OTHER)
+
+
+@pytest.mark.parametrize("session", [0, 1, 254, 255])
+def test_but_only_in_the_session_in_which_it_came(session: int) -> None:
+    plate = Plate()
+    assert plate.sound(0, OTHER, session, session)
+    after = session + 1 & 0xFF
+    assert not plate.sound(0, ONE, after, after)
+    assert plate.sound(0, OTHER, after, after)
+
+
+def test_0_v_of_a_session_before_is_none_of_its_own() -> None:
+    plate = works_with_one()
+    assert not plate.sound(0, session=1, of=0)
+    assert plate.sound(0, session=1, of=1)
+
+
+def test_in_fault_it_sends_0_v_alone() -> None:
+    plate = works_with_one()
+    assert plate.sound(0, ONE | IN_FAULT)
+    assert plate.sender.latched
+    assert not plate.sound(V20, ONE | IN_FAULT)
+    assert plate.corrupt == 1
+    assert plate.sound(V20)
+    assert not plate.sender.latched
+
+
+def test_node_0_is_nobody_in_fault_or_not() -> None:
+    plate = Plate()
+    assert not plate.sound(0, 0)
+    assert not plate.sound(0, IN_FAULT)
+    assert plate.sender.latched
+    assert plate.corrupt == 2
+    assert plate.sound(0, ONE)
+
+
+def test_three_wrong_ones_in_16_cycles_disturb() -> None:
+    plate = works_with_one()
+    sender = plate.sender
+    for wrong, level in ((1, 1 / 3), (2, 2 / 3), (3, 1.0)):
+        assert not sender.disturbed
+        plate.sound(V20, OTHER)
+        assert sender.level == pytest.approx(level, rel=1e-12)
+        assert plate.corrupt == wrong
+    for tick in range(1, 16):
+        sender.follow(tick)
+        assert sender.disturbed
+    sender.follow(16)
+    assert not sender.disturbed
+    assert sender.level == 0.0
+
+
+def test_the_count_begins_anew_with_tick_0_and_when_it_is_forgotten() -> None:
+    for act in (lambda sender: sender.follow(0), DriveSender.forget):
+        plate = works_with_one()
+        plate.sound(V20, OTHER)
+        act(plate.sender)
+        assert plate.sender.level == 0.0
+
+
+def test_who_is_forgotten_is_a_stranger() -> None:
+    plate = works_with_one()
+    assert plate.sound(0, ONE | IN_FAULT)
+    plate.sender.forget()
+    assert not plate.sender.latched
+    assert not plate.sound(V20)
+    assert plate.sound(0, OTHER)
+    assert plate.sound(V20, OTHER)

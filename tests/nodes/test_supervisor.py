@@ -1,0 +1,348 @@
+"""The supervisor without a node: what it lets out, latches, shows and forgets."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.nodes.supervisor import Supervisor
+from smarttac_can.od.cia import Abort
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.signals import Drive
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
+
+ARM, RUN, QUICK_STOP, FAULT_RESET = 1, 2, 4, 0x80
+NMT, HEARTBEAT, BUS_OFF = 1 << 0, 1 << 1, 1 << 7
+NORMAL, LATERAL, STUCK, CONTROLLER, DOUBLE = 1 << 12, 1 << 13, 1 << 15, 1 << 19, 1 << 22
+BUS_OFF_TEXT = "the CAN controller is bus-off"
+ASKED = Drive(20.0, 43390.0)
+LOWEST, HIGHEST = 43000.0, 44000.0
+
+
+class Loop:
+    """A supervisor with watchdogs that see what a test says."""
+
+    def __init__(self, state: State = State.READY) -> None:
+        self.od = stimulator_od()
+        self.supervisor = Supervisor(self.od, ())
+        self.noted: list[float] = []
+        stand_in: Any = SimpleNamespace(
+            look=lambda _measured, _mode, _cascade: self.faults,
+            judge=lambda _asked, _parameters: 0,
+            vibration=SimpleNamespace(note_voltage=self.noted.append),
+        )
+        self.supervisor.watchdogs = stand_in
+        self.faults = 0
+        self.supervisor.note_zero()
+        self.cycle()
+        words = {State.ARMED: (ARM,), State.RUNNING: (ARM, ARM | RUN)}
+        for word in words.get(state, ()):
+            self.supervisor.command(word)
+        assert self.supervisor.state is state
+
+    def cycle(
+        self,
+        faults: int = 0,
+        asked: Drive = ASKED,
+        mode: Mode = Mode.OPEN_LOOP,
+        left_in: Mode = Mode.OPEN_LOOP,
+    ) -> Drive:
+        self.faults = faults
+        parameters = SimpleNamespace(f_min=LOWEST, f_max=HIGHEST)
+        cascade: Any = SimpleNamespace(mode=left_in, parameters=parameters)
+        measured: Any = None
+        return self.supervisor.permit(asked, measured, mode, cascade)
+
+    @property
+    def shown(self) -> tuple[int, int, int]:
+        """Code, present and latched, as a master reads them."""
+        code, present, latched = (
+            self.od[f"Diagnosis.{name}"].value for name in ("Code", "Present", "Latched")
+        )
+        supervisor = self.supervisor
+        assert (present, latched) == (supervisor.present, supervisor.latched)
+        return code, present, latched
+
+    @property
+    def message(self) -> str:
+        return str(self.od["Message"].value)
+
+    def by_rpdo(self, word: int) -> None:
+        self.od["Controlword"].value = word
+        self.supervisor.take_controlword()
+
+    @property
+    def ignored(self) -> int:
+        return int(self.od["Cycle.Ignored controlwords"].value)
+
+
+def test_at_power_on_there_is_no_fault_and_the_first_word_is_obeyed() -> None:
+    loop = Loop()
+    assert loop.shown == (0, 0, 0)
+    loop.by_rpdo(ARM)
+    assert loop.supervisor.state is State.ARMED
+
+
+@pytest.mark.parametrize(
+    ("state", "voltage"), [(State.READY, 0.0), (State.ARMED, 0.0), (State.RUNNING, 20.0)]
+)
+def test_only_running_lets_a_voltage_out(state: State, voltage: float) -> None:
+    loop = Loop(state)
+    assert loop.cycle() == Drive(voltage, 43390.0)
+    assert loop.noted[-1] == voltage, "what the vibration is judged by"
+    assert loop.supervisor.state is state
+
+
+def test_a_cycle_with_a_fault_lets_none_out() -> None:
+    loop = Loop(State.RUNNING)
+    assert loop.cycle(STUCK) == Drive(0.0, 43390.0)
+    assert loop.supervisor.state is State.FAULT
+    assert loop.shown == (0x5211, STUCK, STUCK)
+    assert loop.message == "a sensor is stuck"
+
+
+@pytest.mark.parametrize(
+    ("frequency", "sent"),
+    [
+        (LOWEST, LOWEST),
+        (HIGHEST, HIGHEST),
+        (LOWEST - 0.1, 43500.0),
+        (HIGHEST + 0.1, 43500.0),
+        (float("nan"), 43500.0),
+    ],
+)
+def test_at_0_v_a_frequency_beyond_its_limits_is_the_last_one(
+    frequency: float, sent: float
+) -> None:
+    loop = Loop()
+    loop.od["Drive.Frequency"].value = 4_350_000
+    assert loop.cycle(asked=Drive(20.0, frequency)) == Drive(0.0, sent)
+
+
+@pytest.mark.parametrize(
+    ("mode", "left_in", "latched"),
+    [
+        (Mode.OPEN_LOOP, Mode.OPEN_LOOP, 0),
+        (Mode.AMPLITUDE, Mode.OFF, CONTROLLER),
+        (Mode.IDENTIFY, Mode.OFF, 0),
+    ],
+)
+def test_controllers_that_leave_their_mode_are_a_fault_but_at_the_end_of_an_identification(
+    mode: Mode, left_in: Mode, latched: int
+) -> None:
+    loop = Loop(State.RUNNING)
+    loop.cycle(mode=mode, left_in=left_in)
+    assert loop.supervisor.latched == latched
+    loop.cycle()
+    assert loop.shown == (0x6100 if latched else 0, 0, latched)
+
+
+def test_a_fault_when_ready_is_present_and_not_latched() -> None:
+    loop = Loop()
+    loop.cycle(STUCK)
+    assert (loop.supervisor.state, loop.shown) == (State.NOT_READY, (0, STUCK, 0))
+    loop.cycle()
+    assert (loop.supervisor.state, loop.shown) == (State.READY, (0, 0, 0))
+    loop.supervisor.trip(Watchdog.BUS_OFF)
+    assert (loop.supervisor.state, loop.shown) == (State.NOT_READY, (0, BUS_OFF, 0))
+    assert loop.message == ""
+    loop.supervisor.settle(Watchdog.BUS_OFF)
+    assert loop.shown == (0, 0, 0)
+    loop.cycle()
+    assert loop.supervisor.state is State.READY
+
+
+@pytest.mark.parametrize("state", [State.ARMED, State.RUNNING])
+def test_a_fault_when_sharp_is_latched_and_what_follows_is_added(state: State) -> None:
+    loop = Loop(state)
+    assert loop.supervisor.sharp
+    loop.supervisor.trip(Watchdog.BUS_OFF)
+    assert not loop.supervisor.sharp
+    assert (loop.supervisor.state, loop.shown) == (State.FAULT, (0x8141, BUS_OFF, BUS_OFF))
+    loop.supervisor.trip(Watchdog.HEARTBEAT)
+    assert loop.shown == (0x8141, BUS_OFF | HEARTBEAT, BUS_OFF | HEARTBEAT)
+    assert loop.message == BUS_OFF_TEXT, "that of the first"
+    assert len(loop.supervisor.memory.lines) == 1
+    loop.cycle(STUCK)
+    assert loop.shown == (0x8141, BUS_OFF | HEARTBEAT | STUCK, BUS_OFF | HEARTBEAT)
+    loop.cycle()
+    assert loop.shown == (0x8141, BUS_OFF | HEARTBEAT, BUS_OFF | HEARTBEAT)
+
+
+def test_a_fault_is_reset_when_none_that_is_latched_is_present() -> None:
+    loop = Loop(State.RUNNING)
+    command = loop.supervisor.command
+    loop.supervisor.trip(Watchdog.BUS_OFF)
+    command(0)
+    assert loop.shown == (0x8141, BUS_OFF, BUS_OFF), "to disarm resets nothing"
+    with pytest.raises(Abort):
+        command(FAULT_RESET)
+    loop.supervisor.settle(Watchdog.BUS_OFF)
+    assert loop.message == BUS_OFF_TEXT, "until it is reset"
+    command(FAULT_RESET)
+    assert (loop.supervisor.state, loop.shown) == (State.READY, (0, 0, 0))
+    assert loop.message == ""
+
+
+def test_a_fault_that_came_later_and_is_present_leaves_it_not_ready() -> None:
+    loop = Loop(State.RUNNING)
+    loop.supervisor.trip(Watchdog.NMT)
+    loop.cycle(STUCK)
+    loop.supervisor.command(0)
+    loop.supervisor.command(FAULT_RESET)
+    assert (loop.supervisor.state, loop.shown) == (State.NOT_READY, (0, STUCK, 0))
+
+
+def test_somebody_who_has_to_mend_it_is_told_of_a_fault_that_is_not_latched() -> None:
+    loop = Loop()
+    loop.supervisor.trip(Watchdog.DOUBLE)
+    assert loop.message.startswith("another node sends with an identifier")
+    loop.supervisor.settle(Watchdog.DOUBLE)
+    assert loop.message == ""
+
+
+def test_a_message_about_something_else_stays() -> None:
+    loop = Loop()
+    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.od["Message"].value = "about something else"
+    loop.supervisor.settle(Watchdog.BUS_OFF)
+    loop.cycle()
+    loop.supervisor.command(ARM)
+    assert loop.message == "about something else"
+    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.supervisor.trip(Watchdog.DOUBLE)
+    assert loop.message == BUS_OFF_TEXT
+
+
+@pytest.mark.parametrize("latched", [False, True])
+def test_a_new_run_takes_a_message_away_but_not_that_of_a_latched_fault(latched: bool) -> None:
+    loop = Loop(State.ARMED)
+    if latched:
+        loop.supervisor.trip(Watchdog.BUS_OFF)
+    else:
+        loop.od["Message"].value = "about something else"
+    loop.supervisor.start_run(tared=False)
+    assert loop.message == (BUS_OFF_TEXT if latched else "")
+    assert loop.supervisor.state is (State.FAULT if latched else State.NOT_READY)
+
+
+@pytest.mark.parametrize("lacking", ["live", "operational", "tared"])
+def test_what_has_to_be_there_before_it_is_ready(lacking: str) -> None:
+    loop = Loop()
+    supervisor = loop.supervisor
+    setattr(supervisor, lacking, False)
+    supervisor.prepare()
+    assert supervisor.state is State.NOT_READY
+    setattr(supervisor, lacking, True)
+    supervisor.prepare()
+    assert supervisor.state is State.READY
+
+
+@pytest.mark.parametrize(
+    ("state", "after", "latched"),
+    [
+        (State.READY, State.NOT_READY, 0),
+        (State.ARMED, State.NOT_READY, 0),
+        (State.RUNNING, State.FAULT, NMT),
+    ],
+)
+def test_to_leave_operational_or_restart_out_of_running_is_a_fault(
+    state: State, after: State, latched: int
+) -> None:
+    for act in (Supervisor.leave, Supervisor.restart):
+        loop = Loop(state)
+        act(loop.supervisor)
+        assert loop.supervisor.state is after
+        assert loop.shown == (0x8180 if latched else 0, 0, latched)
+        assert not loop.supervisor.live
+
+
+def test_a_restart_forgets_what_was_latched_and_the_last_word() -> None:
+    loop = Loop(State.ARMED)
+    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.supervisor.restart()
+    assert (loop.supervisor.state, loop.shown) == (State.NOT_READY, (0, 0, 0))
+    loop.cycle()
+    loop.by_rpdo(ARM)
+    assert loop.supervisor.state is State.ARMED
+
+
+@pytest.mark.parametrize("fault", [NORMAL, LATERAL])
+def test_no_tare_while_sharp_or_under_a_force_that_has_tripped(fault: int) -> None:
+    loop = Loop()
+    supervisor = loop.supervisor
+    assert not supervisor.tare_barred
+    loop.cycle(fault)
+    assert not supervisor.tare_barred, "present, but not latched"
+    loop.cycle()
+    supervisor.command(ARM)
+    assert supervisor.tare_barred
+    loop.cycle(fault)
+    assert supervisor.state is State.FAULT
+    assert supervisor.tare_barred
+    loop.cycle()
+    assert not supervisor.tare_barred, "latched, but gone"
+    supervisor.command(0)
+    supervisor.command(FAULT_RESET)
+    supervisor.command(0)
+    supervisor.command(ARM)
+    loop.cycle(STUCK)
+    assert not supervisor.tare_barred, "no force"
+
+
+def test_a_word_by_rpdo_is_obeyed_once_and_counted_if_it_is_illegal() -> None:
+    loop = Loop()
+    for word, state, ignored in (
+        (RUN, State.READY, 1),
+        (RUN, State.READY, 1),
+        (0, State.READY, 1),
+        (ARM, State.ARMED, 1),
+        (ARM | RUN, State.RUNNING, 1),
+        (0x40, State.RUNNING, 2),
+    ):
+        loop.by_rpdo(word)
+        assert (loop.supervisor.state, loop.ignored) == (state, ignored)
+
+
+@pytest.mark.parametrize(("word", "code"), [(0x40, 0x06090030), (RUN, 0x08000022)])
+def test_a_word_by_sdo_is_refused_with_a_reason(word: int, code: int) -> None:
+    loop = Loop()
+    with pytest.raises(Abort) as refused:
+        loop.supervisor.command(word)
+    assert refused.value.code == code
+    assert loop.message == "", "the reason is no missing watch"
+
+
+def unwatched() -> Loop:
+    loop = Loop()
+    loop.supervisor.watched = False
+    loop.supervisor.advice = lambda: "send a heartbeat"
+    return loop
+
+
+def test_who_is_not_watched_cannot_arm_and_is_told_why() -> None:
+    loop = unwatched()
+    loop.supervisor.command(0)
+    assert loop.message == "", "to disarm takes no watch"
+    with pytest.raises(Abort):
+        loop.supervisor.command(ARM)
+    told = loop.message
+    assert told.endswith("send a heartbeat")
+    loop.supervisor.watched = True
+    with pytest.raises(Abort):
+        loop.supervisor.command(RUN)
+    assert loop.message == told, "until a word is obeyed"
+    loop.supervisor.command(ARM)
+    assert loop.message == ""
+
+
+def test_it_is_told_only_where_the_watch_is_all_that_lacks() -> None:
+    loop = unwatched()
+    loop.cycle(STUCK)
+    with pytest.raises(Abort):
+        loop.supervisor.command(ARM)
+    assert loop.message == ""
