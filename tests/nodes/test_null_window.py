@@ -5,6 +5,8 @@ from collections.abc import Iterator
 import pytest
 
 from smarttac_can.bench import FaultError, NotReadyError, RefusedError, State, Stimulator
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.nodes.null_window import NullWindow
 from smarttac_can.vocabulary.faults import FaultKind
 
 DRIFT_MN = 60
@@ -31,6 +33,30 @@ def rest(bench: Stimulator, force: float) -> None:
     bench.finger.stroke(1, force=force, speed=5)
     bench.start_run()
     bench.run(0.4)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("gauge", range(1, 7))
+def test_the_window_is_around_the_null_of_each_gauge_and_its_end_is_inside(
+    gauge: int, sign: int
+) -> None:
+    od = stimulator_od()
+    od["Gauge null.Window"].value = 250
+    nulls = [0.5, -0.25, 0.125, 0.0, 1.0, -1.0]
+    for number, null in enumerate(nulls, 1):
+        od[f"Gauge null.Null of S{number}"].value = round(null * 1e4)
+    window = NullWindow(od)
+    zeros = list(nulls)
+    zeros[gauge - 1] += sign * 0.25
+    window.require(tuple(zeros))  # type: ignore[arg-type]
+    zeros[gauge - 1] += sign * 0.001
+    with pytest.raises(ValueError, match="not tared: ") as refused:
+        window.require(tuple(zeros))  # type: ignore[arg-type]
+    null, read = (round(1000 * force) for force in (nulls[gauge - 1], zeros[gauge - 1]))
+    assert str(refused.value) == (
+        f"not tared: S{gauge} reads {read} mN, more than 250 mN from its null of {null} mN: "
+        "lift what rests on the plate, and tare"
+    )
 
 
 def test_a_plate_without_a_finger_is_tared_again(bench: Stimulator) -> None:

@@ -70,6 +70,7 @@ def test_all_three_are_answered_and_nothing_is_counted() -> None:
 )  # fmt: skip
 def test_without_one_or_in_another_order_they_are_no_measurement(rpdos: tuple[int, ...]) -> None:
     pair = Pair()
+    pair._check.write()
     assert not any(pair.take(*rpdos))
     assert pair.answered(0)
 
