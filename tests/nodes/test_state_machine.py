@@ -42,6 +42,45 @@ def test_every_other_event_is_refused(state: State, event: Event) -> None:
         assert machine.state is (allowed[0].next if allowed else state)
 
 
+@pytest.mark.parametrize(
+    ("event", "after"),
+    [
+        (Event.FAULT, State.FAULT),
+        (Event.LEAVE, State.NOT_READY),
+        (Event.DISARM, State.READY),
+        (Event.STOP, State.ARMED),
+        (Event.QUICK_STOP, State.QUICK_STOP),
+        (Event.START_RUN, State.READY),
+    ],
+)
+def test_what_ends_a_drive_asks_for_nothing(event: Event, after: State) -> None:
+    machine = machine_in(State.RUNNING)
+    assert machine.handle(event, Guard(0))
+    assert machine.state is after
+
+
+@pytest.mark.parametrize(("guard", "armed"), [(6, True), (2, False), (4, False), (5, False)])
+def test_to_arm_takes_all_conditions_and_a_watch(guard: int, armed: bool) -> None:
+    assert machine_in(State.READY).handle(Event.ARM, Guard(guard)) == armed
+
+
+@pytest.mark.parametrize(
+    ("guard", "after"),
+    [(0, State.FAULT), (1, State.NOT_READY), (2, State.READY), (3, State.READY), (4, State.FAULT)],
+)
+def test_a_fault_is_reset_when_it_is_gone(guard: int, after: State) -> None:
+    machine = machine_in(State.FAULT)
+    assert machine.handle(Event.RESET, Guard(guard)) == (after is not State.FAULT)
+    assert machine.state is after
+
+
+def test_a_word_that_asks_for_what_is_is_obeyed() -> None:
+    machine = machine_in(State.READY)
+    for word in (ARM, ARM, ARM | RUN, ARM | RUN):
+        assert machine.command(word, Guard(7))
+    assert machine.state is State.RUNNING
+
+
 @settings(max_examples=300)
 @given(st.lists(st.tuples(st.integers(0, 255), st.sampled_from([Guard.NONE, Guard.CLEAR, ALL]))))
 def test_no_controlword_skips_a_step(words: list[tuple[int, Guard]]) -> None:
