@@ -74,6 +74,16 @@ def test_a_fault_is_reset_when_it_is_gone(guard: int, after: State) -> None:
     assert machine.state is after
 
 
+def test_only_a_reset_that_rises_ends_a_fault() -> None:
+    machine = machine_in(State.FAULT)
+    machine.hold(FAULT_RESET)
+    for word, after in (
+        (FAULT_RESET, State.FAULT), (0, State.FAULT), (FAULT_RESET, State.READY)
+    ):  # fmt: skip
+        assert machine.command(word, Guard(7))
+        assert machine.state is after
+
+
 def test_a_word_that_asks_for_what_is_is_obeyed() -> None:
     machine = machine_in(State.READY)
     for word in (ARM, ARM, ARM | RUN, ARM | RUN):
