@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.errors import RunInterruptedError
 from smarttac_can.bench.gauge_samples import GAUGES, gauge_names, sample
 from smarttac_can.bench.resonance_fit import ResonanceFit
 from smarttac_can.bench.stimulator import Stimulator
@@ -92,6 +93,8 @@ def selftest(stimulator: Stimulator, tell: Callable[[Check], None] = lambda _: N
     ------
     BusLostError, HeartbeatLostError
         If the stimulator is no longer there.
+    RunInterruptedError
+        At Ctrl-C in one of its runs; it has been disarmed.
     """
     checks: list[Check] = []
 
@@ -120,7 +123,7 @@ def _leave(stimulator: Stimulator, before: tuple[float, float]) -> None:
 def _judged(name: str, part: _Part, stimulator: Stimulator) -> Iterator[Check]:
     try:
         yield from part(stimulator)
-    except (BusLostError, HeartbeatLostError):
+    except (BusLostError, HeartbeatLostError, RunInterruptedError):
         raise
     except (BenchError, ValueError) as error:
         yield Check(name, None, "", -inf, inf, str(error))

@@ -24,6 +24,8 @@ def plain_errors() -> Iterator[None]:
     """Turn the errors of bus, bench, EDS, files and killed processes into click's one line."""
     try:
         yield
+    except KeyboardInterrupt:  # that of a run is an error of the bench as well
+        raise
     except (BenchError, BusError, EDSError) as error:
         raise click.ClickException(one_line(error)) from error
     except BrokenProcessPool as error:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from smarttac_can.bench import BenchError, State, Stimulator
+from smarttac_can.bench import BenchError, RunInterruptedError, State, Stimulator
 from smarttac_can.bench.resonance_fit import ResonanceFit
 from smarttac_can.bench.self_test import Check, selftest
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
@@ -52,6 +52,25 @@ def test_a_sound_plate_passes(link: str) -> None:
         assert {check.name for check in checks} == ALL
         assert failures(checks) == set()
         assert (bench.voltage, bench.mode, bench.state) == (7.0, Mode.OFF, State.READY)
+
+
+def test_ctrl_c_within_a_run_is_no_check_that_fails(
+    bench: Stimulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(_bench: Stimulator, _seconds: float) -> None:
+        raise RunInterruptedError("interrupted after 0 of 20 cycles")
+
+    told: list[str] = []
+
+    def tell(check: Check) -> None:
+        told.append(check.name)
+        if check.name == "null.W_q":  # the last one before the sweep
+            monkeypatch.setattr(Stimulator, "run", interrupted)
+
+    with pytest.raises(RunInterruptedError):
+        selftest(bench, tell)
+    assert told[-1] == "null.W_q"
+    assert (bench.mode, bench.get("Drive.Voltage")) == (Mode.OFF, 0.0)
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])

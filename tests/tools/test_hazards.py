@@ -108,7 +108,7 @@ def test_another_bound_in_the_code_is_another_row(
     [
         # K V = 7.5 um, tau = 0.944 ms, from 3.2 um: 7.5 - 4.3 exp(-5/0.944) = 7.48.
         ("the stage does not obey", "| 7.5 um for 5 ms, 28 mJ; 4.81 um in the matrix |"),
-        ("the stimulator dies", "| 7.5 um for 20 ms, 0.11 J; 2.49 um in the matrix |"),
+        ("the stimulator dies", "| 7.5 um for 20 ms, 0.11 J; 2.20 um in the matrix |"),
         ("open loop, without", "| 3.0 um |"),
         ("the plate process stops", "| 7.5 um for as long as it lasts, 5.5 W |"),
         ("an EDS with other limits", "| 0 V |"),
