@@ -64,18 +64,49 @@ def read_candump(path: Path) -> Iterator[tuple[int, Frame]]:
         At a line that is no candump log, or that is cut.
     """
     with Lines(open_regular(path), encoding="ascii") as lines, can.CanutilsLogReader(lines) as log:
-        messages = iter(log)
-        while True:
-            try:
-                message = next(messages, None)
-                time = 0 if message is None else round(message.timestamp * 1e6)
-            except (ValueError, IndexError, OverflowError) as error:
-                raise ValueError(f"{path} is no candump log: {error}") from error
-            if message is None:
-                return
-            frame = to_frame(message)
-            if frame is not None:
-                yield time, frame
+        wrong = (ValueError, IndexError, OverflowError)
+        yield from stamped(iter(log), f"{path} is no candump log", wrong)
+
+
+def stamped(
+    messages: Iterator[can.Message], refusal: str, wrong: tuple[type[Exception], ...]
+) -> Iterator[tuple[int, Frame]]:
+    """Turn messages of a log into frames.
+
+    Parameters
+    ----------
+    messages
+        Of python-can.
+    refusal
+        What the error says where one cannot be read.
+    wrong
+        What the format raises there, besides OSError.
+
+    Yields
+    ------
+    tuple of int and Frame
+        Time stamp in us, and the frame; error, extended and CAN FD frames are passed over.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        At a message that cannot be read.
+    """
+    while True:
+        try:
+            message = next(messages, None)
+            time = 0 if message is None else round(message.timestamp * 1e6)
+        except OSError:
+            raise
+        except wrong as error:
+            raise ValueError(f"{refusal}: {error}") from error
+        if message is None:
+            return
+        frame = to_frame(message)
+        if frame is not None:
+            yield time, frame
 
 
 class Lines(TextIOWrapper):

@@ -10,9 +10,8 @@ import can
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bounded_file import open_regular
-from smarttac_can.host.candump import Lines, read_candump
+from smarttac_can.host.candump import Lines, read_candump, stamped
 from smarttac_can.host.frame_log import is_frame_log
-from smarttac_can.host.python_can import to_frame
 
 _CANDUMP: Final = ".log"
 _TEXT: Final[dict[str, Any]] = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCReader}
@@ -62,16 +61,5 @@ def _read(path: Path, suffix: str) -> Iterator[tuple[int, Frame]]:
             messages = iter((_BINARY | _TEXT)[suffix](stream))
         except Exception as error:  # the formats raise what they like
             raise ValueError(f"{path} is no {kind} log: {error}") from error
-        while True:
-            try:
-                message = next(messages, None)
-                time = 0 if message is None else round(message.timestamp * 1e6)
-            except OSError:
-                raise
-            except Exception as error:  # the formats raise what they like
-                raise ValueError(f"{path} is no {kind} log, or cut: {error}") from error
-            if message is None:
-                return
-            frame = to_frame(message)
-            if frame is not None:
-                yield time, frame
+        # The formats raise what they like.
+        yield from stamped(messages, f"{path} is no {kind} log, or cut", (Exception,))
