@@ -42,6 +42,10 @@ _ABSURD: Final = 1e3
 _PASSES: Final = 3
 _MOVED: Final = 0.02
 """Change of the logarithms above which it is linearised anew."""
+_MISSED_FROM: Final = 100e-9
+"""Error in m of a prediction from which a drive may have been lost: less does no harm."""
+_MISSED_SHARE: Final = 0.1
+"""Largest share of it that is left once the drive before is taken to have lasted."""
 _KAPPA_VARIANCE: Final = KAPPA_SPREAD * KAPPA_SPREAD
 _RATE_VARIANCE: Final = RATE_SPREAD * RATE_SPREAD
 _W0_VARIANCE: Final = W0_SPREAD * W0_SPREAD
@@ -121,6 +125,20 @@ def fade(belief: Belief, load_change: float) -> Belief:
         _KEEP_RATE * _KEEP_W0 * rw,
         _WW * ww + (1.0 - _WW) * _W0_VARIANCE + shift * shift,
     )
+
+
+def missed(
+    belief: Belief, model: PlateNow, dead_time: float, W: complex, span: Span, W_next: complex
+) -> bool:
+    """Whether the second drive of a span never took force, by what W has become in its tick.
+
+    Then a measurement follows from the first drive, and not from the plate having changed.
+    """
+    error = abs(W_next - _predict(belief, model, dead_time, W, span)[0])
+    if error < _MISSED_FROM:
+        return False
+    lasting = Span(span.V_before, span.w_before, span.V_before, span.w_before)
+    return abs(W_next - _predict(belief, model, dead_time, W, lasting)[0]) < _MISSED_SHARE * error
 
 
 def learn(

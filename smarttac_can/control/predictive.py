@@ -24,6 +24,7 @@ from smarttac_can.control.belief import (
     believed,
     fade,
     learn,
+    missed,
 )
 from smarttac_can.vocabulary.model import PlateModel, contact_load, decay_rate
 from smarttac_can.vocabulary.signals import TICK, Contact, Drive
@@ -159,7 +160,7 @@ def observed(
     W
         Vibration in m.
     drive
-        The drive in force, which answered the tick before.
+        The drive that answered the tick before. It is in force unless it was lost, as W then tells.
     Fn
         Normal force of the finger in N, 0 without contact.
     temperature
@@ -179,6 +180,9 @@ def observed(
             before.voltage, TWO_PI * before.frequency, drive.voltage, TWO_PI * drive.frequency
         )
         faded = fade(belief, (rate - rate_before) / rate_before)
+        if missed(faded, model, prior.dead_time, W_before, span, W):
+            drive = before
+            span = Span(span.V_before, span.w_before, span.V_before, span.w_before)
         belief = learn(faded, model, prior.dead_time, W_before, span, W)
     plate = believed(model, belief)
     return Learned(belief, plate, W, drive, True, not follows, rate, contact, warmth)

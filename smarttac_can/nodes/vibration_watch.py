@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from math import exp
 from typing import Final
@@ -44,8 +43,6 @@ _GAIN_LEAST: Final = 0.8
 plate whose pick-up reads too little."""
 _LACK: Final = 0.8
 """Lowest ratio of the vibration to the least that model, phase and finger allow."""
-_LACK_TICKS: Final = 5
-"""Cycles a voltage has to last before the vibration has followed it: five time constants."""
 _SILENCE: Final = 0.05
 """Lowest ratio of the vibration to that of the model; 0.2 at the ends of the frequency range."""
 _LOOKED_FOR: Final = 200e-9
@@ -79,12 +76,15 @@ class VibrationWatch:
     With the time constant ``tau`` and the gain K of the bare plate, a voltage V in force, a phase
     phi of the vibration and a finger that presses with Fn, the vibration settles at
     ``K V cos(phi)/(1 + c Fn^(2/3))``, where c is the finger's. The least c gives a bound from
-    above, whatever the pick-up reads, the largest one from below.
+    above, whatever the pick-up reads, the largest one from below. Neither waits until the vibration
+    has settled: a friction loop may drive in pulses that are shorter. The one from below takes the
+    lesser of two voltages in turn, so that a drive may take effect within its cycle.
     """
 
     __slots__ = (
         "_E",
         "_V",
+        "_V_before",
         "_W_trip",
         "_above",
         "_bound",
@@ -96,11 +96,11 @@ class VibrationWatch:
         "_gain",
         "_gain_bound",
         "_lack",
+        "_least",
         "_od",
         "_silent",
         "_tau",
         "_unseen",
-        "_voltages",
     )
 
     def __init__(self, od: ObjectDictionary, deadlines: Sequence[Entry]) -> None:
@@ -127,8 +127,8 @@ class VibrationWatch:
 
     def reset(self) -> None:
         """Forget what was seen: the plate is at rest."""
-        self._E = self._bound = self._V = 0.0
-        self._voltages = deque((0.0,) * _LACK_TICKS, _LACK_TICKS)
+        self._E = self._bound = self._least = 0.0
+        self._V = self._V_before = 0.0
         self._above = Lapses()
         self._excess = Lapses()
         self._unseen = Lapses()
@@ -152,7 +152,7 @@ class VibrationWatch:
             Mode in which the controllers were asked.
         """
         amplitude = abs(W)
-        driven = self._gain * self._V
+        driven = self._gain * max(self._V, self._V_before)
         # No detuning and no finger makes the plate vibrate more than at its bare resonance.
         self._E = driven + (self._E - driven) * self._decay
         late = self._late_cycles()
@@ -193,32 +193,35 @@ class VibrationWatch:
     def _implausible(
         self, W: complex, amplitude: float, contact: Contact, mode: int, late: int
     ) -> bool:
-        """Compare the reading with the model, and bring the bound from above up to date."""
+        """Compare the reading with the model, and bring its bounds up to date."""
         E = self._E
-        least = self._bounds(W, amplitude, contact)
+        self._follow(W, amplitude, contact)
         identifying = mode == _IDENTIFY
         most = _EXCESS_UNIDENTIFIED if identifying else _EXCESS
         excess = self._excess.count(amplitude > most * E + _EXCESS_OFFSET, EXCESS_CYCLES + late)
         silent = E > _LOOKED_FOR and amplitude < _SILENCE * E
         self._silent = self._silent + 1 if silent else 0
         # A loop that is led astray hunts: what is lacking comes and goes with the phase.
+        least = self._least
         lacking = least > _LOOKED_FOR and amplitude < _LACK * least and not identifying
         lack = self._lack.count(lacking, LACK_CYCLES + late)
         return excess or lack or self._silent >= SILENT_CYCLES + late
 
-    def _bounds(self, W: complex, amplitude: float, contact: Contact) -> float:
-        """Bring the bound from above up to date, and return that from below."""
+    def _follow(self, W: complex, amplitude: float, contact: Contact) -> None:
+        """Bring the bounds from above and from below up to date."""
         cosine = 1.0
         if amplitude > _PHASE_FROM and W.real > _PHASE_MIN * amplitude:
             cosine = W.real / amplitude
         Fn = contact.Fn if contact.Fn > 0.0 else 0.0
         pressing = (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY if contact.touching else 0.0
+        V, before, tau = self._V, self._V_before, self._tau
         damping = 1.0 + LEAST_LOAD * contact_load(pressing)
-        driven = self._gain_bound * self._V * cosine / damping
-        self._bound = driven + (self._bound - driven) * exp(-TICK * damping / self._tau)
-        self._voltages.append(self._V)
-        most = 1.0 + MOST_LOAD * contact_load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
-        return self._gain * min(self._voltages) * cosine / most
+        driven = self._gain_bound * V * cosine / damping
+        self._bound = driven + (self._bound - driven) * exp(-TICK * damping / tau)
+        damping = 1.0 + MOST_LOAD * contact_load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
+        driven = self._gain * min(V, before) * cosine / damping
+        self._least = driven + (self._least - driven) * exp(-TICK * damping / tau)
+        self._V_before = V
 
     def _late_cycles(self) -> int:
         if not self._deadlines:

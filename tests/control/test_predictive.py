@@ -245,3 +245,23 @@ def test_a_finger_is_learned_and_forgotten():
             plate.step(cascade.update(plate.measure(gauges(Fn=Fn)), setpoint()))
         assert abs(plate.W) == pytest.approx(1e-6, rel=0.01)
         assert cascade._predictive.learned.plate.rate == pytest.approx(1.0 / model.tau, rel=0.15)
+
+
+@pytest.mark.parametrize("dead_time", [0.0, BUS])
+@pytest.mark.parametrize(("lost", "most"), [(0, 2.57e-6), (1, 2.96e-6), (2, 2.57e-6)])
+def test_a_drive_that_was_lost_is_not_taken_for_another_plate(lost, most, dead_time):
+    """The second one would have ended the step up, so that the plate itself goes on rising."""
+    law = CascadeParameters(vibration_law=VibrationLaw.PREDICTIVE, dead_time=dead_time)
+    cascade, plate = Cascade(law), Seen(dead_time=dead_time, noise=1e-9)
+    cascade.set_mode(BOTH)
+    for _ in range(40):
+        last = cascade.update(plate.measure(), setpoint(amplitude=0.3e-6))
+        plate.step(last)
+    plate.peak = 0.0
+    for tick in range(40):
+        drive = cascade.update(plate.measure(), setpoint(amplitude=2.5e-6))
+        last = last if tick == lost else drive
+        plate.step(last)
+    assert plate.peak < most
+    assert abs(plate.W) == pytest.approx(2.5e-6, rel=0.01)
+    assert cascade._predictive.learned.plate.kappa == pytest.approx(50e-9 / 0.944e-3, rel=0.03)

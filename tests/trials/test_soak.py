@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from smarttac_can.od.cia import ERROR_FIELD
+from smarttac_can.trials import soak
 from smarttac_can.trials.invariants import AFTERGLOW_CYCLES, UNDRIVEN_CYCLES, Invariants
 from smarttac_can.trials.rig import Rig
 from smarttac_can.trials.soak import Soak
@@ -38,6 +39,30 @@ def test_twenty_seconds_hold_and_repeat() -> None:
     again = Soak(20_000, 3).run()
     assert replace(again, wall_s=0.0, rss_mib=[]) == replace(first, wall_s=0.0, rss_mib=[])
     assert Soak(20_000, 4).run().fingerprint != first.fingerprint
+
+
+def only(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have every soak break this one thing, in this mode."""
+    cases = tuple(case for case in soak._USED if case.name == name)
+    assert cases
+    monkeypatch.setattr(soak, "_USED", cases)
+    monkeypatch.setattr(soak, "DRIVING", (mode,))
+
+
+def test_a_fault_that_could_not_show_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    only("bound by the drive above its limit", Mode.FRICTION, monkeypatch)
+    report = Soak(4000, 16).run()
+    # Another one waited in vain: where friction wants no voltage, nothing is above any limit.
+    assert report.faults == {"bound by the drive above its limit": 1}
+    assert report.violations == []
+
+
+def test_a_weak_axis_is_looked_for_at_the_resonance(monkeypatch: pytest.MonkeyPatch) -> None:
+    only("pick-up d at 0.05", Mode.OPEN_LOOP, monkeypatch)
+    for seed in range(4):
+        report = Soak(30_000, seed).run()
+        assert report.faults["pick-up d at 0.05"]
+        assert report.violations == []
 
 
 def test_length_below_one_cycle_is_refused() -> None:

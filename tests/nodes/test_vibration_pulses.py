@@ -1,0 +1,91 @@
+"""A voltage that comes in pulses, under a pick-up that is sound and under one that is not."""
+
+import cmath
+import math
+from collections.abc import Iterable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.nodes.vibration_watch import VibrationWatch
+from smarttac_can.vocabulary.signals import Contact
+
+PICKUP = 1 << 17
+TAU_MS = 0.944
+GAIN_UM = 0.05
+
+
+def tripped_after(
+    volts: Iterable[float],
+    *,
+    Fn: float = 0.0,
+    load: float = 0.47,
+    off_hz: float = 0.0,
+    late_ms: float = 0.0,
+    scale: float = 1.0,
+    direct: float = 1.0,
+    mode: int = 1,
+) -> int:
+    """Cycles until the watch doubts the pick-up of a plate in the frame of its voltage; or 0.
+
+    ``tau W' = -(d + j tau w) W + K V`` is solved exactly; a voltage takes effect late in its cycle.
+    """
+    damping = 1.0 + load * (Fn / 0.5) ** (2 / 3)
+    pole = complex(damping / (TAU_MS * scale), 2e-3 * math.pi * off_hz)
+    watch = VibrationWatch(stimulator_od(), [])
+    contact = Contact(0.0, 0.0, Fn, 0.0, 0.0, 0.0, 0.0, touching=Fn > 0.0)
+    W, before = 0j, 0.0
+    for cycle, V in enumerate(volts, start=1):
+        for level, ms in ((before, late_ms), (V, 1.0 - late_ms)):
+            settled = GAIN_UM / TAU_MS * level / pole
+            W = settled + (W - settled) * cmath.exp(-pole * ms)
+        before = V
+        watch.note_voltage(V)
+        if watch.look(complex(direct * W.real, W.imag) * 1e-6, contact, mode) & PICKUP:
+            return cycle
+    return 0
+
+
+def pulses(high: float, of: tuple[int, int], cycles: int = 2000) -> list[float]:
+    """Volts that last for the first of these numbers of cycles, in each of the second."""
+    lasting, period = of
+    return [high if cycle % period < lasting else 0.0 for cycle in range(cycles)]
+
+
+@pytest.mark.parametrize(
+    ("of", "cycles"),
+    # Of a pulse all cycles but the first are judged, and a sound one takes a twentieth back.
+    [((20, 20), 21), ((10, 20), 42), ((4, 20), 105), ((3, 20), 164), ((2, 20), 343), ((2, 5), 53)],
+)
+def test_a_weak_pickup_is_found_in_pulses_too(of: tuple[int, int], cycles: int) -> None:
+    assert tripped_after(pulses(90.0, of), direct=0.1) == cycles
+
+
+def test_pulses_of_one_cycle_and_rare_ones_tell_nothing() -> None:
+    for of in ((1, 2), (3, 60)):
+        assert tripped_after(pulses(90.0, of), direct=0.1) == 0
+
+
+@given(
+    pattern=st.lists(
+        st.tuples(st.floats(0.0, 150.0), st.integers(1, 8)), min_size=1, max_size=8
+    ).map(lambda steps: [V for V, cycles in steps for _ in range(cycles)]),
+    Fn=st.floats(0.0, 1.2),
+    load=st.floats(0.47, 1.32),
+    off_hz=st.floats(-100.0, 100.0),
+    late_ms=st.floats(0.0, 1.0),
+    scale=st.floats(0.9, 1.1),
+)
+def test_no_pulses_make_a_sound_pickup_doubtful(
+    pattern: list[float],
+    Fn: float,
+    load: float,
+    off_hz: float,
+    late_ms: float,
+    scale: float,
+) -> None:
+    volts = (pattern * 400)[:400]
+    found = tripped_after(volts, Fn=Fn, load=load, off_hz=off_hz, late_ms=late_ms, scale=scale)
+    assert found == 0
