@@ -152,7 +152,7 @@ class VibrationWatch:
             Mode in which the controllers were asked.
         """
         amplitude = abs(W)
-        driven = self._gain * max(self._V, self._V_before)
+        driven = self._gain * self._V
         # No detuning and no finger makes the plate vibrate more than at its bare resonance.
         self._E = driven + (self._E - driven) * self._decay
         late = self._late_cycles()

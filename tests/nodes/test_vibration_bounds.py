@@ -149,18 +149,6 @@ def test_the_bound_from_below_rises_with_the_lesser_of_two_voltages() -> None:
         assert watch._least * 1e6 == pytest.approx(3.7183 * share, abs=2e-4)
 
 
-def test_the_model_keeps_the_greater_of_two_voltages() -> None:
-    # A drive that takes force late in its cycle lets the vibration die down a cycle later.
-    watch = settled(watch_of(), 5.0)
-    watch.note_voltage(0.0)
-    watch.look(5e-6, pressing(0.0), AMPLITUDE_MODE)
-    before = watch._E * 1e6
-    watch.note_voltage(0.0)
-    watch.look(3e-6, pressing(0.0), AMPLITUDE_MODE)
-    after = watch._E * 1e6
-    assert (before, after) == pytest.approx((5.0, 5.0 * math.exp(-1 / 0.944)), rel=1e-3)
-
-
 @pytest.mark.parametrize(("um", "cycles"), [(0.251, 20), (0.249, 10)])
 def test_silence_is_a_twentieth_of_the_model(um: float, cycles: int) -> None:
     assert cycles_to(PICKUP, settled(watch_of(), 5.0), um) == cycles
