@@ -64,12 +64,19 @@ class NamedObjects:
         Its EDS.
     """
 
-    # A misspelt property is an error, not a new attribute.
-    __slots__ = ("_link", "_od")
-
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
-        self._link = link
-        self._od = od
+        self.link = link
+        self.od = od
+
+    @property
+    def state(self) -> State:
+        """State of the device."""
+        return state_in(self.link.read("Statusword"))
+
+    @property
+    def message(self) -> str:
+        """Why the stimulator turned itself off; empty if it did not."""
+        return self.link.text("Message")
 
     def get(self, name: str, unit: str = "") -> float:
         """Read an object of the stimulator or the simulation by name.
@@ -89,7 +96,7 @@ class NamedObjects:
             If the unit is of another kind.
         """
         entry = self._number(name)
-        return self._link.read(name) * entry.unit.in_unit(unit or entry.unit.symbol)
+        return self.link.read(name) * entry.unit.in_unit(unit or entry.unit.symbol)
 
     def set(self, name: str, value: float | str) -> None:
         """Write an object by name; refused, not clipped, outside its limits.
@@ -112,24 +119,21 @@ class NamedObjects:
         """
         entry = self._number(name)
         text = value if isinstance(value, str) else f"{finite(name, value)} {entry.unit.symbol}"
-        self._write(name, entry.counts(text))
+        self.write(name, entry.counts(text))
 
-    def _write(self, name: str, raw: int) -> None:
+    def write(self, name: str, raw: int) -> None:
         """Write a raw value; where the device refuses it for being armed or running, say so."""
         try:
-            self._link.write(name, raw)
+            self.link.write(name, raw)
         except RefusedError as error:
             simulated = name.partition(".")[0] in SIMULATION
-            if error.code == AbortCode.STATE and not simulated and self._state() in _SHARP:
+            if error.code == AbortCode.STATE and not simulated and self.state in _SHARP:
                 text = f"{error}: it is armed or running, disarm() first"
                 raise RefusedError(text, error.code) from error
             raise
 
-    def _state(self) -> State:
-        return state_in(self._link.read("Statusword"))
-
     def _number(self, name: str) -> Entry:
-        entry = find_object(self._od, name)
+        entry = find_object(self.od, name)
         if not isinstance(entry.default, int | float):
             hint = ": it is the text in .message" if name == _MESSAGE else ""
             raise BenchError(f"{name} is not a number{hint}")

@@ -7,11 +7,11 @@ from typing import Final
 
 from smarttac_can.bench.errors import FaultError, NotReadyError
 from smarttac_can.bench.link import Link
-from smarttac_can.bench.set_points import SetPoints, by_name
+from smarttac_can.bench.named_objects import NamedObjects
+from smarttac_can.bench.set_points import by_name
 from smarttac_can.bench.traces import Trace
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
-from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
@@ -26,33 +26,30 @@ _IDENTIFY_LIMIT: Final = 100
 _CONTROLWORD: Final = "Controlword"
 
 
-class StateControl(SetPoints):
-    """The state machine of a stimulator and its procedures, as a script has them.
+class StateControl:
+    """The state machine of a stimulator and its procedures.
 
     Parameters
     ----------
-    link
-        How the stimulator is reached.
-    od
-        Its EDS.
+    objects
+        Those of the stimulator.
+
+    Attributes
+    ----------
+    knows_fault
+        Whether who asked for the state last was told of a fault.
     """
 
-    __slots__ = ("_knows_fault",)
-
-    def __init__(self, link: Link, od: ObjectDictionary) -> None:
-        super().__init__(link, od)
-        self._knows_fault = False
+    def __init__(self, objects: NamedObjects) -> None:
+        self._objects = objects
+        self.knows_fault = False
 
     @property
-    def mode(self) -> Mode:
-        """Mode asked for; setting one arms the stimulator and runs it, OFF disarms it.
+    def _link(self) -> Link:
+        return self._objects.link
 
-        Setting raises `FaultError` and `NotReadyError` as `arm` does.
-        """
-        return Mode(self._link.read("Mode"))
-
-    @mode.setter
-    def mode(self, mode: Mode | str) -> None:
+    def choose(self, mode: Mode | str) -> None:
+        """Arm the stimulator and run it in a mode; OFF disarms it."""
         number = by_name(Mode, mode)
         if number == Mode.OFF:
             self.disarm()
@@ -66,17 +63,17 @@ class StateControl(SetPoints):
                 self._link.write(_CONTROLWORD, Control.ARM | Control.RUN)
         except RefusedError as error:
             # A watchdog that trips in between is the reason, not the state that it leads to.
-            self._require_no_fault(self.state)
+            self.require_no_fault(self.state)
             if number == Mode.TEXTURE and error.code == AbortCode.NO_DATA:
-                hint = f"cannot play: {self.message}: set bench.texture first"
+                hint = f"cannot play: {self._objects.message}: set bench.texture first"
                 raise RefusedError(hint, error.code) from error
             raise
 
     @property
     def state(self) -> State:
-        """State of the device; who has read FAULT here gets no `FaultError` of `run` for it."""
-        state = self._state()
-        self._knows_fault = state is State.FAULT
+        """State of the device."""
+        state = self._objects.state
+        self.knows_fault = state is State.FAULT
         return state
 
     def arm(self) -> None:
@@ -95,7 +92,7 @@ class StateControl(SetPoints):
         state = self.state
         if state is State.ARMED:
             return
-        self._require_no_fault(state)
+        self.require_no_fault(state)
         self._link.write(_CONTROLWORD, 0)
         if self.state is State.NOT_READY:
             self._link.run(_READY_CYCLES, [])
@@ -110,6 +107,15 @@ class StateControl(SetPoints):
         """Go to 0 V and mode OFF; allowed in every state."""
         self._link.write(_CONTROLWORD, 0)
         self._link.write("Mode", Mode.OFF)
+
+    def stop_driving(self) -> bool:
+        """Disarm, unless this bench only reads; tell whether that was possible."""
+        try:
+            if not self._link.only_read:
+                self.disarm()
+        except BenchError:
+            return False
+        return True
 
     def quick_stop(self) -> None:
         """Go to 0 V at once, and stay there until `disarm` or `arm`."""
@@ -133,7 +139,7 @@ class StateControl(SetPoints):
         except RefusedError as error:
             raise FaultError(f"the fault cannot be reset: {self._lack()}") from error
         self._link.write(_CONTROLWORD, 0)
-        self._knows_fault = False
+        self.knows_fault = False
 
     def start_run(self) -> None:
         """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
@@ -152,9 +158,9 @@ class StateControl(SetPoints):
         self._link.drive()
         self._link.run(TARE_SAMPLES, [])
         try:
-            self._write(AUTO_ZERO[0], ZERO)
+            self._objects.write(AUTO_ZERO[0], ZERO)
         except RefusedError as error:
-            message = self.message
+            message = self._objects.message
             if message.startswith(NOT_TARED):
                 raise RefusedError(message, error.code) from error
             raise
@@ -174,7 +180,7 @@ class StateControl(SetPoints):
         BenchError
             If the plate could not be identified.
         """
-        self.mode = Mode.IDENTIFY
+        self.choose(Mode.IDENTIFY)
         for _ in range(_IDENTIFY_LIMIT):
             self._link.run(_IDENTIFY_CYCLES, [])
             if progress is not None:
@@ -183,24 +189,26 @@ class StateControl(SetPoints):
             if found != IdentificationState.RUNNING or self.state is not State.RUNNING:
                 break
         self.disarm()
-        self._require_no_fault(self.state)
+        self.require_no_fault(self.state)
         if found != IdentificationState.DONE:
+            reason = self._objects.message or "no end in sight"
             raise BenchError(
-                f"the plate could not be identified ({self.message or 'no end in sight'}): lift "
+                f"the plate could not be identified ({reason}): lift "
                 "the finger, tare, and see that the limits of the frequency hold the resonance"
             )
         return PlateModel(
-            gain=self.get("Model.Gain per volt", "m"),
-            tau=self.get("Model.Tau", "s"),
-            f0=self.get("Model.Resonance", "Hz"),
+            gain=self._objects.get("Model.Gain per volt", "m"),
+            tau=self._objects.get("Model.Tau", "s"),
+            f0=self._objects.get("Model.Resonance", "Hz"),
         )
 
-    def _require_no_fault(self, state: State, trace: Trace | None = None) -> None:
+    def require_no_fault(self, state: State, trace: Trace | None = None) -> None:
+        """Raise `FaultError` in state FAULT, with what a run has recorded."""
         if state is State.FAULT:
             recorded = "; .trace holds the recording" if trace is not None else ""
             raise FaultError(
-                f"a fault is latched ({self.message}): remove the cause, then reset_fault()"
-                f"{recorded}",
+                f"a fault is latched ({self._objects.message}): remove the cause, then "
+                f"reset_fault(){recorded}",
                 trace,
             )
 
@@ -214,12 +222,7 @@ class StateControl(SetPoints):
         present = watchdogs_in(self._link.read("Diagnosis.Present"))
         if present:
             return ", ".join(WATCHDOGS[watchdog].text for watchdog in present)
-        message = self.message
+        message = self._objects.message
         if message.startswith((UNWATCHED, NOT_TARED)):
             return message
         return "it has to be tared, and its nodes have to be operational and give cycles"
-
-    @property
-    def message(self) -> str:
-        """Why the stimulator turned itself off; empty if it did not."""
-        return self._link.text("Message")

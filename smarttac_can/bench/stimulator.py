@@ -4,29 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self, cast
+from typing import Any, Self, cast
 
-from smarttac_can.bench.errors import NotRunningError, RunInterruptedError
 from smarttac_can.bench.finger import SimulatedFinger
-from smarttac_can.bench.link import ClosedLink, Link, Row, unwrapped
-from smarttac_can.bench.named_objects import finite
+from smarttac_can.bench.link import ClosedLink, Link
+from smarttac_can.bench.loop import Loop
+from smarttac_can.bench.named_objects import NamedObjects
+from smarttac_can.bench.of_part import of_part
 from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
-from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.recording import Recording
+from smarttac_can.bench.set_points import (
+    BothSides,
+    Choice,
+    InUnit,
+    choose_slot,
+    read_texture,
+    write_texture,
+)
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.state_control import StateControl
-from smarttac_can.bench.traces import Trace, require_labels
+from smarttac_can.bench.textures import Texture
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.process_signals import interrupt_waits
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+from smarttac_can.vocabulary.states import State
 
-CYCLES_PER_SECOND: Final = 1000
-_LEAST_RECORDED: Final = 0.5
 
-
-class Stimulator(StateControl):
+class Stimulator:
     """A SMARTTAC stimulator at the bench; a context manager that leaves it at 0 V.
 
     `connect` and `simulate` make one.
@@ -44,12 +49,93 @@ class Stimulator(StateControl):
         The finger of a simulated plate.
     """
 
-    __slots__ = ("_recording", "finger")
+    # A misspelt property is an error, not a new attribute.
+    __slots__ = ("_control", "_loop", "_objects", "_recording", "finger")
+
+    voltage = InUnit("Setpoint.Voltage", "V", "Set-point of mode OPEN_LOOP in V.")
+    frequency = InUnit(
+        "Setpoint.Frequency", "Hz", "Excitation frequency in Hz: fixed, or where its loop starts."
+    )
+    amplitude = InUnit("Setpoint.Amplitude", "um", "Set-point of the amplitude in um peak-to-peak.")
+    boundary = InUnit("Setpoint.Boundary", "mm", "Boundary in mm from the middle of the plate.")
+    cof = BothSides()
+    law = Choice(
+        "Friction law",
+        Law,
+        "Friction law: what the step of the amplitude is added to; set it by member or name.",
+    )
+    vibration_law = Choice(
+        "Controller.Vibration law",
+        VibrationLaw,
+        "How amplitude and resonance are regulated; by member or name, also while running.",
+    )
+
+    get = of_part("_objects", NamedObjects.get)
+    set = of_part("_objects", NamedObjects.set)
+    arm = of_part("_control", StateControl.arm)
+    disarm = of_part("_control", StateControl.disarm)
+    quick_stop = of_part("_control", StateControl.quick_stop)
+    reset_fault = of_part("_control", StateControl.reset_fault)
+    start_run = of_part("_control", StateControl.start_run)
+    tare = of_part("_control", StateControl.tare)
+    identify = of_part("_control", StateControl.identify)
+    read = of_part("_loop", Loop.read)
+    run = of_part("_loop", Loop.run)
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
-        super().__init__(link, od)
-        self.finger = SimulatedFinger(self.set)
+        self._objects = NamedObjects(link, od)
+        self._control = StateControl(self._objects)
+        self._loop = Loop(self._objects, self._control)
         self._recording: Recording | None = None
+        self.finger = SimulatedFinger(self.set)
+
+    @property
+    def _link(self) -> Link:
+        return self._objects.link
+
+    @property
+    def mode(self) -> Mode:
+        """Mode asked for; setting one arms the stimulator and runs it, OFF disarms it.
+
+        Setting raises `FaultError` and `NotReadyError` as `arm` does.
+        """
+        return Mode(self._link.read("Mode"))
+
+    @mode.setter
+    def mode(self, mode: Mode | str) -> None:
+        self._control.choose(mode)
+
+    @property
+    def state(self) -> State:
+        """State of the device; who has read FAULT here gets no `FaultError` of `run` for it."""
+        return self._control.state
+
+    @property
+    def message(self) -> str:
+        """Why the stimulator turned itself off; empty if it did not."""
+        return self._objects.message
+
+    @property
+    def texture_slot(self) -> int:
+        """Slot that mode TEXTURE plays, 1 to 4, and that `texture` is of; also while running."""
+        return self._link.read("Texture.Slot")
+
+    @texture_slot.setter
+    def texture_slot(self, slot: int) -> None:
+        choose_slot(self._objects, slot)
+
+    @property
+    def texture(self) -> Texture | None:
+        """Texture in the chosen slot, None if it is empty; also while it is played.
+
+        Setting one raises `ValueError` if it has a COF beyond the bounds of the stimulator, and
+        `RefusedError` if the stimulator refuses it; what was there stays then.
+        """
+        return read_texture(self._objects)
+
+    @texture.setter
+    def texture(self, texture: Texture | None) -> None:
+        write_texture(self._objects, texture)
 
     @classmethod
     def connect(
@@ -125,12 +211,7 @@ class Stimulator(StateControl):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         try:
             self.close()
         except BenchError:
@@ -158,99 +239,11 @@ class Stimulator(StateControl):
             if not link.only_read:
                 self.disarm()
         finally:
-            self._link = cast("Link", ClosedLink(link.where))
+            self._objects.link = cast("Link", ClosedLink(link.where))
             link.close()
-
-    def _stop_driving(self) -> bool:
-        """Disarm, unless this bench only reads; tell whether that was possible."""
-        try:
-            if not self._link.only_read:
-                self.disarm()
-        except BenchError:
-            return False
-        return True
 
     def __repr__(self) -> str:
         return f"<Stimulator over {self._link.where}>"
-
-    def read(self) -> Reading:
-        """Return what the stimulator published last, with its age.
-
-        Raises
-        ------
-        NotRunningError
-            If it has published nothing yet, or is no longer OPERATIONAL.
-        HeartbeatLostError
-            If a node has fallen silent.
-        """
-        return Reading.from_snapshot(self._link.snapshot(), self._od)
-
-    def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
-        """Let the loop run, and return what was recorded in each of its cycles of 1 ms.
-
-        With a fault that is known already, by a `FaultError` or by `state`, it just records: the
-        cause goes, and time passes, before `reset_fault`.
-
-        Parameters
-        ----------
-        seconds
-            How long, 0.001 or more: of the loop's time in lockstep, of the clock's otherwise.
-        experiment, subject
-            Labels of the trace.
-
-        Raises
-        ------
-        ValueError
-            If `seconds` is not a finite number, or too short, or a label is none; nothing has run
-            then.
-        FaultError
-            If a fault is latched at its end that was not known at its beginning; `trace` of the
-            error is what was recorded.
-        NotRunningError
-            If the loop gives no cycles, or most of them were lost.
-        HeartbeatLostError
-            If a node falls silent.
-        RunInterruptedError
-            At Ctrl-C, between two cycles.
-
-        The last three disarm, and their `trace` is what was recorded until then.
-        """
-        require_labels(experiment, subject)
-        knew_fault = self._knows_fault
-        cycles = round(finite("seconds", seconds) * CYCLES_PER_SECOND)
-        if cycles < 1:
-            raise ValueError(f"seconds {seconds} is below 0.001")
-        rows: list[Row] = []
-        with interrupt_waits() as interrupted:
-            try:
-                self._link.run(cycles, rows, interrupted)
-                if interrupted():
-                    raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
-                if len(rows) < cycles * _LEAST_RECORDED:
-                    raise NotRunningError(
-                        f"{cycles - len(rows)} of {cycles} cycles were lost: does another bench "
-                        "script record, or is the bus too slow for it?"
-                    )
-                state = self.state
-            except BenchError as error:
-                self._end_run(error, rows, experiment, subject)
-                raise
-        trace = Trace.from_rows(experiment, subject, unwrapped(rows[:cycles]))
-        if not knew_fault:
-            self._require_no_fault(state, trace)
-        return trace
-
-    def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
-        """Keep what a run has recorded that an error ends, and disarm."""
-        if rows:
-            error.trace = Trace.from_rows(experiment, subject, unwrapped(rows))
-            error.add_note(f".trace holds the {len(rows)} cycles until then")
-        if not self._link.only_read:
-            error.add_note(
-                "the stimulator was disarmed"
-                if self._stop_driving()
-                else "it could not be disarmed: it stops when it misses the heartbeat of this bench"
-            )
 
     def record(self, path: Path | str, *, raw: Path | str | None = None) -> Recording:
         """Record in the background, whatever else is done, while a ``with`` block lasts.
@@ -279,10 +272,10 @@ class Stimulator(StateControl):
             raise BenchError(f"{self._recording.path} is being recorded: one file at a time")
         self._recording = Recording(
             self._link,
-            self._od,
+            self._objects.od,
             Path(path),
             None if raw is None else Path(raw),
-            self._stop_driving,
+            self._control.stop_driving,
         )
         return self._recording
 

@@ -1,0 +1,112 @@
+"""The control loop as a script has it: it runs, and what comes of it is recorded or read."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from smarttac_can.bench.errors import NotRunningError, RunInterruptedError
+from smarttac_can.bench.link import Row, unwrapped
+from smarttac_can.bench.named_objects import NamedObjects, finite
+from smarttac_can.bench.reading import Reading
+from smarttac_can.bench.state_control import StateControl
+from smarttac_can.bench.traces import Trace, require_labels
+from smarttac_can.host.process_signals import interrupt_waits
+from smarttac_can.master.errors import BenchError
+
+CYCLES_PER_SECOND: Final = 1000
+_LEAST_RECORDED: Final = 0.5
+
+
+class Loop:
+    """The loop of a stimulator.
+
+    Parameters
+    ----------
+    objects
+        Those of the stimulator.
+    control
+        Its state machine.
+    """
+
+    def __init__(self, objects: NamedObjects, control: StateControl) -> None:
+        self._objects = objects
+        self._control = control
+
+    def read(self) -> Reading:
+        """Return what the stimulator published last, with its age.
+
+        Raises
+        ------
+        NotRunningError
+            If it has published nothing yet, or is no longer OPERATIONAL.
+        HeartbeatLostError
+            If a node has fallen silent.
+        """
+        return Reading.from_snapshot(self._objects.link.snapshot(), self._objects.od)
+
+    def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
+        """Let the loop run, and return what was recorded in each of its cycles of 1 ms.
+
+        With a fault that is known already, by a `FaultError` or by `state`, it just records: the
+        cause goes, and time passes, before `reset_fault`.
+
+        Parameters
+        ----------
+        seconds
+            How long, 0.001 or more: of the loop's time in lockstep, of the clock's otherwise.
+        experiment, subject
+            Labels of the trace.
+
+        Raises
+        ------
+        ValueError
+            If `seconds` is not a finite number, or too short, or a label is none; nothing has run
+            then.
+        FaultError
+            If a fault is latched at its end that was not known at its beginning; `trace` of the
+            error is what was recorded.
+        NotRunningError
+            If the loop gives no cycles, or most of them were lost.
+        HeartbeatLostError
+            If a node falls silent.
+        RunInterruptedError
+            At Ctrl-C, between two cycles.
+
+        The last three disarm, and their `trace` is what was recorded until then.
+        """
+        require_labels(experiment, subject)
+        knew_fault = self._control.knows_fault
+        cycles = round(finite("seconds", seconds) * CYCLES_PER_SECOND)
+        if cycles < 1:
+            raise ValueError(f"seconds {seconds} is below 0.001")
+        rows: list[Row] = []
+        with interrupt_waits() as interrupted:
+            try:
+                self._objects.link.run(cycles, rows, interrupted)
+                if interrupted():
+                    raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
+                if len(rows) < cycles * _LEAST_RECORDED:
+                    raise NotRunningError(
+                        f"{cycles - len(rows)} of {cycles} cycles were lost: does another bench "
+                        "script record, or is the bus too slow for it?"
+                    )
+                state = self._control.state
+            except BenchError as error:
+                self._end_run(error, rows, experiment, subject)
+                raise
+        trace = Trace.from_rows(experiment, subject, unwrapped(rows[:cycles]))
+        if not knew_fault:
+            self._control.require_no_fault(state, trace)
+        return trace
+
+    def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
+        """Keep what a run has recorded that an error ends, and disarm."""
+        if rows:
+            error.trace = Trace.from_rows(experiment, subject, unwrapped(rows))
+            error.add_note(f".trace holds the {len(rows)} cycles until then")
+        if not self._objects.link.only_read:
+            error.add_note(
+                "the stimulator was disarmed"
+                if self._control.stop_driving()
+                else "it could not be disarmed: it stops when it misses the heartbeat of this bench"
+            )
