@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from smarttac_can.conformance.case import Need
@@ -24,7 +23,6 @@ from smarttac_can.od.cia import (
     VERIFY_CONFIGURATION,
     DataType,
 )
-from smarttac_can.od.data_types import REAL, SIGNED, UNSIGNED
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
@@ -136,17 +134,6 @@ class DeviceDescription:
             ),
             None,
         )
-
-    def first(self, access: str, *, writable: bool) -> Entry | None:
-        """Find the first entry of an access type and of fixed length; None if there is none."""
-        return next(
-            (e for e in self.od if e.access == access and e.size and e.writable == writable), None
-        )
-
-    def numeric(self) -> Iterator[Entry]:
-        """Return the entries whose values have an order: integers and reals."""
-        kinds = {*SIGNED, *UNSIGNED, *REAL}
-        return (entry for entry in self.od if entry.data_type in kinds)
 
 
 def _length(entry: Entry) -> int:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
 from smarttac_can.conformance.description import COMMANDS
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.sdo_client import download, upload
+from smarttac_can.conformance.sdo_client import OUT_OF_RANGE, download, upload
 from smarttac_can.od.cia import ERROR_FIELD, Abort, AbortCode, DataType, ObjectType
-from smarttac_can.od.data_types import SIZES, bounds, pack
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, UNSIGNED, bounds, pack
 from smarttac_can.od.entry import Entry
 
 _SHOWN = 3
 _STRUCTURE = 0xFF
-_OUT_OF_RANGE = (AbortCode.VALUE, AbortCode.TOO_HIGH, AbortCode.TOO_LOW)
+_ORDERED = {*SIGNED, *UNSIGNED, *REAL}
 
 
 def report(faults: list[str], count: int) -> None:
@@ -101,16 +101,17 @@ def read_only(examiner: Examiner) -> None:
     entries = [e for e in examiner.sheet.od if not e.writable]
     faults = []
     for entry in entries:
-        data = bytes(entry.size or 1)
-        faults += _wrong_refusal(examiner, entry, data, AbortCode.READ_ONLY)
+        write = partial(download, data=bytes(entry.size or 1))
+        faults += _wrong_refusal(examiner, entry, write, AbortCode.READ_ONLY)
     report(faults, len(entries))
 
 
-def _wrong_refusal(examiner: Examiner, entry: Entry, data: bytes, *codes: AbortCode) -> list[str]:
+def _wrong_refusal(
+    examiner: Examiner, entry: Entry, access: Callable[..., object], *codes: AbortCode
+) -> list[str]:
+    """Say what is wrong with how an access to an entry is refused."""
     try:
-        examiner.refuse(
-            lambda: download(examiner, entry.index, entry.subindex, data), where(entry), *codes
-        )
+        examiner.refuse(lambda: access(examiner, entry.index, entry.subindex), where(entry), *codes)
     except Failure as failure:
         return [str(failure)]
     return []
@@ -124,14 +125,7 @@ def write_only(examiner: Examiner) -> None:
         raise NotApplicable("the EDS has no write-only entry")
     faults = []
     for entry in entries:
-        try:
-            examiner.refuse(
-                partial(upload, examiner, entry.index, entry.subindex),
-                where(entry),
-                AbortCode.WRITE_ONLY,
-            )
-        except Failure as failure:
-            faults.append(str(failure))
+        faults += _wrong_refusal(examiner, entry, upload, AbortCode.WRITE_ONLY)
     report(faults, len(entries))
 
 
@@ -151,15 +145,19 @@ def limits(examiner: Examiner) -> None:
     """Limits."""
     entries = [
         e
-        for e in examiner.sheet.numeric()
-        if e.writable and e.index not in COMMANDS and (e.low, e.high) != bounds(e.data_type)
+        for e in examiner.sheet.od
+        if e.data_type in _ORDERED
+        and e.writable
+        and e.index not in COMMANDS
+        and (e.low, e.high) != bounds(e.data_type)
     ]
     if not entries:
         raise NotApplicable("the EDS has no writable entry with limits")
     faults = []
     for entry in entries:
         for data in _beyond(entry):
-            faults += _wrong_refusal(examiner, entry, data, *_OUT_OF_RANGE)
+            write = partial(download, data=data)
+            faults += _wrong_refusal(examiner, entry, write, *OUT_OF_RANGE)
     report(faults, len(entries))
 
 

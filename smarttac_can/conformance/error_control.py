@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 from smarttac_can.conformance.case import Failure
 from smarttac_can.conformance.description import DeviceDescription, needs_object
 from smarttac_can.conformance.examiner import Examiner
+from smarttac_can.conformance.periods import periodic
 from smarttac_can.conformance.sdo_client import write_number
-from smarttac_can.conformance.tpdo import LEAST, PERIODS, SPREAD
 from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
 
 PERIOD_MS = 60
@@ -71,14 +69,7 @@ def beats(examiner: Examiner, period_ms: int = PERIOD_MS) -> list[int]:
     Failure
         If fewer than 3 come, or they do not keep the time.
     """
-    examiner.drain()
-    arrivals = examiner.collect(examiner.heartbeat_id, 1e-3 * PERIODS * period_ms)
-    if len(arrivals) < LEAST:
-        raise Failure(f"{len(arrivals)} heartbeats in {PERIODS} periods of {period_ms} ms")
-    gaps = [1000 * (b.time - a.time) for a, b in pairwise(arrivals)]
-    mean = sum(gaps) / len(gaps)
-    if abs(mean - period_ms) > SPREAD * period_ms:
-        raise Failure(f"heartbeat every {mean:.0f} ms, producer time {period_ms} ms")
+    arrivals = periodic(examiner, examiner.heartbeat_id, "heartbeat", "producer time", period_ms)
     for arrival in arrivals:
         if len(arrival.frame.data) != 1:
             raise Failure(f"heartbeat of {len(arrival.frame.data)} bytes")

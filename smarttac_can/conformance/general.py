@@ -8,8 +8,15 @@ from functools import partial
 from smarttac_can.conformance.case import Failure, NotApplicable, case
 from smarttac_can.conformance.description import COMMANDS, needs_object
 from smarttac_can.conformance.emcy_setup import lose_node, needs_consumer, needs_emcy
+from smarttac_can.conformance.error_control import needs_producer
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.sdo_client import download, number, upload, write_number
+from smarttac_can.conformance.sdo_client import (
+    OUT_OF_RANGE,
+    download,
+    number,
+    upload,
+    write_number,
+)
 from smarttac_can.od.cia import (
     COB_INVALID,
     DEVICE_NAME,
@@ -42,7 +49,6 @@ _STORE_TIME_OUTS = 10
 _RESTRICTED = (0x000, 0x001, 0x07F, 0x101, 0x180, 0x581, 0x5FF, 0x601, 0x67F, 0x6E0, 0x701, 0x7FF)
 _has_store = needs_object(STORE_PARAMETERS, 1)
 _has_restore = needs_object(RESTORE_DEFAULTS, 1)
-_has_heartbeat = needs_object(HEARTBEAT_PRODUCER, writable=True)
 
 
 @case(
@@ -144,7 +150,7 @@ def _command(examiner: Examiner, index: int, signature: bytes) -> None:
     "OTHER-05",
     "7.5.2.13: what was stored is in force after a reset.",
     _has_store,
-    _has_heartbeat,
+    needs_producer,
 )
 def store(examiner: Examiner) -> None:
     """Storing."""
@@ -193,7 +199,7 @@ def _put_back(examiner: Examiner, values: dict[tuple[int, int], bytes]) -> None:
     "7.5.2.14: the defaults are in force after the next reset, not before.",
     _has_store,
     _has_restore,
-    _has_heartbeat,
+    needs_producer,
 )
 def restore(examiner: Examiner) -> None:
     """Restoring."""
@@ -262,9 +268,7 @@ def restricted_ids(examiner: Examiner) -> None:
             examiner.refuse(
                 partial(write_number, examiner, index, subindex, flags | can_id),
                 f"CAN-ID {can_id:03X}h in {index:04X}h:{subindex:02X}",
-                AbortCode.VALUE,
-                AbortCode.TOO_HIGH,
-                AbortCode.TOO_LOW,
+                *OUT_OF_RANGE,
             )
     if not asked:
         raise NotApplicable("the EDS has no COB-ID to write")
@@ -276,7 +280,7 @@ def restricted_ids(examiner: Examiner) -> None:
     needs_object(ERROR_BEHAVIOUR, 1, writable=True),
     needs_consumer,
     needs_emcy,
-    _has_heartbeat,
+    needs_producer,
 )
 def error_behaviour(examiner: Examiner) -> None:
     """Error behaviour."""

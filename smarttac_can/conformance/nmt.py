@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from smarttac_can.conformance.case import Failure, case
-from smarttac_can.conformance.description import needs_object
+from smarttac_can.conformance.error_control import needs_producer
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import can_id, configure, tpdo
 from smarttac_can.conformance.sdo import other_value
-from smarttac_can.conformance.sdo_client import download, upload, write_number
+from smarttac_can.conformance.sdo_client import download, number, upload, write_number
 from smarttac_can.od.cia import (
     COMMUNICATION_LAST,
     DEVICE_TYPE,
@@ -30,7 +32,6 @@ _COMMANDS = {
     NMTCommand.ENTER_PRE_OPERATIONAL: _PRE_OPERATIONAL,
 }
 _NAMES = {_STOPPED: "STOPPED", _OPERATIONAL: "OPERATIONAL", _PRE_OPERATIONAL: "PRE-OPERATIONAL"}
-_has_heartbeat = needs_object(HEARTBEAT_PRODUCER, writable=True)
 
 
 def _watch(examiner: Examiner) -> None:
@@ -66,7 +67,7 @@ def _prepare(examiner: Examiner) -> None:
 @case(
     "STATE-01",
     "7.3.2.1: PRE-OPERATIONAL; OPERATIONAL if 1F80h has bit 2 clear (CiA 302-2).",
-    _has_heartbeat,
+    needs_producer,
 )
 def after_boot_up(examiner: Examiner) -> None:
     """After boot-up."""
@@ -79,7 +80,7 @@ def after_boot_up(examiner: Examiner) -> None:
 @case(
     "STATE-02",
     "Table 38: SDO and error control, no PDO.",
-    _has_heartbeat,
+    needs_producer,
 )
 def pre_operational(examiner: Examiner) -> None:
     """PRE-OPERATIONAL."""
@@ -90,7 +91,7 @@ def pre_operational(examiner: Examiner) -> None:
         raise Failure("TPDO in PRE-OPERATIONAL")
 
 
-@case("STATE-03", "Table 38: SDO, PDO and error control.", _has_heartbeat)
+@case("STATE-03", "Table 38: SDO, PDO and error control.", needs_producer)
 def operational(examiner: Examiner) -> None:
     """OPERATIONAL."""
     _prepare(examiner)
@@ -101,7 +102,7 @@ def operational(examiner: Examiner) -> None:
         raise Failure("no TPDO in OPERATIONAL")
 
 
-@case("STATE-04", "Table 38: NMT and error control only.", _has_heartbeat)
+@case("STATE-04", "Table 38: NMT and error control only.", needs_producer)
 def stopped(examiner: Examiner) -> None:
     """STOPPED."""
     _prepare(examiner)
@@ -116,7 +117,7 @@ def stopped(examiner: Examiner) -> None:
 @case(
     "TRANS-01",
     "Figure 49: start, stop and enter pre-operational lead from any state to theirs.",
-    _has_heartbeat,
+    needs_producer,
 )
 def transitions(examiner: Examiner) -> None:
     """Between the states."""
@@ -131,7 +132,7 @@ def transitions(examiner: Examiner) -> None:
 @case(
     "TRANS-02",
     "7.2.8.3.1: 0 is for all nodes; those for others, unknown or malformed do nothing.",
-    _has_heartbeat,
+    needs_producer,
 )
 def addressee(examiner: Examiner) -> None:
     """Whom a command is for."""
@@ -159,56 +160,55 @@ def _parameter(examiner: Examiner) -> Entry | None:
     )  # fmt: skip
 
 
-def _change(examiner: Examiner, entry: Entry) -> tuple[bytes, bytes]:
-    """Write another value to an entry; return the bytes before and after."""
-    before = upload(examiner, entry.index, entry.subindex)
-    data = other_value(examiner, entry)
-    download(examiner, entry.index, entry.subindex, data)
-    return before, data
+def _reset_in_each_state(
+    examiner: Examiner, reset: NMTCommand
+) -> Iterator[tuple[Entry, bytes, bytes]]:
+    """Reset from each state; yield a parameter, its bytes before, and those written before it.
+
+    Raises
+    ------
+    Failure
+        If the producer time is not that of the EDS after a reset.
+    """
+    stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
+    for command in _COMMANDS:
+        _watch(examiner)
+        entry = _parameter(examiner)
+        before = data = b""
+        if entry is not None:
+            before, data = (
+                upload(examiner, entry.index, entry.subindex),
+                other_value(examiner, entry),
+            )
+            download(examiner, entry.index, entry.subindex, data)
+        examiner.enter(command)
+        examiner.reset(reset)
+        got = number(examiner, HEARTBEAT_PRODUCER)
+        if got != stated:
+            raise Failure(f"producer time {got} ms after a reset, the EDS says {stated} ms")
+        if entry is not None:
+            yield entry, before, data
 
 
 @case(
     "TRANS-03",
     "7.3.2.2.2: from each state; 1000h to 1FFFh get their reset values, the others stay.",
-    _has_heartbeat,
+    needs_producer,
 )
 def reset_communication(examiner: Examiner) -> None:
     """Reset communication."""
-    for command in _COMMANDS:
-        _watch(examiner)
-        entry = _parameter(examiner)
-        written = None if entry is None else _change(examiner, entry)
-        examiner.enter(command)
-        examiner.reset(NMTCommand.RESET_COMMUNICATION)
-        _expect_default_period(examiner)
-        if entry is not None and written is not None:
-            got = upload(examiner, entry.index, entry.subindex)
-            if got != written[1]:
-                raise Failure(f"reset communication changed {entry.name}")
+    for entry, _, written in _reset_in_each_state(examiner, NMTCommand.RESET_COMMUNICATION):
+        if upload(examiner, entry.index, entry.subindex) != written:
+            raise Failure(f"reset communication changed {entry.name}")
 
 
 @case(
     "TRANS-04",
     "7.3.2.2.1: from each state; all objects get their reset values.",
-    _has_heartbeat,
+    needs_producer,
 )
 def reset_node(examiner: Examiner) -> None:
     """Reset node."""
-    for command in _COMMANDS:
-        _watch(examiner)
-        entry = _parameter(examiner)
-        written = None if entry is None else _change(examiner, entry)
-        examiner.enter(command)
-        examiner.reset(NMTCommand.RESET_NODE)
-        _expect_default_period(examiner)
-        if entry is not None and written is not None:
-            got = upload(examiner, entry.index, entry.subindex)
-            if got != written[0]:
-                raise Failure(f"reset node does not reset {entry.name}")
-
-
-def _expect_default_period(examiner: Examiner) -> None:
-    got = int.from_bytes(upload(examiner, HEARTBEAT_PRODUCER), "little")
-    stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
-    if got != stated:
-        raise Failure(f"producer time {got} ms after a reset, the EDS says {stated} ms")
+    for entry, before, _ in _reset_in_each_state(examiner, NMTCommand.RESET_NODE):
+        if upload(examiner, entry.index, entry.subindex) != before:
+            raise Failure(f"reset node does not reset {entry.name}")

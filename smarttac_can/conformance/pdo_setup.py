@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from smarttac_can.conformance.case import Failure, NotApplicable
 from smarttac_can.conformance.description import Pdo
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.sdo_client import download, number, upload, write_number
+from smarttac_can.conformance.sdo_client import number, upload, write_number
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
@@ -21,6 +22,7 @@ from smarttac_can.od.cia import (
     Abort,
     NMTCommand,
 )
+from smarttac_can.od.data_types import pack
 from smarttac_can.od.entry import Entry
 
 _OWN_EVENTS = 3
@@ -124,11 +126,18 @@ def configure_rpdo(examiner: Examiner, pdo: Pdo, transmission: int) -> None:
     configure(examiner, pdo, transmission, event=0 if watched else None)
 
 
-def refuse_own_events(examiner: Examiner, pdo: Pdo) -> None:
-    """Raise `NotApplicable` if the application makes a TPDO go all the time by its own events."""
-    timed = examiner.sheet.writable(pdo.communication, PDO_EVENT)
-    configure(examiner, pdo, EVENT_MANUFACTURER, event=0 if timed else None)
+def started(examiner: Examiner, transmission: int, **parameters: Any) -> Pdo:
+    """Configure the first TPDO, with parameters of `configure`, and start the device."""
+    pdo = tpdo(examiner)
+    configure(examiner, pdo, transmission, **parameters)
     operational(examiner)
+    return pdo
+
+
+def refuse_own_events(examiner: Examiner) -> None:
+    """Raise `NotApplicable` if the application makes a TPDO go all the time by its own events."""
+    timed = examiner.sheet.writable(tpdo(examiner).communication, PDO_EVENT)
+    pdo = started(examiner, EVENT_MANUFACTURER, event=0 if timed else None)
     if len(examiner.collect(can_id(examiner, pdo))) > _OWN_EVENTS:
         raise NotApplicable("the application has events all the time")
     examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
@@ -166,18 +175,10 @@ def changed(examiner: Examiner, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, byte
             present = entry.unpack(part)
             if isinstance(present, int | float):
                 value = present + 1 if present + 1 <= entry.high else present - 1
-                part = _pack(entry, value)
+                part = pack(entry.data_type, value)
             wanted.append((entry, part))
         data += part
     return data, wanted
-
-
-def _pack(entry: Entry, value: float) -> bytes:
-    before, entry.value = entry.value, value
-    try:
-        return entry.pack()
-    finally:
-        entry.value = before
 
 
 def reads(examiner: Examiner, wanted: list[tuple[Entry, bytes]]) -> bool:
@@ -191,8 +192,3 @@ def expect_values(examiner: Examiner, wanted: list[tuple[Entry, bytes]], when: s
         got = upload(examiner, entry.index, entry.subindex)
         if got != part:
             raise Failure(f"{entry.name} is {got.hex(' ')} {when}, not {part.hex(' ')}")
-
-
-def write_back(examiner: Examiner, index: int, subindex: int) -> None:
-    """Write the present value of an entry."""
-    download(examiner, index, subindex, upload(examiner, index, subindex))

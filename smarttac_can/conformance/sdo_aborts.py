@@ -69,7 +69,7 @@ def write_read_only(examiner: Examiner) -> None:
 @case("SDO-17", "Table 22: it is aborted by 06010001h.")
 def read_write_only(examiner: Examiner) -> None:
     """Read of a write-only entry."""
-    entry = examiner.sheet.first("wo", writable=True)
+    entry = next((e for e in examiner.sheet.od if e.access == "wo" and e.size), None)
     if entry is None:
         raise NotApplicable("the EDS has no write-only entry")
     examiner.refuse(

@@ -11,7 +11,7 @@ from functools import partial
 from smarttac_can.conformance.case import Failure, NotApplicable, case
 from smarttac_can.conformance.description import needs_number
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.sdo import alive, number_entry, other_value
+from smarttac_can.conformance.sdo import alive, number_entry, other_value, read_back
 from smarttac_can.conformance.sdo_client import address, upload
 from smarttac_can.od.cia import DEVICE_TYPE, Abort, AbortCode
 from smarttac_can.od.entry import Entry
@@ -134,9 +134,7 @@ def _block_download(examiner: Examiner, *, crc: bool, lose: bool = False) -> Non
     if (acknowledged := _sub_block(examiner, 1, data)) != 1:
         raise Failure(f"segment 1 was sent, the server acknowledges {acknowledged}")
     _end_download(examiner, data, crc_hqx(data, 0) if crc and server_crc else 0)
-    back = upload(examiner, entry.index, entry.subindex)
-    if back != data:
-        raise Failure(f"{data.hex(' ')} written, {back.hex(' ')} read")
+    read_back(examiner, entry, data)
 
 
 @case(

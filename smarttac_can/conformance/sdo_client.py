@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from smarttac_can.conformance.case import Failure
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.od.cia import EXPEDITED_BYTES
+from smarttac_can.od.cia import EXPEDITED_BYTES, AbortCode
 
+OUT_OF_RANGE = (AbortCode.VALUE, AbortCode.TOO_HIGH, AbortCode.TOO_LOW)
+"""How a device may refuse a value that is outside of what an entry takes."""
 _UPLOAD_RESPONSE = 2
 _SEGMENT = 7
 _LONGEST = 1 << 24

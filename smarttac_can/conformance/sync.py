@@ -9,9 +9,9 @@ from smarttac_can.conformance.case import Failure, NotApplicable, case
 from smarttac_can.conformance.description import needs_object, needs_tpdo
 from smarttac_can.conformance.emcy_setup import expect_emcy, needs_emcy
 from smarttac_can.conformance.examiner import Arrival, Examiner
-from smarttac_can.conformance.pdo_setup import can_id, configure, operational, tpdo
-from smarttac_can.conformance.sdo_client import number, write_number
-from smarttac_can.conformance.tpdo import LEAST, PERIODS, SPREAD
+from smarttac_can.conformance.pdo_setup import can_id, operational, started
+from smarttac_can.conformance.periods import periodic
+from smarttac_can.conformance.sdo_client import OUT_OF_RANGE, number, write_number
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_SYNC_PRODUCER,
@@ -44,9 +44,7 @@ def consumer(examiner: Examiner) -> None:
     value, stated = number(examiner, SYNC_COB_ID), examiner.sheet.od.number(SYNC_COB_ID)
     if value != stated:
         raise Failure(f"COB-ID SYNC is {value:08X}h, the EDS says {stated:08X}h")
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, 1)
-    operational(examiner)
+    pdo = started(examiner, 1)
     examiner.sync()
     examiner.expect(can_id(examiner, pdo), "TPDO at SYNC")
 
@@ -61,9 +59,7 @@ def new_can_id(examiner: Examiner) -> None:
     """New CAN-ID."""
     old = examiner.sync_id
     write_number(examiner, SYNC_COB_ID, 0, _OTHER_ID)
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, 1)
-    operational(examiner)
+    pdo = started(examiner, 1)
     payload = b"\x01" if examiner.sheet.od.number(SYNC_COUNTER) else b""
     examiner.send(_OTHER_ID, payload)
     examiner.expect(can_id(examiner, pdo), f"TPDO at SYNC under {_OTHER_ID:03X}h")
@@ -82,9 +78,7 @@ def restricted_ids(examiner: Examiner) -> None:
         examiner.refuse(
             partial(write_number, examiner, SYNC_COB_ID, 0, value),
             f"CAN-ID {value:03X}h for SYNC",
-            AbortCode.VALUE,
-            AbortCode.TOO_HIGH,
-            AbortCode.TOO_LOW,
+            *OUT_OF_RANGE,
         )
 
 
@@ -103,22 +97,8 @@ def _produce(examiner: Examiner, period_ms: int = _PERIOD_MS) -> None:
 
 
 def _produced(examiner: Examiner, period_ms: int = _PERIOD_MS) -> list[Arrival]:
-    """Hear the SYNCs of 8 periods, and return them.
-
-    Raises
-    ------
-    Failure
-        If fewer than 3 come, or they do not keep the time.
-    """
-    examiner.drain()
-    arrivals = examiner.collect(examiner.sync_id, 1e-3 * PERIODS * period_ms)
-    if len(arrivals) < LEAST:
-        raise Failure(f"{len(arrivals)} SYNCs in {PERIODS} periods of {period_ms} ms")
-    gaps = [1000 * (b.time - a.time) for a, b in pairwise(arrivals)]
-    mean = sum(gaps) / len(gaps)
-    if abs(mean - period_ms) > SPREAD * period_ms:
-        raise Failure(f"SYNC every {mean:.0f} ms, period {period_ms} ms")
-    return arrivals
+    """Hear the SYNCs of 8 periods, and return them."""
+    return periodic(examiner, examiner.sync_id, "SYNC", "period", period_ms)
 
 
 @case(
@@ -203,9 +183,7 @@ def overflow_value(examiner: Examiner) -> None:
         examiner.refuse(
             partial(write_number, examiner, SYNC_COUNTER, 0, value),
             f"overflow value {value}",
-            AbortCode.VALUE,
-            AbortCode.TOO_HIGH,
-            AbortCode.TOO_LOW,
+            *OUT_OF_RANGE,
         )
     if not examiner.sheet.writable(SYNC_PERIOD):
         return
@@ -230,9 +208,7 @@ def window(examiner: Examiner) -> None:
     write_number(examiner, SYNC_WINDOW, 0, length)
     if number(examiner, SYNC_WINDOW) != length:
         raise Failure("the window does not read as written")
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, 1)
-    operational(examiner)
+    pdo = started(examiner, 1)
     for _ in range(2):
         examiner.sync()
         examiner.expect(can_id(examiner, pdo), "TPDO within the window")

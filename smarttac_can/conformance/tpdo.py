@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 from smarttac_can.conformance.case import Failure, case
 from smarttac_can.conformance.description import Pdo, needs_object, needs_tpdo
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import (
     can_id,
-    configure,
     content,
-    operational,
     refuse_own_events,
-    tpdo,
+    started,
 )
+from smarttac_can.conformance.periods import LEAST, PERIODS, SPREAD, mean_gap_ms
 from smarttac_can.od.cia import EVENT_MANUFACTURER, RTR_EVENT, RTR_SYNC, SYNC_COB_ID
 
 PERIOD_MS = 60
 """Event timer and inhibit time that the cases set."""
-SPREAD = 0.4
-"""Share by which a period may be off: a bus in use and a computer's clock are in it."""
-
-PERIODS = 8
-"""How long a case listens to what comes every period."""
-LEAST = 3
-"""Arrivals in that time from which their period can be told."""
 
 _has_sync = needs_object(SYNC_COB_ID)
 
@@ -46,9 +36,7 @@ def _first_sync(examiner: Examiner, pdo: Pdo, most: int) -> int:
 
 
 def _cyclic(examiner: Examiner, transmission: int) -> None:
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, transmission)
-    operational(examiner)
+    pdo = started(examiner, transmission)
     _first_sync(examiner, pdo, transmission)
     for _ in range(2):
         count = _first_sync(examiner, pdo, transmission)
@@ -64,9 +52,7 @@ def _cyclic(examiner: Examiner, transmission: int) -> None:
 )
 def tpdo_content(examiner: Examiner) -> None:
     """Content."""
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, 1)
-    operational(examiner)
+    pdo = started(examiner, 1)
     mapped = examiner.sheet.mapped(pdo)
     for _ in range(3):
         before = content(examiner, mapped)
@@ -102,10 +88,8 @@ def every_third_sync(examiner: Examiner) -> None:
 )
 def acyclic(examiner: Examiner) -> None:
     """Type 0."""
-    pdo = tpdo(examiner)
-    refuse_own_events(examiner, pdo)
-    configure(examiner, pdo, 0)
-    operational(examiner)
+    refuse_own_events(examiner)
+    pdo = started(examiner, 0)
     examiner.sync()
     examiner.settle()
     for _ in range(2):
@@ -126,9 +110,7 @@ def _remote(examiner: Examiner, pdo: Pdo) -> None:
 )
 def remote_sampled(examiner: Examiner) -> None:
     """Type 252."""
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, RTR_SYNC, rtr=True)
-    operational(examiner)
+    pdo = started(examiner, RTR_SYNC, rtr=True)
     examiner.sync()
     examiner.silence(can_id(examiner, pdo), "TPDO of type 252 at SYNC")
     _remote(examiner, pdo)
@@ -138,9 +120,7 @@ def remote_sampled(examiner: Examiner) -> None:
 @case("PDO-06", "7.5.2.37: sent on a remote frame at once.", needs_tpdo)
 def remote(examiner: Examiner) -> None:
     """Type 253."""
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, RTR_EVENT, rtr=True)
-    operational(examiner)
+    pdo = started(examiner, RTR_EVENT, rtr=True)
     _remote(examiner, pdo)
     examiner.expect(can_id(examiner, pdo), "TPDO on a remote frame")
 
@@ -152,9 +132,7 @@ def remote(examiner: Examiner) -> None:
 )
 def remote_event_driven(examiner: Examiner) -> None:
     """Remote frame to an event-driven TPDO."""
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, EVENT_MANUFACTURER, rtr=True)
-    operational(examiner)
+    pdo = started(examiner, EVENT_MANUFACTURER, rtr=True)
     _remote(examiner, pdo)
     examiner.expect(can_id(examiner, pdo), "TPDO on a remote frame")
 
@@ -167,36 +145,31 @@ def remote_event_driven(examiner: Examiner) -> None:
 )
 def remote_not_allowed(examiner: Examiner) -> None:
     """Remote frame that is not allowed."""
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, 1, rtr=False)
-    operational(examiner)
+    pdo = started(examiner, 1, rtr=False)
     _remote(examiner, pdo)
     examiner.silence(can_id(examiner, pdo), "answer to a remote frame")
 
 
-def _gaps(examiner: Examiner, pdo: Pdo) -> list[float]:
-    """Return the times in ms between the TPDOs that come without a SYNC or a request.
+def _gap_ms(examiner: Examiner, pdo: Pdo) -> float:
+    """Return the mean time in ms between the TPDOs that come without a SYNC or a request.
 
     Raises
     ------
     Failure
         If fewer than 3 come in 8 periods.
     """
-    times = [a.time for a in examiner.collect(can_id(examiner, pdo), 1e-3 * PERIODS * PERIOD_MS)]
-    if len(times) < LEAST:
-        raise Failure(f"{len(times)} TPDOs in {PERIODS * PERIOD_MS} ms, event timer {PERIOD_MS} ms")
-    return [1000 * (later - earlier) for earlier, later in pairwise(times)]
+    came = examiner.collect(can_id(examiner, pdo), 1e-3 * PERIODS * PERIOD_MS)
+    if len(came) < LEAST:
+        raise Failure(f"{len(came)} TPDOs in {PERIODS * PERIOD_MS} ms, event timer {PERIOD_MS} ms")
+    return mean_gap_ms(came)
 
 
 @case("PDO-09", "7.5.2.37: sent when the time has passed.", needs_tpdo)
 def event_timer(examiner: Examiner) -> None:
     """Event timer."""
-    pdo = tpdo(examiner)
-    refuse_own_events(examiner, pdo)
-    configure(examiner, pdo, EVENT_MANUFACTURER, event=PERIOD_MS)
-    operational(examiner)
-    gaps = _gaps(examiner, pdo)
-    mean = sum(gaps) / len(gaps)
+    refuse_own_events(examiner)
+    pdo = started(examiner, EVENT_MANUFACTURER, event=PERIOD_MS)
+    mean = _gap_ms(examiner, pdo)
     if abs(mean - PERIOD_MS) > SPREAD * PERIOD_MS:
         raise Failure(f"TPDO every {mean:.0f} ms, event timer {PERIOD_MS} ms")
 
@@ -204,19 +177,14 @@ def event_timer(examiner: Examiner) -> None:
 @case("PDO-10", "7.5.2.37: with time 0 nothing is sent by time.", needs_tpdo)
 def event_timer_off(examiner: Examiner) -> None:
     """Event timer off."""
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, 1, event=0)
-    operational(examiner)
+    pdo = started(examiner, 1, event=0)
     examiner.silence(can_id(examiner, pdo), "TPDO without SYNC and timer")
 
 
 @case("PDO-11", "7.5.2.37: the least time between two TPDOs.", needs_tpdo)
 def inhibit_time(examiner: Examiner) -> None:
     """Inhibit time."""
-    pdo = tpdo(examiner)
-    configure(examiner, pdo, EVENT_MANUFACTURER, inhibit=10 * PERIOD_MS, event=PERIOD_MS // 4)
-    operational(examiner)
-    gaps = _gaps(examiner, pdo)
-    mean = sum(gaps) / len(gaps)
+    pdo = started(examiner, EVENT_MANUFACTURER, inhibit=10 * PERIOD_MS, event=PERIOD_MS // 4)
+    mean = _gap_ms(examiner, pdo)
     if mean < (1 - SPREAD / 2) * PERIOD_MS:
         raise Failure(f"TPDO every {mean:.0f} ms, inhibit time {PERIOD_MS} ms")

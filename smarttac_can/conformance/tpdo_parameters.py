@@ -7,7 +7,15 @@ from functools import partial
 from smarttac_can.conformance.case import Failure, NotApplicable, case
 from smarttac_can.conformance.description import needs_object, needs_tpdo
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.pdo_setup import can_id, configure, disable, enable, operational, tpdo
+from smarttac_can.conformance.pdo_setup import (
+    can_id,
+    configure,
+    disable,
+    enable,
+    operational,
+    started,
+    tpdo,
+)
 from smarttac_can.conformance.sdo_client import number, write_number
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
@@ -54,15 +62,13 @@ def inhibit_time_fixed(examiner: Examiner) -> None:
 )
 def start_value(examiner: Examiner) -> None:
     """SYNC start value."""
-    pdo = tpdo(examiner)
     period = number(examiner, SYNC_PERIOD) if examiner.sheet.writable(SYNC_PERIOD) else 0
     if period:
         write_number(examiner, SYNC_PERIOD, 0, 0)
     write_number(examiner, SYNC_COUNTER, 0, 10)
     if period:
         write_number(examiner, SYNC_PERIOD, 0, period)
-    configure(examiner, pdo, 1, start=3)
-    operational(examiner)
+    pdo = started(examiner, 1, start=3)
     for counter in (1, 2):
         examiner.sync(counter)
         examiner.silence(can_id(examiner, pdo), f"TPDO at counter {counter}, start value 3")
