@@ -15,9 +15,8 @@ from smarttac_can import __version__
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.calibration import POSITIONS, Calibration, write_calibration
 from smarttac_can.bench.gauge_samples import mean_gauges
-from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
-from smarttac_can.cli.options import NODE_ID, BusChoice, FiniteRange, bus_options
+from smarttac_can.cli.options import OLD_FILE, BusChoice, FiniteRange, stimulator_options
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.result_file import result_file, result_path
 
@@ -26,11 +25,9 @@ from smarttac_can.cli.result_file import result_file, result_path
     epilog="\b\nExample:\n  smarttac calibrate weights.csv --certificate plate-1.json"
     " --interface socketcan --channel can0 --write"
 )
-@click.argument("plan", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("plan", type=OLD_FILE)
 @click.option("--certificate", type=result_path, required=True, help="JSON file for the results.")
-@bus_options
-@click.option("--node-id", type=NODE_ID, default=STIMULATOR_ID, show_default=True)
-@click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node.")
+@stimulator_options
 @click.option(
     "--gravity",
     type=FiniteRange(9.7, 9.9),
@@ -57,7 +54,8 @@ def calibrate(
     """
     _refuse_the_plan(certificate, plan)
     with plain_errors(), ExitStack() as stack:
-        placings = _plan(plan)
+        with plain_errors(ValueError):
+            placings = read_plan(plan)
         file = stack.enter_context(result_file(certificate))
         stimulator = stack.enter_context(
             Stimulator.connect(node_id=node_id, plate_node_id=plate_node, **bus.options)
@@ -74,7 +72,8 @@ def calibrate(
                 f"interrupted after {len(weighings)} of {len(placings)} weighings: none is kept, "
                 "and nothing was set in the stimulator"
             ) from error
-        calibration = _fit(weighings, before, gravity)
+        with plain_errors(ValueError):
+            calibration = Calibration.fit(weighings, before, gravity)
         results: dict[str, Any] = {
             "version": __version__,
             "time": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -106,20 +105,6 @@ def _refuse_the_plan(certificate: Path, plan: Path) -> None:
     ):
         if path.exists() and path.samefile(plan):
             raise click.UsageError(f"--certificate {certificate} would take the place of the plan")
-
-
-def _plan(path: Path) -> list[Placing]:
-    try:
-        return read_plan(path)
-    except ValueError as error:
-        raise click.ClickException(one_line(error)) from error
-
-
-def _fit(weighings: list[Weighing], positions_mm: list[float], gravity: float) -> Calibration:
-    try:
-        return Calibration.fit(weighings, positions_mm, gravity)
-    except ValueError as error:
-        raise click.ClickException(one_line(error)) from error
 
 
 def _weigh(stimulator: Stimulator, placing: Placing, number: int) -> Weighing:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,8 +14,9 @@ from smarttac_can.campaign.folder import write_folder
 from smarttac_can.campaign.record import Record, RecordError
 from smarttac_can.campaign.runner import run_campaign
 from smarttac_can.campaign.summary import lines, summary
-from smarttac_can.cli.options import law_option, seed_option, vibration_law_option
-from smarttac_can.cli.plain_errors import need_matplotlib, one_line, plain_errors
+from smarttac_can.cli.options import NEW_FOLDER, law_option, seed_option
+from smarttac_can.cli.plain_errors import need_matplotlib, plain_errors
+from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.reproduction import dead_time_option
 from smarttac_can.cli.result_file import (
     json_file_option,
@@ -42,8 +41,8 @@ _FINGERS_MAX = 1_000_000
     "--fingers", type=click.IntRange(1, _FINGERS_MAX), required=True, help="How many fingers."
 )
 @seed_option("Seed of the fingers, their motion and the noise.")
-@law_option("Friction law.")
-@vibration_law_option("How amplitude and resonance are regulated.")
+@law_option("--law", Law, "Friction law.")
+@law_option("--vibration-law", VibrationLaw, "How amplitude and resonance are regulated.")
 @dead_time_option
 @click.option(
     "--case",
@@ -71,7 +70,7 @@ _FINGERS_MAX = 1_000_000
 @json_file_option
 @click.option(
     "--output",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=NEW_FOLDER,
     help="Folder for results, a table of all fingers, and a picture.",
 )
 @click.pass_context
@@ -80,8 +79,8 @@ def campaign(
     *,
     fingers: int,
     seed: int,
-    law: str,
-    vibration_law: str,
+    law: Law,
+    vibration_law: VibrationLaw,
     dead_time: float,
     case: str,
     workers: int | None,
@@ -102,8 +101,8 @@ def campaign(
         raise click.UsageError("--workers has no meaning with --dask: the cluster has its own")
     chosen = Campaign(
         seed=seed,
-        law=Law[law.upper()],
-        vibration_law=VibrationLaw[vibration_law.upper()],
+        law=law,
+        vibration_law=vibration_law,
         dead_time=dead_time * 1e-6,
         case=case,
     )
@@ -115,29 +114,19 @@ def campaign(
             "and more workers do not help: pip install 'smarttac-can[campaign]'",
             err=True,
         )
-    with plain_errors(), ExitStack() as stack:
+    with plain_errors(ClusterError, RecordError), ExitStack() as stack:
         results_file = opened_results(stack, json_file)
-        try:
-            record = None if resume is None else stack.enter_context(Record(resume, chosen))
-            result = run_campaign(
-                chosen,
-                fingers,
-                workers=workers or os.cpu_count() or 1,
-                cluster=cluster,
-                record=record,
-                progress=_shown(stack),
-            )
-        except (ClusterError, RecordError) as error:
-            raise click.ClickException(one_line(error)) from error
+        record = None if resume is None else stack.enter_context(Record(resume, chosen))
+        result = run_campaign(
+            chosen,
+            fingers,
+            workers=workers or os.cpu_count() or 1,
+            cluster=cluster,
+            record=record,
+            progress=stack.enter_context(progress_bar("campaign")),
+        )
         results = summary(chosen, result)
         picture = None if output is None else write_folder(output, results, result.rows)
         report_results(results, lines(results), results_file)
     if picture is not None:
         click.echo(f"picture: {picture}", err=json_file == Path("-"))
-
-
-def _shown(stack: ExitStack) -> Callable[[float], None]:
-    """Show progress on stderr, so that stdout stays for the results."""
-    steps = 1000
-    bar = stack.enter_context(click.progressbar(range(steps), label="campaign", file=sys.stderr))
-    return lambda share: bar.update(round(share * steps) - bar.pos)

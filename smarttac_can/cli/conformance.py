@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
@@ -11,9 +10,9 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.cli.options import EDS_FILE, NODE_ID, SECONDS, BusChoice, bus_options
+from smarttac_can.cli.options import EDS_FILE, NEW_FILE, NODE_ID, SECONDS, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import naming, plain_errors
-from smarttac_can.cli.result_file import json_file_option, opened_results
+from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.conformance.case import Case, Failure
 from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.examiner import Examiner
@@ -21,8 +20,6 @@ from smarttac_can.conformance.report import as_json, line, markdown, summary
 from smarttac_can.conformance.run import failed, run_cases
 from smarttac_can.conformance.table import CASES
 from smarttac_can.host.eds_files import read_eds_file
-
-_FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 def _chosen(
@@ -65,7 +62,7 @@ def _chosen(
     metavar="ID",
     help="Case such as SDO-07, or group such as SDO; may come several times.",
 )
-@click.option("--report", type=_FILE, help="Markdown file for the report.")
+@click.option("--report", type=NEW_FILE, help="Markdown file for the report.")
 @json_file_option
 def conform(
     *,
@@ -99,7 +96,6 @@ def conform(
         say(summary(results))
         if report is not None:
             report.write_text(markdown(results, device), encoding="utf-8")
-        if file is not None:
-            click.echo(json.dumps(as_json(results, device), indent=2), file)
+        report_results(as_json(results, device), (), file)
     if failed(results):
         raise click.exceptions.Exit(1)

@@ -13,13 +13,14 @@ import click
 
 from smarttac_can.cli.options import (
     EDS_FILE,
+    NEW_FILE,
     NODE_ID,
     BusChoice,
     bus_options,
     closing_network,
     timeout_option,
 )
-from smarttac_can.cli.plain_errors import one_line, plain_errors
+from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
 from smarttac_can.cli.result_file import json_option, opened_results, report_results
 from smarttac_can.cli.scan import PACKAGED
 from smarttac_can.commissioning.dcf import make_dcf
@@ -42,7 +43,7 @@ _VENDOR_AND_PRODUCT = (1, 2)
 eds_file = click.argument("file", type=EDS_FILE, metavar="EDS")
 output_option = click.option(
     "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=NEW_FILE,
     help="File to write instead of stdout.",
 )
 
@@ -211,10 +212,8 @@ def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
     click.ClickException
         If the document cannot be made; the message begins with the name of the file.
     """
-    try:
+    with naming(file, ValueError):
         return make(read_eds_file(file))
-    except ValueError as error:
-        raise click.ClickException(one_line(f"{file}: {error}")) from error
 
 
 def _write(text: str, output: Path | None) -> None:

@@ -17,7 +17,8 @@ from click.core import ParameterSource
 from smarttac_can.audit import verify_rows
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli.options import FiniteRange, seed_option
-from smarttac_can.cli.plain_errors import one_line, plain_errors
+from smarttac_can.cli.plain_errors import naming, plain_errors
+from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.result_file import (
     json_file_option,
     opened_results,
@@ -178,15 +179,10 @@ def _require_alone(context: click.Context, name: str) -> None:
 
 def _verify(log: Path, rows: Path) -> None:
     """Show how many fields of rows a log confirms; the first that it does not is an error."""
-    with plain_errors():
-        try:
+    with plain_errors(ValueError, RecursionError):
+        with naming(rows, ValueError, RecursionError):
             said = json.loads(read_bounded(rows, _ROWS_MAX_BYTES))
-        except (ValueError, RecursionError) as error:
-            raise click.ClickException(one_line(f"{rows}: {error}")) from error
-        try:
-            found = verify_rows(read_candump(log), said, stimulator_od(), plate_od())
-        except (ValueError, RecursionError) as error:
-            raise click.ClickException(one_line(error)) from error
+        found = verify_rows(read_candump(log), said, stimulator_od(), plate_od())
     click.echo(
         f"rows: {found.rows}, fields as the log shows them: {found.fields}, "
         f"fields it does not show: {found.not_shown}"
@@ -209,14 +205,13 @@ def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> N
     Modes, laws, set-points, fingers, SDO traffic, faults and restarts come at random, in parts of
     an hour at most. The same seed and time give the same run, whatever the number of processes.
     """
-    steps = 1000
     with plain_errors(), ExitStack() as stack:
         results = opened_results(stack, json_file)
-        with click.progressbar(range(steps), label="soaking", file=sys.stderr) as bar:
+        with progress_bar("soaking") as progress:
             report = soak_in_parts(
                 parts(max(1, round(hours * CYCLES_PER_HOUR)), seed),
                 jobs=jobs or os.cpu_count() or 1,
-                progress=lambda share: bar.update(round(share * steps) - bar.pos),
+                progress=progress,
             )
         report_results(report.as_json(), [_summary(report)], results)
     if not report.passed:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -10,10 +9,9 @@ import click
 
 from smarttac_can.cli.options import seed_option
 from smarttac_can.cli.plain_errors import plain_errors
+from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.trials.hostile import Hostile, HostileReport
-
-_STEPS = 1000
 
 
 @click.command(epilog="Example: smarttac hostile --actions 100000 --seed 7 --json hostile.json")
@@ -28,10 +26,8 @@ def hostile(actions: int, seed: int, json_file: Path | None) -> None:
     """
     with plain_errors(), ExitStack() as stack:
         results = opened_results(stack, json_file)
-        with click.progressbar(range(_STEPS), label="attacking", file=sys.stderr) as bar:
-            report = Hostile(
-                actions, seed, lambda share: bar.update(round(share * _STEPS) - bar.pos)
-            ).run()
+        with progress_bar("attacking") as progress:
+            report = Hostile(actions, seed, progress).run()
         report_results(report.as_json(), [_summary(report)], results)
     if not report.passed:
         raise click.ClickException(f"{report.violated} violations")

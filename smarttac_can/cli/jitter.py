@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.options import NEW_FOLDER, NODE_ID, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import need_matplotlib, plain_errors
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.host.process_signals import stop_on_signals
@@ -63,7 +63,7 @@ _ROWS = {
 @json_file_option
 @click.option(
     "--output",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=NEW_FOLDER,
     help=f"Folder for a histogram, {PICTURE}.",
 )
 def jitter(

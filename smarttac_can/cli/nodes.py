@@ -49,14 +49,12 @@ def _finger(
         return LIFTED, None
     if value == "stroke":
         return STROKE, None
-    with plain_errors():
+    with plain_errors(ValueError):
         try:
             return RECORDED, read_finger(Path(value))
         except FileNotFoundError as error:
             reason = f"{value!r} is neither none, stroke nor a file: {error.strerror}"
             raise click.BadParameter(reason) from error
-        except ValueError as error:
-            raise click.ClickException(one_line(error)) from error
 
 
 def node_options(node_id: int) -> Callable[[Command], Command]:

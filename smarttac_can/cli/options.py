@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from enum import IntEnum
 from functools import reduce, wraps
 from math import isfinite
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 import canopen
 import click
 
+from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import cannot_open, unknown_options
@@ -20,7 +22,6 @@ from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.od.cia import UNCONFIGURED
-from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 Command = Callable[..., Any]
 
@@ -53,6 +54,9 @@ def _eds_path(value: str) -> Path:
 _PACKAGED_EDS = ("stimulator", "plate")
 EDS_FILE = click.types.FuncParamType(_eds_path)
 EDS_FILE.name = "EDS"
+OLD_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+NEW_FILE = click.Path(dir_okay=False, path_type=Path)
+NEW_FOLDER = click.Path(file_okay=False, path_type=Path)
 NODE_ID = click.IntRange(1, 127)
 SECONDS = FiniteRange(min=0.01, max=3600)
 _OWN_OPTIONS = ("interface", "channel", "bitrate")
@@ -75,19 +79,15 @@ def seed_option(text: str) -> Callable[[Command], Command]:
     )
 
 
-def law_option(text: str) -> Callable[[Command], Command]:
-    """Option of the friction law, the paper's unless given, with this help."""
-    names = [law.name.lower() for law in Law]
+def law_option(name: str, laws: type[IntEnum], text: str) -> Callable[[Command], Command]:
+    """Option of one of some laws, the first, which is the paper's, unless given; with this help."""
     return click.option(
-        "--law", type=click.Choice(names), default=names[0], show_default=True, help=text
-    )
-
-
-def vibration_law_option(text: str) -> Callable[[Command], Command]:
-    """Option of the law of the vibration, the paper's unless given, with this help."""
-    names = [law.name.lower() for law in VibrationLaw]
-    return click.option(
-        "--vibration-law", type=click.Choice(names), default=names[0], show_default=True, help=text
+        name,
+        type=click.Choice([law.name.lower() for law in laws]),
+        callback=lambda _ctx, _param, chosen: laws[chosen.upper()],
+        default=laws(0).name.lower(),
+        show_default=True,
+        help=text,
     )
 
 
@@ -244,3 +244,17 @@ def bus_options(command: Command) -> Command:
             help="Any other option of python-can's interface.",
         ),
     )(called)
+
+
+stimulator_options = with_options(
+    bus_options,
+    click.option(
+        "--node-id",
+        type=NODE_ID,
+        default=STIMULATOR_ID,
+        show_default=True,
+        help="Node-ID of the stimulator.",
+    ),
+    click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node."),
+)
+"""Options of a command that reaches a stimulator: those of the bus, and who is asked there."""

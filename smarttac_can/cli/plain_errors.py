@@ -20,13 +20,14 @@ _MOST_WARNINGS: Final = 20
 
 
 @contextmanager
-def plain_errors() -> Iterator[None]:
-    """Turn the errors of bus, bench, EDS, files and killed processes into click's one line."""
+def plain_errors(*others: type[Exception]) -> Iterator[None]:
+    """Turn the errors of bus, bench, EDS, files, killed processes and others into one line."""
+    plain: tuple[type[Exception], ...] = (BenchError, BusError, EDSError, *others)
     try:
         yield
     except KeyboardInterrupt:  # that of a run is an error of the bench as well
         raise
-    except (BenchError, BusError, EDSError) as error:
+    except plain as error:
         raise click.ClickException(one_line(error)) from error
     except BrokenProcessPool as error:
         raise click.ClickException("a process that shared the work was killed") from error
@@ -36,11 +37,12 @@ def plain_errors() -> Iterator[None]:
 
 
 @contextmanager
-def naming(file: str | Path) -> Iterator[None]:
-    """Put the name of the file in front of what is wrong with an EDS."""
+def naming(file: str | Path, *others: type[Exception]) -> Iterator[None]:
+    """Put the name of the file in front of what is wrong with an EDS, or of other errors."""
+    wrong: tuple[type[Exception], ...] = (EDSError, *others)
     try:
         yield
-    except EDSError as error:
+    except wrong as error:
         raise click.ClickException(one_line(f"{file}: {error}")) from error
 
 

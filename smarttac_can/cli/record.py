@@ -12,13 +12,13 @@ import click
 
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import Summary, make_recording, require_h5py
-from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.cli.options import (
-    NODE_ID,
+    NEW_FILE,
+    OLD_FILE,
     BusChoice,
     FiniteRange,
-    bus_options,
+    stimulator_options,
     timeout_option,
 )
 from smarttac_can.cli.plain_errors import plain_errors
@@ -29,25 +29,14 @@ _LONGEST_S = 7 * 24 * 3600.0
 _LOOK_S = 0.1
 _SILENT_S = 1.0
 
-_new_file = click.Path(dir_okay=False, path_type=Path)
-_old_file = click.Path(exists=True, dir_okay=False, path_type=Path)
-
 
 @click.command(
     epilog="\b\nExamples:\n  smarttac record run.h5 --interface socketcan --channel can0\n"
     "  smarttac record run.h5 --interface socketcan --channel can0 --seconds 60 --raw run.blf\n"
     "  smarttac record --recover run.h5.log run.h5"
 )
-@click.argument("file", type=_new_file)
-@bus_options
-@click.option(
-    "--node-id",
-    type=NODE_ID,
-    default=STIMULATOR_ID,
-    show_default=True,
-    help="Node-ID of the stimulator.",
-)
-@click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate node, if there is one.")
+@click.argument("file", type=NEW_FILE)
+@stimulator_options
 @click.option(
     "--seconds",
     type=FiniteRange(min=0.1, max=_LONGEST_S),
@@ -55,13 +44,13 @@ _old_file = click.Path(exists=True, dir_okay=False, path_type=Path)
 )
 @click.option(
     "--raw",
-    type=_new_file,
+    type=NEW_FILE,
     help="File for all frames on the bus besides: .asc, .blf, .csv, .log, .trc and so on.",
 )
 @click.option(
     "--recover",
     "log",
-    type=_old_file,
+    type=OLD_FILE,
     metavar="LOG",
     help="Make FILE of the log that a killed recording has left, FILE.log; no bus is needed.",
 )

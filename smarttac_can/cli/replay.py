@@ -13,7 +13,7 @@ import click
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli.nodes import blaming, load_device
-from smarttac_can.cli.options import NODE_ID
+from smarttac_can.cli.options import NODE_ID, OLD_FILE
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.process import lockstep_option
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
@@ -30,15 +30,13 @@ _FRAMES: Final = 1000
 """How many are replayed between two looks at the clock."""
 _SAID_S: Final = 1.0
 
-_old_file = click.Path(exists=True, dir_okay=False, path_type=Path)
-
 
 @click.command(
     epilog="\b\nExamples:\n  smarttac replay run.log\n"
     "  smarttac replay run.blf --node-id 32 --plate-node 33 --json replay.json\n"
     "  smarttac replay lockstep.log --lockstep"
 )
-@click.argument("log", type=_old_file)
+@click.argument("log", type=OLD_FILE)
 @click.option(
     "--node-id",
     type=NODE_ID,
@@ -62,10 +60,10 @@ _old_file = click.Path(exists=True, dir_okay=False, path_type=Path)
     help="Deadline of the loop in ms, where it was not that of the EDS; in lockstep and with"
     f" --realtime it is {SHORT_DEADLINE_MS}.",
 )
-@click.option("--eds", type=_old_file, metavar="FILE", help="EDS of the stimulator, if another.")
+@click.option("--eds", type=OLD_FILE, metavar="FILE", help="EDS of the stimulator, if another.")
 @click.option(
     "--storage",
-    type=_old_file,
+    type=OLD_FILE,
     metavar="FILE",
     help="What it had stored as it was switched on; the file stays as it is.",
 )

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
 from typing import Any, get_args
@@ -14,14 +12,16 @@ import click
 
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.cli.options import law_option, seed_option, vibration_law_option
-from smarttac_can.cli.plain_errors import need_matplotlib, one_line, plain_errors
+from smarttac_can.cli.options import NEW_FOLDER, law_option, seed_option
+from smarttac_can.cli.plain_errors import naming, need_matplotlib, plain_errors
+from smarttac_can.cli.progress import progress_bar
+from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions, SubjectSet
 from smarttac_can.paper.provenance import EMERGES, fitted
 from smarttac_can.paper.report import table_text, write_report
-from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, Progress, friction_step
+from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, friction_step
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
 from smarttac_can.paper.vibration_table import vibration_table
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
@@ -65,7 +65,7 @@ dead_time_option = click.option(
 )
 output_option = click.option(
     "--output",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=NEW_FOLDER,
     help="Folder for traces, results and, over the bus, the candump log.",
 )
 
@@ -81,9 +81,9 @@ def demo(seed: int, output: Path | None) -> None:
     """
     with plain_errors():
         need_matplotlib()
-        folder = output or _new_folder()
+        folder = output or Path(f"smarttac-demo-{datetime.now():%Y%m%d-%H%M%S}")
         conditions = Conditions(seed=seed)
-        with _progress_bar() as progress:
+        with progress_bar("running") as progress:
             traces, results = run_reproduction(
                 frozenset(FIGURES), conditions, link="bus", folder=folder, progress=progress
             )
@@ -108,8 +108,12 @@ def demo(seed: int, output: Path | None) -> None:
     show_default=True,
     help="With CANopen nodes on a virtual bus, or by function calls: the same numbers.",
 )
-@law_option("What the step of eq. (9) is added to, or predictive.")
-@vibration_law_option("How amplitude and resonance are regulated; pi is the paper's.")
+@law_option("--law", Law, "What the step of eq. (9) is added to, or predictive.")
+@law_option(
+    "--vibration-law",
+    VibrationLaw,
+    "How amplitude and resonance are regulated; pi is the paper's.",
+)
 @click.option(
     "--load",
     type=float,
@@ -128,19 +132,14 @@ def demo(seed: int, output: Path | None) -> None:
     help="Fingers of Fig. 7 and Table I: of one force and speed, or of their own.",
 )
 @_noise_seed_option
-@click.option(
-    "--json",
-    "json_file",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="File for the results; - is stdout.",
-)
+@json_file_option
 @output_option
 def reproduce(
     *,
     what: tuple[str, ...],
     link: LinkName,
-    law: str,
-    vibration_law: str,
+    law: Law,
+    vibration_law: VibrationLaw,
     load: float,
     dead_time: float,
     subjects: SubjectSet,
@@ -154,26 +153,22 @@ def reproduce(
         raise click.UsageError("--load is for fig5 and fig6: the others bring their own finger")
     conditions = Conditions(
         seed=seed,
-        law=Law[law.upper()],
+        law=law,
         dead_time=dead_time,
-        vibration_law=VibrationLaw[vibration_law.upper()],
+        vibration_law=vibration_law,
         load=load,
         subjects=subjects,
     )
-    with plain_errors():
-        with _progress_bar() as progress:
+    with plain_errors(), ExitStack() as stack:
+        file = opened_results(stack, json_file)
+        with progress_bar("running") as progress:
             _, results = run_reproduction(
                 wanted, conditions, link=link, folder=output, progress=progress
             )
-        text = json.dumps(results, indent=2)
-        if json_file == Path("-"):
-            click.echo(text)
-            return
-        if json_file is not None:
-            json_file.write_text(text + "\n", encoding="utf-8")
-        click.echo(table_text(results))
+        tables = [table_text(results)]
         if wanted & _VIBRATION:
-            click.echo(vibration_table(results))
+            tables.append(vibration_table(results))
+        report_results(results, tables, file)
 
 
 @click.command(epilog="Example: smarttac reproduce all --output run && smarttac report run")
@@ -188,30 +183,15 @@ def report(folder: Path) -> None:
 
 def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
     """Read what ``reproduce --output`` wrote."""
-    file = folder / RESULTS
-    try:
+    with naming(file := folder / RESULTS, ValueError, RecursionError):
         results = json.loads(read_bounded(file, _RESULTS_MAX_BYTES))
         if not isinstance(results, dict) or "trace_sha256" not in results:
             raise ValueError("it holds no results of reproduce")
-        file = folder / TRACES
+    with naming(file := folder / TRACES, ValueError):
         return read_csv(file), results
-    except (ValueError, RecursionError) as error:
-        raise click.ClickException(one_line(f"{file}: {error}")) from error
 
 
 def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:
     return write_report(
         folder, traces, results, friction_step, fitted=fitted(results["subjects"]), emerges=EMERGES
     )
-
-
-def _new_folder() -> Path:
-    return Path(f"smarttac-demo-{datetime.now():%Y%m%d-%H%M%S}")
-
-
-@contextmanager
-def _progress_bar() -> Iterator[Progress]:
-    """Show progress on stderr, so that stdout stays for the results."""
-    steps = 1000
-    with click.progressbar(range(steps), label="running", file=sys.stderr) as bar:
-        yield lambda share: bar.update(round(share * steps) - bar.pos)

@@ -8,7 +8,13 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.cli.options import BusChoice, bus_options, closing_network, timeout_option
+from smarttac_can.cli.options import (
+    OLD_FILE,
+    BusChoice,
+    bus_options,
+    closing_network,
+    timeout_option,
+)
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
 from smarttac_can.cli.result_file import json_option, opened_results, report_results
 from smarttac_can.commissioning.scan import FoundDevice
@@ -31,7 +37,7 @@ _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "ED
     "--eds",
     "eds_files",
     multiple=True,
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=OLD_FILE,
     help="Compare with this EDS, too.",
 )
 @json_option

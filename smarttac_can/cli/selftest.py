@@ -12,8 +12,7 @@ from smarttac_can import __version__
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.self_test import Check
 from smarttac_can.bench.self_test import selftest as judge
-from smarttac_can.bench.simulation import STIMULATOR_ID
-from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.options import BusChoice, stimulator_options
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.process import lockstep_option
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
@@ -23,9 +22,7 @@ from smarttac_can.cli.result_file import json_file_option, opened_results, repor
     epilog="\b\nExamples:\n  smarttac selftest --interface socketcan --channel can0\n"
     "  smarttac selftest --interface socketcan --channel can0 --plate-node 33 --json selftest.json"
 )
-@bus_options
-@click.option("--node-id", type=NODE_ID, default=STIMULATOR_ID, show_default=True)
-@click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node.")
+@stimulator_options
 @lockstep_option
 @json_file_option
 def selftest(

@@ -10,8 +10,7 @@ from typing import Final
 import click
 
 from smarttac_can.bench import Stimulator, plate_od, stimulator_od
-from smarttac_can.bench.simulation import STIMULATOR_ID
-from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.options import BusChoice, stimulator_options
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.watch.listener import Listener
 from smarttac_can.watch.watcher import Watcher
@@ -23,9 +22,7 @@ _BIT_RATE: Final = 1_000_000
     epilog="\b\nExamples:\n  smarttac watch --interface socketcan --channel can0\n"
     "  smarttac watch --interface socketcan --channel can0 --plate-node 33 --drive"
 )
-@bus_options
-@click.option("--node-id", type=NODE_ID, default=STIMULATOR_ID, show_default=True)
-@click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node.")
+@stimulator_options
 @click.option("--drive", is_flag=True, help="Start the nodes, and take set-points and a stop key.")
 @click.option(
     "--no-sdo",
