@@ -18,6 +18,7 @@ from smarttac_can.od.cia import (
     RPDO_COMMUNICATION,
     RPDO_MAPPING,
     STORE_PARAMETERS,
+    SYNC_COB_ID,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
     VERIFY_CONFIGURATION,
@@ -151,6 +152,9 @@ def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Ne
         return None
 
     return reason
+
+
+needs_sync = needs_object(SYNC_COB_ID)
 
 
 def needs_tpdo(sheet: DeviceDescription) -> str | None:

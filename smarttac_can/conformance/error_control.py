@@ -7,16 +7,18 @@ from smarttac_can.conformance.description import DeviceDescription, needs_object
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.periods import periodic
 from smarttac_can.conformance.sdo_client import write_number
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
 
 PERIOD_MS = 60
 _FACTOR = 3
 TOGGLE = 0x80
-STATES = (
-    (NMTCommand.START, 0x05),
-    (NMTCommand.STOP, 0x04),
-    (NMTCommand.ENTER_PRE_OPERATIONAL, 0x7F),
-)
+STATES = {
+    NMTCommand.START: NMTState.OPERATIONAL,
+    NMTCommand.STOP: NMTState.STOPPED,
+    NMTCommand.ENTER_PRE_OPERATIONAL: NMTState.PRE_OPERATIONAL,
+}
+"""To which state a command leads."""
 
 needs_producer = needs_object(HEARTBEAT_PRODUCER, writable=True)
 needs_guarding = needs_object(GUARD_TIME, writable=True)

@@ -8,7 +8,7 @@ from functools import partial
 from smarttac_can.conformance.case import Failure, NotApplicable, case
 from smarttac_can.conformance.description import COMMANDS, needs_object
 from smarttac_can.conformance.emcy_setup import lose_node, needs_consumer, needs_emcy
-from smarttac_can.conformance.error_control import needs_producer
+from smarttac_can.conformance.error_control import needs_producer, set_period
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import (
     OUT_OF_RANGE,
@@ -17,6 +17,7 @@ from smarttac_can.conformance.sdo_client import (
     upload,
     write_number,
 )
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.cia import (
     COB_INVALID,
     DEVICE_NAME,
@@ -43,7 +44,6 @@ from smarttac_can.od.data_types import pack
 UNIT_NOT_KNOWN = "taken as part of the name"
 _SAVE = b"save"
 _LOAD = b"load"
-_OPERATIONAL, _PRE_OPERATIONAL, _STOPPED = 0x05, 0x7F, 0x04
 _PERIOD_MS = 50
 _STORE_TIME_OUTS = 10
 _RESTRICTED = (0x000, 0x001, 0x07F, 0x101, 0x180, 0x581, 0x5FF, 0x601, 0x67F, 0x6E0, 0x701, 0x7FF)
@@ -284,9 +284,10 @@ def restricted_ids(examiner: Examiner) -> None:
 )
 def error_behaviour(examiner: Examiner) -> None:
     """Error behaviour."""
-    for value, state in ((0, _PRE_OPERATIONAL), (1, _OPERATIONAL), (2, _STOPPED)):
+    states = (NMTState.PRE_OPERATIONAL, NMTState.OPERATIONAL, NMTState.STOPPED)
+    for value, state in enumerate(states):
         write_number(examiner, ERROR_BEHAVIOUR, 1, value)
-        write_number(examiner, HEARTBEAT_PRODUCER, 0, _PERIOD_MS)
+        set_period(examiner, _PERIOD_MS)
         examiner.enter(NMTCommand.START)
         lose_node(examiner)
         examiner.settle()

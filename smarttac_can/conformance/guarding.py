@@ -55,7 +55,7 @@ def guard_toggle(examiner: Examiner) -> None:
 def guard_state(examiner: Examiner) -> None:
     """State in the answer."""
     end_heartbeat(examiner)
-    for command, state in STATES:
+    for command, state in STATES.items():
         examiner.enter(command)
         got = ask_state(examiner) & ~TOGGLE
         if got != state:

@@ -19,6 +19,7 @@ from smarttac_can.conformance.error_control import (
 )
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import number, write_number
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
 
 
@@ -47,7 +48,7 @@ def guarding_again(examiner: Examiner) -> None:
     beats(examiner)
     set_period(examiner, 0)
     examiner.settle()
-    if ask_state(examiner) & ~TOGGLE not in (0x05, 0x7F):
+    if ask_state(examiner) & ~TOGGLE not in (NMTState.OPERATIONAL, NMTState.PRE_OPERATIONAL):
         raise Failure("no state in the answer to guarding")
 
 
@@ -128,5 +129,5 @@ def in_stopped(examiner: Examiner) -> None:
     """Error control in STOPPED."""
     set_period(examiner)
     examiner.enter(NMTCommand.STOP)
-    if set(beats(examiner)) != {0x04}:
+    if set(beats(examiner)) != {NMTState.STOPPED}:
         raise Failure("the heartbeat in STOPPED does not say 4")

@@ -62,7 +62,7 @@ def period(examiner: Examiner) -> None:
 def heartbeat_state(examiner: Examiner) -> None:
     """State."""
     set_period(examiner)
-    for command, state in STATES:
+    for command, state in STATES.items():
         examiner.enter(command)
         got = beats(examiner)[-1]
         if got != state:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
-from smarttac_can.conformance.description import Pdo, needs_mapping, needs_object
+from smarttac_can.conformance.description import Pdo, needs_mapping, needs_sync
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import (
     can_id,
@@ -17,7 +17,7 @@ from smarttac_can.conformance.pdo_setup import (
     operational,
 )
 from smarttac_can.conformance.sdo_client import number, upload, write_number
-from smarttac_can.od.cia import FRAME_BYTES, SYNC_COB_ID, AbortCode, DataType
+from smarttac_can.od.cia import FRAME_BYTES, AbortCode, DataType
 from smarttac_can.od.data_types import SIZES
 from smarttac_can.od.entry import Entry
 
@@ -101,7 +101,7 @@ def default_mapping(examiner: Examiner) -> None:
     "PDO-27",
     f"{_PROCEDURE}; the PDO then carries the new entries.",
     needs_mapping,
-    needs_object(SYNC_COB_ID),
+    needs_sync,
 )
 def remap(examiner: Examiner) -> None:
     """Mapping changed by the procedure."""

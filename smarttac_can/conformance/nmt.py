@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from smarttac_can.conformance.case import Failure, case
-from smarttac_can.conformance.error_control import needs_producer
+from smarttac_can.conformance.error_control import STATES, needs_producer, set_period
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import can_id, configure, tpdo
 from smarttac_can.conformance.sdo import other_value
-from smarttac_can.conformance.sdo_client import download, number, upload, write_number
+from smarttac_can.conformance.sdo_client import download, number, upload
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.cia import (
     COMMUNICATION_LAST,
     DEVICE_TYPE,
@@ -24,22 +25,16 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.entry import Entry
 
 _PERIOD_MS = 50
-_STOPPED, _OPERATIONAL, _PRE_OPERATIONAL = 0x04, 0x05, 0x7F
 _NO_AUTOSTART = 4
-_COMMANDS = {
-    NMTCommand.START: _OPERATIONAL,
-    NMTCommand.STOP: _STOPPED,
-    NMTCommand.ENTER_PRE_OPERATIONAL: _PRE_OPERATIONAL,
-}
-_NAMES = {_STOPPED: "STOPPED", _OPERATIONAL: "OPERATIONAL", _PRE_OPERATIONAL: "PRE-OPERATIONAL"}
+_NAMES: dict[int, str] = {state: state.name.replace("_", "-") for state in STATES.values()}
 
 
 def _watch(examiner: Examiner) -> None:
     """Make the state visible by a heartbeat."""
-    write_number(examiner, HEARTBEAT_PRODUCER, 0, _PERIOD_MS)
+    set_period(examiner, _PERIOD_MS)
 
 
-def _expect_state(examiner: Examiner, state: int, when: str) -> None:
+def _expect_state(examiner: Examiner, state: NMTState, when: str) -> None:
     examiner.settle()
     data = examiner.expect(examiner.heartbeat_id, "heartbeat").data
     if data != bytes((state,)):
@@ -73,7 +68,7 @@ def after_boot_up(examiner: Examiner) -> None:
     """After boot-up."""
     _watch(examiner)
     startup = examiner.sheet.od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
-    state = _PRE_OPERATIONAL if startup & _NO_AUTOSTART else _OPERATIONAL
+    state = NMTState.PRE_OPERATIONAL if startup & _NO_AUTOSTART else NMTState.OPERATIONAL
     _expect_state(examiner, state, "after boot-up")
 
 
@@ -85,7 +80,7 @@ def after_boot_up(examiner: Examiner) -> None:
 def pre_operational(examiner: Examiner) -> None:
     """PRE-OPERATIONAL."""
     _prepare(examiner)
-    _expect_state(examiner, _PRE_OPERATIONAL, "after enter pre-operational")
+    _expect_state(examiner, NMTState.PRE_OPERATIONAL, "after enter pre-operational")
     upload(examiner, DEVICE_TYPE)
     if _sync_answered(examiner):
         raise Failure("TPDO in PRE-OPERATIONAL")
@@ -96,7 +91,7 @@ def operational(examiner: Examiner) -> None:
     """OPERATIONAL."""
     _prepare(examiner)
     examiner.enter(NMTCommand.START)
-    _expect_state(examiner, _OPERATIONAL, "after start")
+    _expect_state(examiner, NMTState.OPERATIONAL, "after start")
     upload(examiner, DEVICE_TYPE)
     if _sync_answered(examiner) is False:
         raise Failure("no TPDO in OPERATIONAL")
@@ -107,7 +102,7 @@ def stopped(examiner: Examiner) -> None:
     """STOPPED."""
     _prepare(examiner)
     examiner.enter(NMTCommand.STOP)
-    _expect_state(examiner, _STOPPED, "after stop")
+    _expect_state(examiner, NMTState.STOPPED, "after stop")
     examiner.sdo_send(b"\x40" + DEVICE_TYPE.to_bytes(2, "little"))
     examiner.silence(SDO_TX_ID + examiner.node_id, "SDO response in STOPPED")
     if _sync_answered(examiner):
@@ -122,8 +117,8 @@ def stopped(examiner: Examiner) -> None:
 def transitions(examiner: Examiner) -> None:
     """Between the states."""
     _watch(examiner)
-    for first in _COMMANDS:
-        for second, state in _COMMANDS.items():
+    for first in STATES:
+        for second, state in STATES.items():
             examiner.nmt(first)
             examiner.nmt(second)
             _expect_state(examiner, state, f"after {first:02X}h, {second:02X}h")
@@ -139,11 +134,11 @@ def addressee(examiner: Examiner) -> None:
     _watch(examiner)
     examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
     examiner.nmt(NMTCommand.START, 0)
-    _expect_state(examiner, _OPERATIONAL, "after start of all")
+    _expect_state(examiner, NMTState.OPERATIONAL, "after start of all")
     examiner.nmt(NMTCommand.STOP, examiner.node_id % 127 + 1)
     examiner.nmt(0x55)
     examiner.send(NMT_ID, bytes((NMTCommand.STOP,)))
-    _expect_state(examiner, _OPERATIONAL, "after commands that are not for it")
+    _expect_state(examiner, NMTState.OPERATIONAL, "after commands that are not for it")
 
 
 def _parameter(examiner: Examiner) -> Entry | None:
@@ -171,7 +166,7 @@ def _reset_in_each_state(
         If the producer time is not that of the EDS after a reset.
     """
     stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
-    for command in _COMMANDS:
+    for command in STATES:
         _watch(examiner)
         entry = _parameter(examiner)
         before = data = b""

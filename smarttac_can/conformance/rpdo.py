@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.conformance.case import Failure, case
-from smarttac_can.conformance.description import needs_object, needs_rpdo
+from smarttac_can.conformance.description import needs_object, needs_rpdo, needs_sync
 from smarttac_can.conformance.emcy_setup import expect_emcy
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import (
@@ -20,12 +20,10 @@ from smarttac_can.conformance.pdo_setup import (
 from smarttac_can.od.cia import (
     EMCY_COB_ID,
     EVENT_MANUFACTURER,
-    SYNC_COB_ID,
     EmergencyCode,
     NMTCommand,
 )
 
-_has_sync = needs_object(SYNC_COB_ID)
 _DEADLINE_MS = 60
 
 
@@ -45,7 +43,7 @@ def event_driven(examiner: Examiner) -> None:
     "PDO-21",
     "7.5.2.35: its values are taken at the next SYNC.",
     needs_rpdo,
-    _has_sync,
+    needs_sync,
 )
 def synchronous(examiner: Examiner) -> None:
     """Synchronous RPDO."""

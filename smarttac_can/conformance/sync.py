@@ -6,7 +6,7 @@ from functools import partial
 from itertools import pairwise
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
-from smarttac_can.conformance.description import needs_object, needs_tpdo
+from smarttac_can.conformance.description import needs_object, needs_sync, needs_tpdo
 from smarttac_can.conformance.emcy_setup import expect_emcy, needs_emcy
 from smarttac_can.conformance.examiner import Arrival, Examiner
 from smarttac_can.conformance.pdo_setup import can_id, operational, started
@@ -27,7 +27,6 @@ from smarttac_can.od.cia import (
 
 _PERIOD_MS = 50
 _OTHER_ID = 0x0A5
-_has_cob_id = needs_object(SYNC_COB_ID)
 _has_writable = needs_object(SYNC_COB_ID, writable=True)
 _has_period = needs_object(SYNC_PERIOD, writable=True)
 _has_counter = needs_object(SYNC_COUNTER, writable=True)
@@ -36,7 +35,7 @@ _has_counter = needs_object(SYNC_COUNTER, writable=True)
 @case(
     "SYNC-01",
     "7.5.2.5: the COB-ID is that of the EDS; SYNC with it makes a TPDO of type 1 go.",
-    _has_cob_id,
+    needs_sync,
     needs_tpdo,
 )
 def consumer(examiner: Examiner) -> None:
@@ -200,7 +199,7 @@ def overflow_value(examiner: Examiner) -> None:
     "7.5.2.7: it can be set, and TPDOs within it go as before.",
     needs_object(SYNC_WINDOW, writable=True),
     needs_tpdo,
-    _has_cob_id,
+    needs_sync,
 )
 def window(examiner: Examiner) -> None:
     """Synchronous window."""

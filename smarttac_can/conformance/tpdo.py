@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.conformance.case import Failure, case
-from smarttac_can.conformance.description import Pdo, needs_object, needs_tpdo
+from smarttac_can.conformance.description import Pdo, needs_sync, needs_tpdo
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import (
     can_id,
@@ -12,12 +12,10 @@ from smarttac_can.conformance.pdo_setup import (
     started,
 )
 from smarttac_can.conformance.periods import LEAST, PERIODS, SPREAD, mean_gap_ms
-from smarttac_can.od.cia import EVENT_MANUFACTURER, RTR_EVENT, RTR_SYNC, SYNC_COB_ID
+from smarttac_can.od.cia import EVENT_MANUFACTURER, RTR_EVENT, RTR_SYNC
 
 PERIOD_MS = 60
 """Event timer and inhibit time that the cases set."""
-
-_has_sync = needs_object(SYNC_COB_ID)
 
 
 def _first_sync(examiner: Examiner, pdo: Pdo, most: int) -> int:
@@ -48,7 +46,7 @@ def _cyclic(examiner: Examiner, transmission: int) -> None:
     "PDO-01",
     "7.2.2: a TPDO carries the mapped entries in their order, little-endian.",
     needs_tpdo,
-    _has_sync,
+    needs_sync,
 )
 def tpdo_content(examiner: Examiner) -> None:
     """Content."""
@@ -68,13 +66,13 @@ def tpdo_content(examiner: Examiner) -> None:
     raise Failure(f"TPDO carries {data.hex(' ')}, the entries are {before.hex(' ')}")
 
 
-@case("PDO-02", "7.5.2.37: sent at every SYNC.", needs_tpdo, _has_sync)
+@case("PDO-02", "7.5.2.37: sent at every SYNC.", needs_tpdo, needs_sync)
 def every_sync(examiner: Examiner) -> None:
     """Type 1."""
     _cyclic(examiner, 1)
 
 
-@case("PDO-03", "7.5.2.37: type n is sent at every n-th SYNC.", needs_tpdo, _has_sync)
+@case("PDO-03", "7.5.2.37: type n is sent at every n-th SYNC.", needs_tpdo, needs_sync)
 def every_third_sync(examiner: Examiner) -> None:
     """Type 3."""
     _cyclic(examiner, 3)
@@ -84,7 +82,7 @@ def every_third_sync(examiner: Examiner) -> None:
     "PDO-04",
     "7.5.2.37: sent at the SYNC after an event, not at SYNCs without one.",
     needs_tpdo,
-    _has_sync,
+    needs_sync,
 )
 def acyclic(examiner: Examiner) -> None:
     """Type 0."""
@@ -106,7 +104,7 @@ def _remote(examiner: Examiner, pdo: Pdo) -> None:
     "PDO-05",
     "7.5.2.37: sampled at SYNC, sent on a remote frame only.",
     needs_tpdo,
-    _has_sync,
+    needs_sync,
 )
 def remote_sampled(examiner: Examiner) -> None:
     """Type 252."""
@@ -141,7 +139,7 @@ def remote_event_driven(examiner: Examiner) -> None:
     "PDO-08",
     "7.5.2.37: with bit 30 of the COB-ID set a remote frame is not answered.",
     needs_tpdo,
-    _has_sync,
+    needs_sync,
 )
 def remote_not_allowed(examiner: Examiner) -> None:
     """Remote frame that is not allowed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from smarttac_can.conformance.case import Failure, NotApplicable, case
-from smarttac_can.conformance.description import needs_object, needs_tpdo
+from smarttac_can.conformance.description import needs_object, needs_sync, needs_tpdo
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.pdo_setup import (
     can_id,
@@ -24,13 +24,10 @@ from smarttac_can.od.cia import (
     PDO_INHIBIT,
     PDO_SYNC_START,
     PDO_TRANSMISSION,
-    SYNC_COB_ID,
     SYNC_COUNTER,
     SYNC_PERIOD,
     NMTCommand,
 )
-
-_has_sync = needs_object(SYNC_COB_ID)
 
 
 def _fixed_while_valid(examiner: Examiner, subindex: int, value: int, name: str) -> None:
@@ -102,7 +99,7 @@ def reserved_types(examiner: Examiner) -> None:
         )
 
 
-@case("PDO-16", "7.5.2.37: with bit 31 it is silent.", needs_tpdo, _has_sync)
+@case("PDO-16", "7.5.2.37: with bit 31 it is silent.", needs_tpdo, needs_sync)
 def disabled(examiner: Examiner) -> None:
     """Disabled TPDO."""
     pdo = tpdo(examiner)
@@ -139,7 +136,7 @@ def _moved(cob_id: int) -> int:
     "PDO-18",
     "7.5.2.37: the TPDO comes under the CAN-ID given while it was disabled.",
     needs_tpdo,
-    _has_sync,
+    needs_sync,
 )
 def new_can_id(examiner: Examiner) -> None:
     """New CAN-ID."""
@@ -157,7 +154,7 @@ def new_can_id(examiner: Examiner) -> None:
     "PDO-19",
     "7.3.2.2: sent in OPERATIONAL, not in PRE-OPERATIONAL and STOPPED.",
     needs_tpdo,
-    _has_sync,
+    needs_sync,
 )
 def tpdo_by_state(examiner: Examiner) -> None:
     """TPDO by NMT state."""
