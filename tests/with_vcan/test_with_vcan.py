@@ -152,6 +152,7 @@ def test_killed_or_not_found(command: tuple[str, ...], status: int, tmp_path: Pa
 def test_place_of_the_machines_memory(
     free: int, flags: int, place: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.syspath_prepend(WITH_VCAN.parent)
     machine_environment = runpy.run_path(str(WITH_VCAN))["machine_environment"]
     shared = SimpleNamespace(f_bavail=free, f_frsize=1, f_flag=flags)
     monkeypatch.setattr(os, "statvfs", lambda _folder: shared)
@@ -162,7 +163,7 @@ def test_place_of_the_machines_memory(
 def test_only_the_wide_registers_are_hidden(hidden: bool, answer: int) -> None:
     script = f"""
 import ctypes, runpy
-tool = runpy.run_path({str(WITH_VCAN)!r})
+tool = runpy.run_path({str(WITH_VCAN.with_name("wide_registers.py"))!r})
 if {hidden}:
     tool["hide_wide_registers"]()
 libc = ctypes.CDLL(None, use_errno=True)
