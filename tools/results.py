@@ -174,9 +174,7 @@ def laws_table(runs: Mapping[str, list[Trace]]) -> str:
     """Compare the laws."""
     rows = []
     for name, traces in runs.items():
-        result = summary(
-            traces, seed=1, law=name, link="local", dead_time=0.0, version="", trace_sha256=""
-        )["table1"]
+        result = summary(traces, Conditions(), link="local", trace_sha256="")["table1"]
         subjects = result["subjects"]
         rows.append(
             [

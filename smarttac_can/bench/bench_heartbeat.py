@@ -13,6 +13,8 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.master.errors import BenchError, BusLostError
 from smarttac_can.od.cia import HEARTBEAT_CONSUMER, HEARTBEAT_ID, LAST_NODE_ID
 from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Control
 
 _IDS: Final = 16
 _PERIOD_S: Final = 0.1
@@ -28,6 +30,13 @@ def bench_id(stimulator_id: int) -> int:
     Stimulators on one bus have benches of their own, so each watches another node-ID.
     """
     return LAST_NODE_ID - stimulator_id % _IDS
+
+
+def drives(name: str, raw: int) -> bool:
+    """Tell whether a write leads to a voltage; a quick stop does not: any bench may ask for it."""
+    if name == "Controlword":
+        return bool(raw & (Control.ARM | Control.FAULT_RESET))
+    return name == "Mode" and raw != Mode.OFF
 
 
 class BenchHeartbeat:

@@ -11,7 +11,7 @@ from typing import Final
 
 import can
 
-from smarttac_can.bench.bench_heartbeat import BenchHeartbeat, bench_id
+from smarttac_can.bench.bench_heartbeat import BenchHeartbeat, bench_id, drives
 from smarttac_can.bench.cycle_rows import CycleRows
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.every_cycle import EveryCycle
@@ -27,12 +27,9 @@ from smarttac_can.od.cia import CAN_ID_MASK, EMCY_ID, HEARTBEAT_ID, SDO_RX_ID, S
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import SIMULATION
-from smarttac_can.vocabulary.states import Control
 
 LOST_CYCLE_S: Final = 1.0
 """How long a cycle in lockstep may take before it counts as lost."""
-_PUBLIC_TPDOS: Final = range(1, 5)
-_SETPOINT_RPDOS: Final = range(1, 5)
 _STATUS_TPDO: Final = 1
 _LOST_IN_A_ROW: Final = 3
 
@@ -75,16 +72,16 @@ class CanLink:
         self._clock = monotonic if self._threaded else network.now
         self._stimulator = RemoteDevice(network, stimulator, where, timeout)
         self._plate = RemoteDevice(network, plate, where, timeout) if plate else None
-        self._pdos = published_pdos(stimulator, _PUBLIC_TPDOS, self._stimulator.read)
+        # The plate first, so that its measurements await nobody.
+        self._devices = [d for d in (self._plate, self._stimulator) if d is not None]
+        self._pdos = published_pdos(stimulator, self._stimulator.read)
         self._cycles = CycleRows(self._stimulator, self._pdos, self._clock)
         wanted = {pdo.number for pdo in self._pdos} - {_STATUS_TPDO} | self._cycles.wanted
         self._every_cycle = EveryCycle(network, self._stimulator, sorted(wanted))
         for pdo in self._pdos:
             network.subscribe(pdo.can_id, self._cycles.receiver(pdo))
-        # The plate first, so that its measurements await nobody.
-        for device in (self._plate, self._stimulator):
-            if device is not None:
-                device.start()
+        for device in self._devices:
+            device.start()
         # In lockstep the nodes' time stands still without the bench.
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
         self._heard: frozenset[int] = frozenset()
@@ -106,7 +103,7 @@ class CanLink:
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object over SDO; a bench that drives is watched from then on."""
-        if self.only_read and _drives(name, raw):
+        if self.only_read and drives(name, raw):
             self.drive()
         device = self._owner(name)
         device.write(device.od[name], raw)
@@ -177,7 +174,7 @@ class CanLink:
         return FrameSource(
             published=self._pdos,
             every_cycle=self._every_cycle.numbers,
-            commanded=commanded_pdos(device.od, _SETPOINT_RPDOS, device.read),
+            commanded=commanded_pdos(device.od, device.read),
             plate=None if self._plate is None else self._plate.od,
             clocked=not self._lockstep,
         )
@@ -186,12 +183,11 @@ class CanLink:
     def frames(self, hear: Hear) -> Iterator[None]:
         """Have the frames of these nodes told, and those that command them."""
         network = self._network
-        commanded = commanded_pdos(self._stimulator.od, _SETPOINT_RPDOS, self._stimulator.read)
+        commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
         told = {pdo.can_id for pdo in (*self._pdos, *commanded)}
-        for device in (self._stimulator, self._plate):
-            if device is not None:
-                services = (EMCY_ID, SDO_TX_ID, SDO_RX_ID, HEARTBEAT_ID)
-                told |= {service + device.od.node_id for service in services}
+        for device in self._devices:
+            services = (EMCY_ID, SDO_TX_ID, SDO_RX_ID, HEARTBEAT_ID)
+            told |= {service + device.od.node_id for service in services}
 
         def tap(can_id: int, data: bytes) -> None:
             if can_id in told:
@@ -299,10 +295,3 @@ class CanLink:
                 self._cycles.complete.get(timeout=LOST_CYCLE_S)
             except Empty:
                 self._check()
-
-
-def _drives(name: str, raw: int) -> bool:
-    """Tell whether a write leads to a voltage; a quick stop does not: any bench may ask for it."""
-    if name == "Controlword":
-        return bool(raw & (Control.ARM | Control.FAULT_RESET))
-    return name == "Mode" and raw != Mode.OFF

@@ -15,7 +15,6 @@ from smarttac_can.master.requests import download, downloaded
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
 
-_PUBLIC_TPDOS: Final = range(1, 5)
 _STATUS_TPDO: Final = 1
 
 
@@ -34,7 +33,7 @@ class LocalLink:
     def __init__(self, block: StimulatorBlock) -> None:
         self._block = block
         self._recorded = [block.od[name].reader for name in RECORDED]
-        self._pdos = published_pdos(block.od, _PUBLIC_TPDOS, lambda entry: int(entry.default))
+        self._pdos = published_pdos(block.od, lambda entry: int(entry.default))
         self._readers = [[block.od[name].reader for name in pdo.names] for pdo in self._pdos]
         self._hear: Hear | None = None
         self._status = b""

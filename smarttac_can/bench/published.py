@@ -20,6 +20,8 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
+PUBLIC: Final = range(1, 5)
+"""Numbers of the PDOs between a stimulator and its masters; the others are those of the loop."""
 _FORMATS: Final = {
     DataType.BOOLEAN: "B",
     DataType.INTEGER8: "b",
@@ -69,17 +71,13 @@ class PublishedPdo:
         return True
 
 
-def published_pdos(
-    od: ObjectDictionary, numbers: range, read: Callable[[Entry], int]
-) -> list[PublishedPdo]:
-    """Ask a node what its TPDOs carry.
+def published_pdos(od: ObjectDictionary, read: Callable[[Entry], int]) -> list[PublishedPdo]:
+    """Ask a node what its public TPDOs carry.
 
     Parameters
     ----------
     od
         The EDS of the node.
-    numbers
-        Numbers of the TPDOs to ask for.
     read
         Reads an entry from the node over SDO.
 
@@ -88,25 +86,19 @@ def published_pdos(
     list of PublishedPdo
         The valid ones that map only integers the EDS knows, by number.
     """
-    return _pdos(od, numbers, read, TPDO_COMMUNICATION, TPDO_MAPPING)
+    return _pdos(od, read, TPDO_COMMUNICATION, TPDO_MAPPING)
 
 
-def commanded_pdos(
-    od: ObjectDictionary, numbers: range, read: Callable[[Entry], int]
-) -> list[PublishedPdo]:
-    """Ask a node what its RPDOs carry, as `published_pdos` does of its TPDOs."""
-    return _pdos(od, numbers, read, RPDO_COMMUNICATION, RPDO_MAPPING)
+def commanded_pdos(od: ObjectDictionary, read: Callable[[Entry], int]) -> list[PublishedPdo]:
+    """Ask a node what the RPDOs of its master carry, as `published_pdos` does of its TPDOs."""
+    return _pdos(od, read, RPDO_COMMUNICATION, RPDO_MAPPING)
 
 
 def _pdos(
-    od: ObjectDictionary,
-    numbers: range,
-    read: Callable[[Entry], int],
-    communication: int,
-    mapping: int,
+    od: ObjectDictionary, read: Callable[[Entry], int], communication: int, mapping: int
 ) -> list[PublishedPdo]:
     pdos = []
-    for number in numbers:
+    for number in PUBLIC:
         cob_id = read(od.entry(communication + number - 1, PDO_COB_ID))
         if cob_id & COB_INVALID:
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from threading import Lock
 from time import perf_counter
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,17 @@ COLUMNS: Final = (*Figures._fields, *(f"measured_{name}" for name in Figures._fi
 SIZE: Final = 25
 """Fingers of a chunk: a quarter of a second compiled, so that a stop does not wait long."""
 _compiling = Lock()
+
+
+def parameters(campaign: Campaign) -> dict[str, Any]:
+    """Return what all fingers have in common, for JSON."""
+    return {
+        "seed": campaign.seed,
+        "law": campaign.law.name.lower(),
+        "vibration_law": campaign.vibration_law.name.lower(),
+        "dead_time_us": campaign.dead_time * 1e6,
+        "case": campaign.case,
+    }
 
 
 def prepare() -> float:

@@ -10,14 +10,13 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, Final
 from zlib import crc32
 
 import numpy as np
 
 from smarttac_can import __version__
-from smarttac_can.campaign.chunk import COLUMNS, Rows
+from smarttac_can.campaign.chunk import COLUMNS, Rows, parameters
 from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.trial import Campaign
@@ -69,12 +68,7 @@ class Record:
         """Return the record."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the file."""
         self._file.close()
 
@@ -135,16 +129,7 @@ def _line(said: dict[str, Any]) -> bytes:
 
 def _header(campaign: Campaign) -> dict[str, Any]:
     """Return what the rows depend on."""
-    c = campaign
-    return {
-        "campaign": __version__,
-        "compiled": can_compile(),
-        "seed": c.seed,
-        "law": c.law.name.lower(),
-        "vibration_law": c.vibration_law.name.lower(),
-        "dead_time_us": c.dead_time * 1e6,
-        "case": c.case,
-    }
+    return {"campaign": __version__, "compiled": can_compile(), **parameters(campaign)}
 
 
 def _chunk(said: Any) -> _Chunk:

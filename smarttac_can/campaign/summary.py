@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from smarttac_can.campaign.chunk import COLUMNS, Rows
+from smarttac_can.campaign.chunk import COLUMNS, Rows, parameters
 from smarttac_can.campaign.runner import Result
 from smarttac_can.population.trial import Campaign
 
@@ -25,11 +25,7 @@ def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
     rows = result.rows
     metrics = {name: _percentiles(rows[:, at]) for at, name in enumerate(COLUMNS[:-1])}
     return {
-        "seed": campaign.seed,
-        "law": campaign.law.name.lower(),
-        "vibration_law": campaign.vibration_law.name.lower(),
-        "dead_time_us": campaign.dead_time * 1e6,
-        "case": campaign.case,
+        **parameters(campaign),
         "fingers": len(rows),
         "metrics": metrics,
         "limit_cycle_share": float(np.mean(rows[:, COLUMNS.index("chatter")] > LIMIT_CYCLE)),

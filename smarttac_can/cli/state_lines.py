@@ -76,27 +76,19 @@ class StateLines:
 
     def receive(self, frame: Frame) -> list[Frame]:
         """Hand a frame to the node, say what changed, and return its answers."""
-        frames = self._node.receive(frame)
-        self._follow()
-        return frames
+        return self._followed(self._node.receive(frame))
 
     def advance(self, microseconds: int) -> list[Frame]:
         """Let so many us pass for the node, say what changed, and return the frames due."""
-        frames = self._node.advance(microseconds)
-        self._follow()
-        return frames
+        return self._followed(self._node.advance(microseconds))
 
     def overdue(self) -> list[Frame]:
         """Let the node act on deadlines that have passed, before it hears the frames that wait."""
-        frames = self._node.overdue()
-        self._follow()
-        return frames
+        return self._followed(self._node.overdue())
 
     def transmit_failed(self) -> list[Frame]:
         """Take note that a frame of the loop could not be handed over in its cycle."""
-        frames = self._node.transmit_failed()
-        self._follow()
-        return frames
+        return self._followed(self._node.transmit_failed())
 
     def shutdown(self) -> list[Frame]:
         """Shut the node down, a plate at 0 V, and say so."""
@@ -147,6 +139,11 @@ class StateLines:
     def _now(self) -> tuple[NMTState, int, str]:
         mode = self._mode.value if self._mode is not None else 0
         return self._device.nmt_state, mode, self._reason
+
+    def _followed(self, frames: list[Frame]) -> list[Frame]:
+        """Say what has changed, and return the frames."""
+        self._follow()
+        return frames
 
     def _follow(self) -> None:
         if self._device.bit_rate != self._bit_rate:

@@ -12,17 +12,11 @@ from cantools.database.can import Database, Message, Node, Signal
 from cantools.database.conversion import BaseConversion
 from cantools.database.namedsignalvalue import NamedSignalValue
 
+from smarttac_can.commissioning.scan import STATES
 from smarttac_can.od import cia
 from smarttac_can.od.data_types import REAL, SIGNED
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-
-_STATES: Final = {
-    0: "boot-up",
-    4: "stopped",
-    5: "operational",
-    127: "pre-operational",
-}
 
 
 class Bits(Protocol):
@@ -214,7 +208,7 @@ def _heartbeat(od: ObjectDictionary, node: str) -> Iterator[Message]:
             cia.HEARTBEAT_ID + od.node_id,
             f"{node}_Heartbeat",
             1,
-            [Signal("NMT_state", 0, 7, conversion=_choices(_STATES))],
+            [Signal("NMT_state", 0, 7, conversion=_choices(STATES))],
             senders=[node],
             cycle_time=od.number(cia.HEARTBEAT_PRODUCER) or None,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic, sleep
 from typing import Final, NamedTuple
@@ -11,7 +11,7 @@ import canopen
 from canopen import lss
 from canopen.lss import LssError
 
-from smarttac_can.master.errors import BenchError, NodeNotFoundError, RefusedError
+from smarttac_can.master.errors import NodeNotFoundError, RefusedError
 from smarttac_can.od.cia import HEARTBEAT_ID, LAST_NODE_ID, NMT_ID, NMTCommand
 
 _FASTSCAN_S: Final = 0.1
@@ -109,11 +109,16 @@ def assign_node_id(
     if previous is not None:
         # Only a reset makes a device that has started already take another node-ID.
         network.send_message(NMT_ID, [NMTCommand.RESET_COMMUNICATION, previous])
-    end = monotonic() + timeout
-    while _BOOT_UP not in booted and monotonic() < end:
-        sleep(_POLL_S)
+    wait_until(lambda: _BOOT_UP in booted, timeout)
     network.unsubscribe(HEARTBEAT_ID + node_id)
     return Assigned(identity, previous, _BOOT_UP in booted)
+
+
+def wait_until(come: Callable[[], bool], seconds: float) -> None:
+    """Wait until something that frames bring has come, so many s at most."""
+    end = monotonic() + seconds
+    while not come() and monotonic() < end:
+        sleep(_POLL_S)
 
 
 def _fast_scan(network: canopen.Network) -> Identity | None:
@@ -150,5 +155,4 @@ def _refusals(action: str) -> Iterator[None]:
     try:
         yield
     except LssError as error:
-        reason: BenchError = RefusedError(f"the device does not {action}: {error}")
-        raise reason from error
+        raise RefusedError(f"the device does not {action}: {error}") from error

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from time import monotonic, sleep
+from collections.abc import Iterable, Mapping
+from time import sleep
 from typing import Final, NamedTuple
 
 import can
 import canopen
 from canopen.sdo.exceptions import SdoError
 
-from smarttac_can.commissioning.node_ids import Identity, unconfigured
+from smarttac_can.commissioning.node_ids import Identity, unconfigured, wait_until
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.sdo_client import SharedSdoClient
@@ -37,7 +37,6 @@ UNKNOWN: Final = "unknown"
 UNCONFIGURED: Final = "unconfigured"
 
 _NODE_IDS: Final = range(1, 128)
-_POLL_S: Final = 0.01
 _SEND_PAUSE_S: Final = 0.001
 _SEND_TRIES: Final = 100
 _HEARTBEATS_WAITED: Final = 1.5
@@ -165,13 +164,7 @@ def _wait_for_state(
         period = 0
     if not period:
         _send(network, HEARTBEAT_ID + node_id, b"", remote=True)
-    _wait(lambda: node_id in states, _HEARTBEATS_WAITED * period * 1e-3 if period else timeout)
-
-
-def _wait(come: Callable[[], bool], seconds: float) -> None:
-    end = monotonic() + seconds
-    while not come() and monotonic() < end:
-        sleep(_POLL_S)
+    wait_until(lambda: node_id in states, _HEARTBEATS_WAITED * period * 1e-3 if period else timeout)
 
 
 def _send(network: canopen.Network, can_id: int, data: bytes, *, remote: bool = False) -> None:

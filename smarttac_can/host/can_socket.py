@@ -44,18 +44,27 @@ class Codec(Protocol):
         ...
 
 
-class _SocketCan:
-    """``struct can_frame`` of Linux; the kernel sends no echo."""
+class SocketCan:
+    """``struct can_frame`` of Linux; the kernel sends no echo.
+
+    Attributes
+    ----------
+    size
+        Of a frame in bytes.
+    """
 
     _STRUCT: Final = Struct("=IB3x8s")
     _REMOTE: Final = 1 << 30
+    size: Final = _STRUCT.size
 
     def encode(self, frame: Frame) -> bytes:
+        """Return what is sent for a frame."""
         can_id, data, rtr = frame
         return self._STRUCT.pack(can_id | self._REMOTE if rtr else can_id, len(data), data)
 
     def decode(self, data: bytes, can_ids: frozenset[int] | None) -> Frame | None:
-        if len(data) != self._STRUCT.size:
+        """Return the frame; None for what is none, or not listened to."""
+        if len(data) != self.size:
             return None
         can_id, size, payload = self._STRUCT.unpack(data)
         rtr = bool(can_id & self._REMOTE)
@@ -196,7 +205,7 @@ def open_socket(bus: can.BusABC, channel: str | None) -> CanSocket | None:
     if not _NOW:  # Windows
         return None
     if isinstance(bus, SocketcanBus):
-        return CanSocket(bus, _SocketCan(), None)
+        return CanSocket(bus, SocketCan(), None)
     if isinstance(bus, UdpMulticastBus):
         configured = can.util.load_config(config={"interface": "udp_multicast"})["channel"]
         group = channel or configured or bus.DEFAULT_GROUP_IPv6

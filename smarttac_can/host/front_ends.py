@@ -6,12 +6,14 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from threading import Event, Thread
 from time import monotonic_ns
 from typing import Final
 
+from smarttac_can.host.background import Background
 from smarttac_can.vocabulary.plate import Plate
 from smarttac_can.vocabulary.signals import Drive, Measurement
 
@@ -86,16 +88,11 @@ def opened_front_end(name: str, *, by_clock: bool) -> Iterator[TimedFrontEnd]:
         raise FrontEndError(f"front end {name} has no {', '.join(missing)}")
     timed = TimedFrontEnd(plate, monotonic_ns if by_clock else no_clock)
     over = Event()
-    watch = Thread(target=_watch, args=(name, timed, over), daemon=True)
-    watch.start()
-    try:
+    with Background("front end", partial(_watch, name, timed, over), over.set):
         try:
             yield timed
         finally:
             _close(name, timed)
-    finally:
-        over.set()
-        watch.join()
 
 
 class TimedFrontEnd:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import select
 import socket
-from struct import Struct
 from typing import Self
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.can_socket import SocketCan
 from smarttac_can.host.local_bus import Connection
 
-_CAN_FRAME = Struct("=IB3x8s")
-"""struct can_frame of Linux: identifier with flags, number of data bytes, data."""
-_RTR_FLAG = 0x4000_0000
 _GUARD_S = 1.0
 
 
@@ -38,6 +35,7 @@ class SocketCanWire:
 
     def __init__(self, channel: str) -> None:
         self._channel = channel
+        self._codec = SocketCan()
         self._sockets: dict[Connection, socket.socket] = {}
         self._sent = b""
         self._frame = Frame(0)
@@ -73,8 +71,7 @@ class SocketCanWire:
         BusError
             If the interface does not take it.
         """
-        can_id = frame.can_id | _RTR_FLAG if frame.rtr else frame.can_id
-        self._sent = _CAN_FRAME.pack(can_id, len(frame.data), frame.data)
+        self._sent = self._codec.encode(frame)
         self._frame = frame
         try:
             self._sockets[port].send(self._sent)
@@ -91,11 +88,11 @@ class SocketCanWire:
         """
         party = self._sockets[port]
         try:
-            data = party.recv(_CAN_FRAME.size)
+            data = party.recv(self._codec.size)
         except BlockingIOError:
             if not select.select([party], [], [], _GUARD_S)[0]:
                 raise BusError(f"{self._channel} has lost {self._frame}") from None
-            data = party.recv(_CAN_FRAME.size)
+            data = party.recv(self._codec.size)
         except OSError as error:
             raise BusError(f"cannot receive on {self._channel}: {error}") from error
         if data != self._sent:

@@ -9,7 +9,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from smarttac_can import __version__
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace, sha256, write_csv
@@ -72,18 +71,8 @@ def reproduce(
         folder.mkdir(parents=True, exist_ok=True)
         traces = _run(wanted, conditions, link, folder, progress)
         write_csv(folder / TRACES, traces)
-        results = summary(
-            traces,
-            seed=conditions.seed,
-            subjects=conditions.subjects,
-            law=conditions.law.name.lower(),
-            link=link,
-            dead_time=conditions.dead_time * 1e-6,
-            vibration_law=conditions.vibration_law.name.lower(),
-            load=conditions.load,
-            version=__version__,
-            trace_sha256=sha256(folder / TRACES),
-        )
+        digest = sha256(folder / TRACES)
+        results = summary(traces, conditions, link=link, trace_sha256=digest)
         if "fig3" in wanted:
             errors = list(range(-50, 51, 5))
             results["fig3"] = {

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from smarttac_can import __version__
 from smarttac_can.bench.traces import Trace
-from smarttac_can.paper.experiments import SubjectSet
+from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.metrics import (
     LOOPS,
     NotRunError,
@@ -58,17 +59,7 @@ class _Section(dict[str, Any]):
 
 
 def summary(
-    traces: Iterable[Trace],
-    *,
-    seed: int,
-    law: str,
-    link: str,
-    dead_time: float,
-    version: str,
-    trace_sha256: str,
-    vibration_law: str = "pi",
-    load: float = 0.0,
-    subjects: SubjectSet = "presets",
+    traces: Iterable[Trace], conditions: Conditions, *, link: str, trace_sha256: str
 ) -> dict[str, Any]:
     """Gather all results of the paper's experiments as plain data for JSON.
 
@@ -78,16 +69,12 @@ def summary(
         The runs, labelled ``fig2.<amplitude>``, ``fig5.amplitude_only``,
         ``fig5.amplitude_and_frequency``, ``fig5.step.<the same>`` and ``table1``. What was not run
         is None.
-    seed, law, link, version, vibration_law
-        The run's parameters, passed through.
-    load
-        Normal force of the finger in Fig. 5 in N.
-    dead_time
-        Dead time of the loop in s.
+    conditions
+        Of the runs.
+    link
+        Over which they went.
     trace_sha256
         SHA-256 of the file of traces.
-    subjects
-        Fingers of Table I.
 
     Returns
     -------
@@ -100,10 +87,11 @@ def summary(
     traces = list(traces)
     reasons: dict[str, str] = {}
     root = _Section("", reasons)
-    root |= {"seed": seed, "law": law, "link": link, "dead_time_us": 1e6 * dead_time}
-    root |= {"vibration_law": vibration_law, "load_n": load}
-    root |= {"version": version, "trace_sha256": trace_sha256}
-    root |= {"subjects": subjects, "provenance": provenance(subjects)}
+    root |= {"seed": conditions.seed, "law": conditions.law.name.lower(), "link": link}
+    root |= {"dead_time_us": conditions.dead_time}
+    root |= {"vibration_law": conditions.vibration_law.name.lower(), "load_n": conditions.load}
+    root |= {"version": __version__, "trace_sha256": trace_sha256}
+    root |= {"subjects": conditions.subjects, "provenance": provenance(conditions.subjects)}
     _enter_fig2(root.part("fig2"), traces)
     _enter_fig5_and_fig6(root.part("fig5"), root.part("fig6"), traces)
     table = root.part("table1")

@@ -116,7 +116,7 @@ def difference(
 
 def drive_voltage(od: ObjectDictionary, frame: Frame) -> int | None:
     """Return the raw voltage of a drive; None if it has another length."""
-    values = _values(od, DRIVE_TPDO, frame)
+    values = mapped(od, TPDO_MAPPING + DRIVE_TPDO - 1, Direction.TRANSMIT, frame)
     return next((raw for entry, raw in values if entry.name.endswith("Voltage")), None)
 
 
@@ -131,9 +131,11 @@ def _tpdo(od: ObjectDictionary, can_id: int) -> int:
     return 0
 
 
-def _values(od: ObjectDictionary, tpdo: int, frame: Frame) -> list[tuple[Entry, int]]:
-    """Return the mapped entries of a TPDO with their raw values; empty if its length is another."""
-    mapping = compile_mapping(od, TPDO_MAPPING + tpdo - 1, Direction.TRANSMIT)
+def mapped(
+    od: ObjectDictionary, index: int, direction: Direction, frame: Frame
+) -> list[tuple[Entry, int]]:
+    """Return the entries that a PDO maps with their raw values; empty if its length is another."""
+    mapping = compile_mapping(od, index, direction)
     if mapping.size != len(frame.data):
         return []
     return list(zip(mapping.entries, mapping.read(frame.data), strict=True))
@@ -141,8 +143,9 @@ def _values(od: ObjectDictionary, tpdo: int, frame: Frame) -> list[tuple[Entry, 
 
 def _fields(od: ObjectDictionary, tpdo: int, recorded: Frame, recomputed: Frame) -> Iterator[Field]:
     if tpdo:
-        pairs = zip(_values(od, tpdo, recorded), _values(od, tpdo, recomputed), strict=False)
-        for (entry, there), (_, here) in pairs:
+        index = TPDO_MAPPING + tpdo - 1
+        both = [mapped(od, index, Direction.TRANSMIT, frame) for frame in (recorded, recomputed)]
+        for (entry, there), (_, here) in zip(*both, strict=False):
             if there != here:
                 yield Field(entry.name, _shown(entry, there), _shown(entry, here))
     elif len(recorded.data) == len(recomputed.data) == FRAME_BYTES:

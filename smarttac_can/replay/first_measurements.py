@@ -6,7 +6,7 @@ from collections import deque
 from typing import Final
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.mapping import Direction, compile_mapping
+from smarttac_can.device.mapping import Direction
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
@@ -17,6 +17,7 @@ from smarttac_can.od.cia import (
     TPDO_MAPPING,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.replay.difference import mapped
 
 Stamped = tuple[int, Frame]
 """A frame with a time of the log in us."""
@@ -90,8 +91,5 @@ class FirstMeasurements:
 
     def _tick(self, index: int, direction: Direction, frame: Frame) -> int | None:
         """Return the tick that a PDO carries, as far as a drive does; None without one."""
-        mapping = compile_mapping(self._od, index, direction)
-        if mapping.size != len(frame.data):
-            return None
-        values = zip(mapping.entries, mapping.read(frame.data), strict=True)
+        values = mapped(self._od, index, direction, frame)
         return next((raw % _TICKS for entry, raw in values if entry.name.endswith("Tick")), None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from smarttac_can.bench.published import PublishedPdo, published_pdos
+from smarttac_can.bench.published import PUBLIC, PublishedPdo, published_pdos
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import PDO_COB_ID, TPDO_COMMUNICATION, TPDO_MAPPING
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -13,13 +13,12 @@ from smarttac_can.od.entry import Entry
 
 OLD_S: Final = 2.0
 """A value that has not come for so long is not shown: 20 event times by default."""
-_NUMBERS: Final = range(1, 5)
 _PLACES: Final = range(9)
 
 
 def mapping_entries(od: ObjectDictionary) -> Iterator[Entry]:
     """Yield the entries that say what the public TPDOs carry."""
-    for number in _NUMBERS:
+    for number in PUBLIC:
         yield od.entry(TPDO_COMMUNICATION + number - 1, PDO_COB_ID)
         for place in _PLACES:
             yield od.entry(TPDO_MAPPING + number - 1, place)
@@ -51,7 +50,7 @@ class PublishedValues:
         now
             Time in s.
         """
-        pdos = published_pdos(self._od, _NUMBERS, lambda entry: told.get(entry, int(entry.default)))
+        pdos = published_pdos(self._od, lambda entry: told.get(entry, int(entry.default)))
         self._pdos = {pdo.can_id: pdo for pdo in pdos}
         self._ill = set()
         self._since = now

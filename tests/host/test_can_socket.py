@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import can_socket
-from smarttac_can.host.can_socket import CanSocket, _Multicast, _SocketCan, open_socket
+from smarttac_can.host.can_socket import CanSocket, SocketCan, _Multicast, open_socket
 from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
 
 WIDTHS = (0, 0x7F, 0x80, 0xFF, 0x100, 0x7FF)
@@ -28,7 +28,7 @@ HEARD = st.none() | st.frozensets(CAN_IDS, max_size=8)
 FRAMES = st.builds(Frame, CAN_IDS, st.binary(max_size=8), st.just(False)) | st.builds(
     Frame, CAN_IDS, st.just(b""), st.just(True)
 )
-CODECS = {"socketcan": _SocketCan, "udp_multicast": _Multicast}
+CODECS = {"socketcan": SocketCan, "udp_multicast": _Multicast}
 
 many = settings(deadline=None, max_examples=200)
 
@@ -247,7 +247,7 @@ def test_own_echo_is_dropped_and_an_equal_frame_of_another_party_heard() -> None
 @many
 @given(FRAMES)
 def test_struct_of_the_kernel_as_python_can_builds_and_dissects_it(frame: Frame) -> None:
-    data = _SocketCan().encode(frame)
+    data = SocketCan().encode(frame)
     built = bytearray(build_can_frame(to_message(frame)))
     built[7] = 0  # len8_dlc, which counts from 9 on only
     assert data == built
@@ -261,14 +261,14 @@ def test_struct_of_the_kernel_as_python_can_builds_and_dissects_it(frame: Frame)
 def test_struct_that_python_can_builds_is_heard(
     message: can.Message, can_ids: frozenset[int] | None
 ) -> None:
-    assert _SocketCan().decode(build_can_frame(message), can_ids) == to_hear(message, can_ids)
+    assert SocketCan().decode(build_can_frame(message), can_ids) == to_hear(message, can_ids)
 
 
 @many
 @given(st.integers(0, 2**32 - 1) | CAN_IDS, st.integers(0, 255), st.binary(min_size=8, max_size=8))
 def test_any_struct_is_read_as_python_can_reads_it(word: int, size: int, payload: bytes) -> None:
     packed = struct.pack("=IB3x8s", word, size, payload)
-    frame = _SocketCan().decode(packed, None)
+    frame = SocketCan().decode(packed, None)
     assert sound(frame)
     if word <= 0x7FF and size <= 8:
         can_id, _, _, data = dissect_can_frame(packed)
@@ -282,7 +282,7 @@ def test_any_struct_is_read_as_python_can_reads_it(word: int, size: int, payload
 @pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
 @given(data=st.binary(max_size=120), can_ids=HEARD)
 def test_garbage_is_nothing_to_hear(
-    codec: Callable[[], _Multicast | _SocketCan], data: bytes, can_ids: frozenset[int] | None
+    codec: Callable[[], _Multicast | SocketCan], data: bytes, can_ids: frozenset[int] | None
 ) -> None:
     assert sound(codec().decode(data, can_ids))
 
@@ -291,7 +291,7 @@ def test_garbage_is_nothing_to_hear(
 @pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
 @given(st.data(), FRAMES, HEARD)
 def test_what_was_cut_off_or_turned_over_is_nothing_to_worry_about(
-    codec: Callable[[], _Multicast | _SocketCan],
+    codec: Callable[[], _Multicast | SocketCan],
     data: st.DataObject,
     frame: Frame,
     can_ids: frozenset[int] | None,
@@ -411,7 +411,7 @@ def test_on_socketcan_the_kernel_drops_what_is_not_listened_to() -> None:
             {"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in (0x080, 0x700)
         ]
         assert bus.asked == [wanted]
-        other.send(_SocketCan().encode(Frame(600)))
+        other.send(SocketCan().encode(Frame(600)))
         assert under_test.read() == (True, None)
         under_test.close()
 

@@ -10,11 +10,12 @@ from synthetic_traces import PASS_MS, all_experiments, amplitude_sweep, friction
 from smarttac_can.bench.traces import COLUMNS, Trace, read_csv, sha256, write_csv
 from smarttac_can.paper import metrics
 from smarttac_can.paper import references as paper
+from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.summary import summary
 from smarttac_can.population import steps
 from smarttac_can.population.steps import Step, UndefinedError
 
-RUN = {"seed": 3, "law": "measured", "link": "local", "dead_time": 2.5e-4, "version": "1.2"}
+RUN = Conditions(seed=3, dead_time=250.0)
 
 
 def still(experiment):
@@ -23,7 +24,7 @@ def still(experiment):
 
 
 def summary_of(traces):
-    return summary(traces, **RUN, trace_sha256="ab")
+    return summary(traces, RUN, link="local", trace_sha256="ab")
 
 
 def step(curve, before=0.2, after=0.3):
@@ -284,7 +285,7 @@ class TestSummary:
         write_csv(tmp_path / "traces.csv", runs)
         again = read_csv(tmp_path / "traces.csv")
         digest = sha256(tmp_path / "traces.csv")
-        both = [summary(t, **RUN, trace_sha256=digest) for t in (runs, again)]
+        both = [summary(t, RUN, link="local", trace_sha256=digest) for t in (runs, again)]
         assert both[0] == both[1]
         assert json.loads(json.dumps(both[0], allow_nan=False)) == both[0]
 

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from synthetic_traces import all_experiments, trace
 
+from smarttac_can import __version__
+from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.report import compare, table_text, write_report
 from smarttac_can.paper.summary import summary
@@ -20,10 +22,8 @@ def law(error):
     return 1e-6 * max(-1.0, min(1.0, 0.04 * error))
 
 
-def summary_of(traces, **changes):
-    parameters = {"seed": 7, "law": "measured", "link": "bus", "dead_time": 4.5e-4}
-    parameters |= {"version": "0.3", "trace_sha256": "c0ffee"}
-    return summary(traces, **(parameters | changes))
+def summary_of(traces):
+    return summary(traces, Conditions(seed=7, dead_time=450.0), link="bus", trace_sha256="c0ffee")
 
 
 def verdicts(summary):
@@ -193,7 +193,8 @@ def test_table_text_is_plain_and_aligned():
     assert row.split()[-6:] == ["%", "30", "28", "to", "32", "inside"]
     end = lines[0].index("paper") + len("paper")
     assert row[:end].endswith(" 30")
-    assert "seed 7, law measured, vibration law pi, link bus, dead time 450 us, version 0.3" in text
+    run = "seed 7, law measured, vibration law pi, link bus, dead time 450 us"
+    assert f"{run}, version {__version__}" in text
     assert "missing" not in text
 
 
