@@ -69,7 +69,16 @@ class Choice(Generic[_Choices]):
 
 
 class BothSides:
-    """Set-points of the COF left and right of the boundary; a number sets both."""
+    """A property that is the set-points of the COF; a number sets both.
+
+    Parameters
+    ----------
+    text
+        What the property is.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.__doc__ = text
 
     def __get__(self, bench: Stimulator, _owner: type) -> tuple[float, float]:
         return bench.get("Setpoint.COF left"), bench.get("Setpoint.COF right")

@@ -58,7 +58,7 @@ class Stimulator:
     )
     amplitude = InUnit("Setpoint.Amplitude", "um", "Set-point of the amplitude in um peak-to-peak.")
     boundary = InUnit("Setpoint.Boundary", "mm", "Boundary in mm from the middle of the plate.")
-    cof = BothSides()
+    cof = BothSides("Set-points of the COF left and right of the boundary; a number sets both.")
     law = Choice(
         "Friction law",
         Law,

@@ -178,6 +178,15 @@ def test_a_bench_that_is_closed_refuses_whatever_is_asked(link: LinkName) -> Non
     assert repr(bench).startswith("<Stimulator over the local ")
 
 
+def test_each_public_attribute_says_itself_what_it_is() -> None:
+    """The Python reference leaves out what has only the docstring of its type."""
+    public = {name: value for name, value in vars(Stimulator).items() if not name.startswith("_")}
+    assert {"cof", "law", "run", "texture", "voltage"} <= set(public)
+    for name, value in public.items():
+        if name not in Stimulator.__slots__:
+            assert value.__doc__ and value.__doc__ != type(value).__doc__, name
+
+
 def test_a_misspelt_property_is_an_error() -> None:
     with Stimulator.simulate("local") as bench, pytest.raises(AttributeError, match="amplitud"):
         bench.amplitud = 1.0  # type: ignore[attr-defined]
