@@ -99,12 +99,10 @@ class Link(Protocol):
     @property
     def where(self) -> str:
         """Name of what it goes over, for messages."""
-        ...
 
     @property
     def only_read(self) -> bool:
         """Whether the stimulator may be driven by somebody else, and is not by this bench."""
-        ...
 
     def drive(self) -> None:
         """Become the one bench that drives the stimulator.
@@ -114,35 +112,27 @@ class Link(Protocol):
         BenchError
             While another bench drives it.
         """
-        ...
 
     def read(self, name: str) -> int:
         """Read the raw value of an object of the stimulator, or of the simulation."""
-        ...
 
     def text(self, name: str) -> str:
         """Read an object of the stimulator that is a string."""
-        ...
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object of the stimulator, or of the simulation."""
-        ...
 
     def read_table(self, name: str) -> bytes:
         """Read an object of the stimulator that is a DOMAIN."""
-        ...
 
     def write_table(self, name: str, data: bytes) -> None:
         """Write an object of the stimulator that is a DOMAIN; it may take a while."""
-        ...
 
     def snapshot(self) -> Snapshot:
         """Return the newest values the stimulator has published."""
-        ...
 
     def start_run(self) -> None:
         """Put a simulated plate to rest at tick 0 and reset the controllers."""
-        ...
 
     def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
         """Let the loop run and record it, a row a cycle; rows of lost cycles are missing.
@@ -156,18 +146,15 @@ class Link(Protocol):
         interrupted
             Asked after each cycle whether to end at once.
         """
-        ...
 
     def source(self) -> FrameSource:
         """Tell what the frames mean that `frames` tells."""
-        ...
 
     def frames(self, hear: Hear) -> AbstractContextManager[None]:
         """Have the frames of all cycles told, and those of masters, while a block lasts.
 
         They are told as they come, by whichever thread has them.
         """
-        ...
 
     def raw(self, path: Path) -> AbstractContextManager[None]:
         """Log all frames of the bus, in a format of python-can, while a block lasts."""
@@ -175,11 +162,9 @@ class Link(Protocol):
 
     def wrong_time(self) -> str:
         """Say that the stimulator keeps another time than the link believes; empty if not."""
-        ...
 
     def close(self) -> None:
         """Leave the bus; may be called twice."""
-        ...
 
 
 class ClosedLink:

@@ -25,22 +25,18 @@ class Bits(Protocol):
     @property
     def name(self) -> str:
         """Name beside that of the object; empty for all of the object."""
-        ...
 
     @property
     def start(self) -> int:
         """Lowest of the bits, counted from 0."""
-        ...
 
     @property
     def length(self) -> int:
         """Number of the bits."""
-        ...
 
     @property
     def values(self) -> Mapping[int, str]:
         """What the values are called; empty for numbers and flags."""
-        ...
 
 
 class Names(NamedTuple):

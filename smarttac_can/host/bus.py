@@ -32,7 +32,6 @@ class Bus(Protocol):
         BusError
             If it takes none at all.
         """
-        ...
 
     def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
         """Return the next frame of another party that is listened to.
@@ -54,11 +53,9 @@ class Bus(Protocol):
         BusError
             If the bus has failed.
         """
-        ...
 
     def listen_to(self, can_ids: frozenset[int]) -> None:
         """Pass over frames with other identifiers from now on; at first none are."""
-        ...
 
     def close(self) -> None:
         """Leave the bus and free its sockets and handles; may be called twice.
@@ -68,4 +65,3 @@ class Bus(Protocol):
         BusError
             If the driver fails at it.
         """
-        ...

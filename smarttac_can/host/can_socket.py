@@ -37,11 +37,9 @@ class Codec(Protocol):
 
     def encode(self, frame: Frame) -> bytes:
         """Return what is sent for a frame."""
-        ...
 
     def decode(self, data: bytes, can_ids: frozenset[int] | None) -> Frame | None:
         """Return the frame; None for what is none, an echo, or not listened to (None: all is)."""
-        ...
 
 
 class SocketCan:

@@ -17,23 +17,18 @@ class Node(Protocol):
 
     def start(self) -> list[Frame]:
         """Switch the power on; the boot-up message is among the frames."""
-        ...
 
     def receive(self, frame: Frame) -> list[Frame]:
         """Take one frame from the bus; return what the node answers, in order."""
-        ...
 
     def advance(self, microseconds: int) -> list[Frame]:
         """Let so many us pass for the node; return the frames that fell due, in order."""
-        ...
 
     def segments(self, most: int) -> list[Frame]:
         """Return the next frames, at most so many, of transfers limited by the bus alone."""
-        ...
 
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V; return the frames that tell the others."""
-        ...
 
 
 class HostedNode(Node, Protocol):
@@ -42,23 +37,19 @@ class HostedNode(Node, Protocol):
     @property
     def clock(self) -> Clock:
         """Device time: moved by `advance`, or by who runs the node in real time."""
-        ...
 
     @property
     def ids(self) -> Identifiers:
         """CAN-IDs that the node hears, and of its urgent frames; a new object if they change."""
-        ...
 
     def overdue(self) -> list[Frame]:
         """Act on deadlines that have passed, before the frames that wait are heard.
 
         The host calls it when it comes late.
         """
-        ...
 
     def transmit_failed(self) -> list[Frame]:
         """Take note that an urgent frame could not be handed over in its cycle."""
-        ...
 
 
 class Connected(Protocol):
@@ -66,11 +57,9 @@ class Connected(Protocol):
 
     def bus_off(self) -> list[Frame]:
         """Take note that there is no bus; what is returned reaches nobody."""
-        ...
 
     def bus_recovered(self) -> list[Frame]:
         """Take note that the bus is there again; return what the node sends for it."""
-        ...
 
 
 class ConnectedNode(Node, Connected, Protocol):

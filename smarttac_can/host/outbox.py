@@ -20,7 +20,6 @@ class Taker(Protocol):
 
     def send(self, frame: Frame) -> None:
         """Take a frame, or raise QueueFullError."""
-        ...
 
 
 class Outbox:
