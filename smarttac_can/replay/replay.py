@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -9,7 +10,8 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import HEARTBEAT_ID, NMT_ID, SYNC_ID, NMTCommand
 from smarttac_can.replay.difference import Difference, difference, drive_voltage
-from smarttac_can.replay.replayed_node import ReplayedNode
+from smarttac_can.replay.first_measurements import Stamped
+from smarttac_can.replay.replayed_node import LATE_US, ReplayedNode
 
 _LACKING_US: Final = 100_000
 """A frame that is not in the log so long after it was due is not in the log."""
@@ -77,6 +79,7 @@ class Replay:
         self._boot_up = Frame(HEARTBEAT_ID + node_id, b"\0")
         self._node: ReplayedNode | None = None
         self._keeps = self._synced = False
+        self._queued: deque[Stamped] | None = None
         self._doubt: DifferenceError | None = None
         self._doubted = 0
         self._first = self._time = self._looked = self._begun = 0
@@ -158,11 +161,26 @@ class Replay:
             if not self._keeps:
                 self._begun = self._time
                 self._switch_on()
+                self._hear_queued()
             self._keeps = False
         elif frame.can_id == NMT_ID and len(frame.data) == len(("command", "node-ID")):
             command, node_id = frame.data
             if node_id in (0, self._node_id):
                 self._keeps = command == NMTCommand.RESET_COMMUNICATION
+                self._queued = deque() if command == NMTCommand.RESET_NODE else None
+        elif self._queued is not None:
+            self._queued.append((self._time, frame))
+            while self._queued[0][0] < self._time - LATE_US:
+                self._queued.popleft()
+
+    def _hear_queued(self) -> None:
+        """Hear what came behind the reset: it waited until the node had booted."""
+        node = self._node
+        assert node is not None
+        for time, frame in self._queued or ():
+            if time >= self._time - LATE_US and not node.sends(frame):
+                node.hear(self._time, frame)
+        self._queued = None
 
     def _switch_on(self) -> None:
         self._doubt, self._doubted = None, 0

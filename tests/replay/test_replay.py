@@ -144,6 +144,18 @@ def test_a_reset_is_as_good_as_a_power_on() -> None:
     assert second.drives == len(places(log[reset:], DRIVE)) > 400
 
 
+def test_what_waited_behind_the_reset_is_heard_after_the_boot_up() -> None:
+    """The node acts on the reset before it looks at the next frame, which is in the log already."""
+    log = clocked_run(reset=True)
+    reset = places(log, 0)[-3]
+    assert log[reset][1].data[0] == 0x81
+    boot_up = next(p for p in places(log, BOOT_UP) if p > reset)
+    request = next(p for p in places(log, SDO_TO) if p > boot_up)
+    early = [*log[reset - 300 : boot_up], log[request], *log[boot_up:request], *log[request + 1 :]]
+    found = replayed(early, lockstep=False)
+    assert found.drives == len(places(log[reset:], DRIVE)) > 400
+
+
 def test_a_node_that_was_switched_off_and_on_begins_anew() -> None:
     log = friction_run()
     again = [(time + 10_000_000, frame) for time, frame in log]
