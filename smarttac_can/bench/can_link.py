@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from queue import Empty
 from time import monotonic
@@ -23,7 +23,7 @@ from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.host.kernel_filter import hear_only, hold_more
 from smarttac_can.master.errors import BenchError, BusLostError
-from smarttac_can.od.cia import CAN_ID_MASK, EMCY_ID, HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID, SYNC_ID
+from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID, SYNC_ID
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import SIMULATION
@@ -203,13 +203,11 @@ class CanLink:
             finally:
                 network.taps = tuple(other for other in network.taps if other is not tap)
 
-    @contextmanager
-    def raw(self, path: Path) -> Iterator[None]:
-        """Log all frames on the bus, and those of this bench, in a format of python-can."""
+    def raw(self, path: Path) -> AbstractContextManager[str]:
+        """Log all frames on the bus, those of this bench too, in a format of python-can."""
         from smarttac_can.bench.raw_log import raw_log  # noqa: PLC0415 - its formats take long
 
-        with self._hearing(range(CAN_ID_MASK + 1)), raw_log(self._network, path):
-            yield
+        return raw_log(self._network, path)
 
     def wrong_time(self) -> str:
         """Say that the stimulator keeps another time than the link believes; empty if not."""

@@ -156,8 +156,11 @@ class Link(Protocol):
         They are told as they come, by whichever thread has them.
         """
 
-    def raw(self, path: Path) -> AbstractContextManager[None]:
-        """Log all frames of the bus, in a format of python-can, while a block lasts."""
+    def raw(self, path: Path) -> AbstractContextManager[str]:
+        """Log all frames of the bus, in a format of python-can, while a block lasts.
+
+        It gives the block what of the log is not as on the bus, in one line; empty if all is.
+        """
         ...
 
     def wrong_time(self) -> str:

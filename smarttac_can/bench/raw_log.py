@@ -4,19 +4,35 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from math import inf
 from pathlib import Path
 from time import time
+from typing import Final
 
 import can
 
+from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.tapped_network import TappedNetwork
+from smarttac_can.host.background import Background
+from smarttac_can.host.kernel_filter import hold_more
+from smarttac_can.host.python_can import hears_others_of_process
 from smarttac_can.master.errors import BenchError
+
+_LOOK_S: Final = 0.02
+_OUT_OF_ORDER: Final = (
+    "this interface does not hear what this process sends: the raw log has it as it was handed "
+    "over, which need not be its place on the bus; receive_own_messages=1 helps where an "
+    "interface has it"
+)
 
 
 @contextmanager
-def raw_log(network: TappedNetwork, path: Path) -> Iterator[None]:
-    """Log what a network sends and receives while a block lasts.
+def raw_log(network: TappedNetwork, path: Path) -> Iterator[str]:
+    """Log all frames of a bus while a block lasts, those that the network sends as well.
+
+    A handle of its own takes them, where the interface lets it hear what the network sends: so all
+    have the order and the times of the bus.
 
     Parameters
     ----------
@@ -26,49 +42,60 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[None]:
         A file that does not exist yet: ASC, BLF, CSV, candump (``.log``), SQLite, TRC and so on by
         its suffix.
 
+    Yields
+    ------
+    str
+        What of the log is not as on the bus, in one line; empty if all is.
+
     Raises
     ------
     BenchError
-        If it exists, cannot be written, or python-can has no such format; after the block, if not
-        all of it could be written.
+        If it exists, cannot be written, or python-can has no such format, or if the bus cannot be
+        opened a second time; after the block, if not all of it could be written.
     """
-    logger = _open(path)
-    # python-can's notifier receives in one thread, and a bench sends in others.
-    lock = threading.Lock()
-    failures: list[Exception] = []
+    note = ""
+    with ExitStack() as stack:
+        second = None
+        if not isinstance(network, LocalNetwork) and hears_others_of_process(network.bus):
+            second = stack.enter_context(network.second_bus())
+        file = _File(path)
+        stack.callback(file.stop)
+        if isinstance(network, LocalNetwork):
+            stack.enter_context(_tapping(network, file))
+        elif second is not None:
+            stack.enter_context(_listening(second, file))
+        else:
+            stack.enter_context(_beside(network, file))
+            note = "" if network.hears_itself else _OUT_OF_ORDER
+        yield note
+    if file.failures:
+        raise BenchError(f"{path} takes no more: {file.failures[0]}") from file.failures[0]
 
-    def log(message: can.Message) -> None:
-        with lock:
+
+class _File:
+    """A file that takes messages of several threads, and keeps what it did not take."""
+
+    def __init__(self, path: Path) -> None:
+        self._logger = _open(path)
+        # python-can's notifier receives in one thread, and a bench sends in others.
+        self._lock = threading.Lock()
+        self.failures: list[Exception] = []
+
+    def log(self, message: can.Message) -> None:
+        with self._lock:
             # An error here would end the thread that hears the bus, or what the bench is sending.
-            if not failures:
+            if not self.failures:
                 try:
-                    logger.on_message_received(message)
+                    self._logger.on_message_received(message)
                 except Exception as error:  # noqa: BLE001 (the formats raise what they like)
-                    failures.append(error)
+                    self.failures.append(error)
 
-    def log_data(can_id: int, data: bytes) -> None:
-        log(can.Message(time(), can_id, is_extended_id=False, data=data))
-
-    receiving = network.notifier
-    if receiving is None:
-        network.taps += (log_data,)
-    else:
-        network.own_taps += (log_data,)
-        receiving.add_listener(log)
-    try:
-        yield
-    finally:
-        network.taps = tuple(tap for tap in network.taps if tap is not log_data)
-        network.own_taps = tuple(tap for tap in network.own_taps if tap is not log_data)
-        if receiving is not None:
-            receiving.remove_listener(log)
-        with lock:
+    def stop(self) -> None:
+        with self._lock:
             try:
-                logger.stop()
+                self._logger.stop()
             except Exception as error:  # noqa: BLE001 (what it still held may not fit)
-                failures.append(error)
-    if failures:
-        raise BenchError(f"{path} takes no more: {failures[0]}") from failures[0]
+                self.failures.append(error)
 
 
 def _open(path: Path) -> can.Listener:
@@ -81,3 +108,60 @@ def _open(path: Path) -> can.Listener:
             if not path.stat().st_size:
                 path.unlink()
         raise BenchError(f"cannot log to {path}: {error}") from error
+
+
+@contextmanager
+def _tapping(network: LocalNetwork, file: _File) -> Iterator[None]:
+    """Log the frames of a local bus, where all pass in one thread."""
+    begun = time() - network.now()
+
+    def tap(can_id: int, data: bytes) -> None:
+        file.log(can.Message(begun + network.now(), can_id, is_extended_id=False, data=data))
+
+    network.taps += (tap,)
+    try:
+        yield
+    finally:
+        network.taps = tuple(other for other in network.taps if other is not tap)
+
+
+@contextmanager
+def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
+    """Log what a handle of its own hears, up to what was sent before the block ended."""
+    end = inf
+
+    def stop() -> None:
+        nonlocal end
+        end = time()
+
+    def work() -> None:
+        try:
+            while True:
+                message = bus.recv(_LOOK_S)
+                if message is not None and message.timestamp <= end:
+                    file.log(message)
+                elif time() > end:
+                    return
+        except (can.CanError, OSError) as error:
+            file.failures.append(error)
+
+    hold_more(bus)
+    with Background("raw log", work, stop):
+        yield
+
+
+@contextmanager
+def _beside(network: TappedNetwork, file: _File) -> Iterator[None]:
+    """Log what the network receives and, unless it hears itself, what it sends, as it does."""
+
+    def tap(can_id: int, data: bytes) -> None:
+        file.log(can.Message(time(), can_id, is_extended_id=False, is_rx=False, data=data))
+
+    if not network.hears_itself:
+        network.own_taps += (tap,)
+    network.notifier.add_listener(file.log)
+    try:
+        yield
+    finally:
+        network.own_taps = tuple(other for other in network.own_taps if other is not tap)
+        network.notifier.remove_listener(file.log)

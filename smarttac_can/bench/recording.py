@@ -51,6 +51,8 @@ class Recording:
     ----------
     summary
         What it holds, when it is over; None before.
+    raw_note
+        What of the raw log is not as on the bus, in one line; empty if all is, or there is none.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class Recording:
         self._raw = raw
         self._stop = stop
         self.summary: Summary | None = None
+        self.raw_note = ""
         self._log: FrameLog | None = None
         self._stack = ExitStack()
         self._cycles = 0
@@ -116,7 +119,7 @@ class Recording:
         last = [pdo["can_id"] for pdo in head["published"] if pdo["every_cycle"]][-1]
         with ExitStack() as stack:
             if self._raw is not None:
-                stack.enter_context(self._link.raw(self._raw))
+                self.raw_note = stack.enter_context(self._link.raw(self._raw))
             log = stack.enter_context(self._new_log(head))
             try:
                 stack.enter_context(self._link.frames(self._hearing(log, last)))

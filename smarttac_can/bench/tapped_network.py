@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any, Self
+
+import can
 import canopen
 
 from smarttac_can.bench.link import Hear
+from smarttac_can.host.drivers import cannot_open
+from smarttac_can.master.errors import BenchError
 
 
 class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
@@ -23,6 +29,32 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         super().__init__()
         self.taps: tuple[Hear, ...] = ()
         self.own_taps: tuple[Hear, ...] = ()
+        self._options: Mapping[str, Any] = {}
+
+    def connect(self, **options: Any) -> Self:
+        """Connect to a bus of python-can, by its options."""
+        super().connect(**options)
+        self._options = options
+        return self
+
+    @property
+    def hears_itself(self) -> bool:
+        """Whether its bus was told to echo what is sent."""
+        return bool(self._options.get("receive_own_messages"))
+
+    def second_bus(self) -> can.BusABC:
+        """Open the same bus again; the caller closes it.
+
+        Raises
+        ------
+        BenchError
+            If it cannot be opened twice.
+        """
+        try:
+            return can.Bus(**{**self._options, "can_filters": None})
+        except Exception as error:  # drivers raise what they like
+            interface, channel = (self._options.get(name) for name in ("interface", "channel"))
+            raise BenchError(cannot_open(interface, channel, error)) from error
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""

@@ -110,6 +110,8 @@ def _record(
     require_h5py()
     with stop_on_signals() as stopped, connect() as bench:
         with bench.record(file, raw=raw) as recording:
+            if recording.raw_note:
+                click.echo(recording.raw_note, err=True)
             _wait(recording, stopped, seconds)
         assert recording.summary is not None
         return recording.summary

@@ -7,6 +7,9 @@ from time import monotonic, time_ns
 from typing import Any
 
 import can
+from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.udp_multicast import UdpMulticastBus
+from can.interfaces.virtual import VirtualBus
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook, QueueFullError
@@ -33,6 +36,11 @@ def to_frame(message: can.Message) -> Frame | None:
     if message.is_error_frame or message.is_extended_id or message.is_fd:
         return None
     return Frame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
+
+
+def hears_others_of_process(bus: can.BusABC) -> bool:
+    """Whether another handle on the same bus, in this process too, hears what this one sends."""
+    return isinstance(bus, SocketcanBus | UdpMulticastBus | VirtualBus)
 
 
 class PythonCanBus:

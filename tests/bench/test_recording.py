@@ -25,6 +25,7 @@ from smarttac_can.bench import (
     State,
     Stimulator,
     make_recording,
+    raw_log,
 )
 from smarttac_can.bench.recorded_frames import RecordedFrames
 from smarttac_can.host.frame_log import MARK, MARK_END, RECORD, FrameLog, FrameLogReader
@@ -417,6 +418,66 @@ def test_the_raw_bus_beside_it(tmp_path: Path, suffix: str) -> None:
     for can_id in (0x080, 0x221, 0x2A0, 0x3A0, 0x4A0):
         assert frames.count(can_id) == 50, hex(can_id)
     assert frames.index(0x620) < frames.index(0x5A0)
+
+
+def written(raw: Path) -> list[tuple[int, bool]]:
+    """Identifiers of the bench's own SDO requests and of their answers, and whether received."""
+    sdo = (0x620, 0x5A0)
+    return [(m.arbitration_id, m.is_rx) for m in can.LogReader(raw) if m.arbitration_id in sdo]
+
+
+@pytest.mark.parametrize("echoes", [False, True])
+def test_the_raw_log_of_a_bus_that_no_second_handle_hears(
+    virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, echoes: bool
+) -> None:
+    monkeypatch.setattr(raw_log, "hears_others_of_process", lambda _: False)
+    raw = tmp_path / "run.asc"
+    options = {**virtual, "receive_own_messages": echoes}
+    node = stimulator_with_plate(lockstep=False)
+    with in_threads(virtual, node, lockstep=False), Stimulator.connect(**options) as bench:
+        recording = bench.record(tmp_path / "run.h5", raw=raw)
+        with recording:
+            for voltage in (1.0, 2.0, 3.0):
+                bench.voltage = voltage
+    # Each once, whether the bus echoes it or not.
+    frames = written(raw)
+    assert frames.count((0x620, False)) == frames.count((0x5A0, True)) == len(frames) / 2 >= 3
+    assert recording.raw_note.startswith("" if echoes else "this interface does not hear")
+    assert bool(recording.raw_note) is not echoes
+
+
+def test_a_bus_that_cannot_be_opened_twice_is_told(
+    virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def taken(**_: object) -> None:
+        raise can.CanInitializationError("it is taken")
+
+    node = stimulator_with_plate(lockstep=False)
+    with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
+        monkeypatch.setattr(can, "Bus", taken)
+        recording = bench.record(tmp_path / "run.h5", raw=tmp_path / "run.asc")
+        with pytest.raises(BenchError, match=r"cannot open the virtual bus, .*: it is taken"):
+            recording.__enter__()
+        assert bench.run(0.05).cof.size
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_raw_log_of_a_bus_that_fails_says_so(
+    virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unplugged(*_: object) -> None:
+        raise can.CanOperationError("it is unplugged")
+
+    node = stimulator_with_plate(lockstep=False)
+    with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
+        link: Any = bench._link
+        second = can.Bus(**virtual)
+        monkeypatch.setattr(second, "recv", unplugged)
+        monkeypatch.setattr(link._network, "second_bus", lambda: second)
+        recording = bench.record(tmp_path / "run.h5", raw=tmp_path / "run.asc")
+        with pytest.raises(BenchError, match=r"run\.asc takes no more: it is unplugged"), recording:
+            assert bench.run(0.05).cof.size
+    assert recording.summary is not None
 
 
 def test_refused_raw_logs_leave_nothing(tmp_path: Path) -> None:
