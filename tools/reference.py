@@ -98,6 +98,8 @@ def _parameter(parameter: click.Parameter) -> tuple[str, str, str]:
     if not parameter.is_flag:
         name += f" {parameter.metavar or _argument(parameter.type)}"
     default = f"`{parameter.default}`" if parameter.show_default else ""
+    if parameter.required:
+        default = "required"
     return f"`{name}`", default, parameter.help or ""
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from configparser import ConfigParser, SectionProxy
 from configparser import Error as ConfigError
+from contextlib import suppress
 from datetime import datetime
+from difflib import get_close_matches
 from io import StringIO
+from itertools import product
 from typing import Final
 
 from smarttac_can.od.cia import IDENTITY, Abort, DataType, ObjectType
@@ -24,6 +27,9 @@ COMMISSIONING: Final = "DeviceComissioning"
 """Name of the section; the standard spells it so."""
 
 _SECTION: Final = re.compile(r"^([0-9a-f]{4})(?:sub([0-9a-f]{1,2}))?$", re.IGNORECASE)
+
+_NUMBER_AND_UNIT: Final = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*(.*)", re.ASCII)
+_HINTS: Final = 3
 
 
 def make_dcf(
@@ -165,7 +171,9 @@ def _find(od: ObjectDictionary, name: str) -> Entry:
         return od[name]
     found = _SECTION.match(name)
     if found is None:
-        raise ValueError(f"{name!r} is not in the EDS, or stands for several objects")
+        near = get_close_matches(name, [entry.name for entry in od], _HINTS)
+        hint = f"; perhaps {' or '.join(near)}" if near else ""
+        raise ValueError(f"{name!r} is not in the EDS, or stands for several objects{hint}")
     entry = od.get(int(found[1], 16), int(found[2] or "0", 16))
     if entry is None:
         raise ValueError(f"{name} is not in the EDS")
@@ -173,35 +181,81 @@ def _find(od: ObjectDictionary, name: str) -> Entry:
 
 
 def _raw(entry: Entry, text: str) -> str:
-    """Return what an EDS writes for a quantity with a unit; any other text as it is."""
-    try:
-        with_unit = bool(Quantity.parse(text).symbol)
-    except ValueError:
+    """Return what an EDS writes for a quantity with a unit; a raw value as it is."""
+    if not text or "$" in text or not isinstance(entry.default, int):
         return text
-    return str(entry.counts(text)) if with_unit and isinstance(entry.default, int) else text
+    with suppress(EDSError):
+        parse_integer(text.replace(" ", ""), entry.name)
+        return text
+    with suppress(ValueError):
+        if Quantity.parse(text).symbol:
+            return str(entry.counts(text))
+    symbol = entry.unit.symbol
+    like = f"a number with a unit like {symbol}" if symbol else "a ratio with a %"
+    raise ValueError(
+        f"{entry.name} {text!r} is neither a raw integer nor {like}{_perhaps(entry, text)}"
+    )
+
+
+def _perhaps(entry: Entry, text: str) -> str:
+    """Say what a text may be meant for: with a decimal point, or a unit that is spelt so."""
+    found = _NUMBER_AND_UNIT.fullmatch(text)
+    if found is None or not found[2]:
+        return ""
+    units = {unit.lower(): unit for unit in _units(entry)}
+    for near in get_close_matches(found[2].lower(), units, 1):
+        guess = f"{found[1].replace(',', '.')} {units[near]}"
+        with suppress(ValueError):
+            entry.counts(guess)
+            return f"; perhaps {guess!r}"
+    return ""
+
+
+def _units(entry: Entry) -> Iterator[str]:
+    """Yield units of the kind of an entry, its own last."""
+    symbol = entry.unit.symbol
+    for prefix, base in product(("G", "M", "k", "", "u", "n", "m"), (symbol, symbol[1:])):
+        with suppress(ValueError):
+            entry.counts(f"1 {prefix}{base}")
+            yield prefix + base
+    yield symbol or "%"
 
 
 def _check(entry: Entry, text: str, node_id: int, given: str) -> None:
-    """Refuse a raw value; one that was given with a unit has its bounds in that of the object."""
+    """Refuse a raw value, and say its bounds raw and in the unit of the object."""
     if not entry.writable:
         raise ValueError(f"{entry.name} is {entry.access}: it takes no value")
     if not text:
         raise ValueError(f"{entry.name} is given no value")
     if entry.data_type is DataType.DOMAIN:
         raise ValueError(f"{entry.name} is a DOMAIN: its value is a file, not a text")
-    value = parse_value(entry.data_type, text, node_id, f"{entry.name} value {text!r}")
+    where = f"{entry.name} value {text!r}"
+    try:
+        value = parse_value(entry.data_type, text, node_id, where)
+    except EDSError:
+        if "$" in text or not isinstance(entry.default, int):
+            raise
+        # Outside of its type, and so of its bounds.
+        value = parse_integer(text.replace(" ", ""), where)
     if isinstance(value, int | float) and not entry.low <= value <= entry.high:
-        bounds = f"{entry.low}..{entry.high}"
-        if given != text:
-            low, high = (
-                f"{bound * float(entry.unit.number):.12g}" for bound in (entry.low, entry.high)
-            )
-            bounds = f"{low}..{high} {entry.unit.symbol}".rstrip()
-        raise ValueError(f"{entry.name} {given} is outside {bounds}")
+        raise ValueError(_outside(entry, value, given, with_unit=given != text))
     try:
         entry.check(value)
     except Abort as error:
         raise ValueError(f"{entry.name} takes no {text!r}: {error}") from error
+
+
+def _outside(entry: Entry, raw: float, given: str, *, with_unit: bool) -> str:
+    symbol = entry.unit.symbol
+    bounds = f"{entry.low}..{entry.high}"
+    if not symbol:
+        return f"{entry.name} {given} is outside {bounds}"
+    low, high = (f"{bound * float(entry.unit.number):.12g}" for bound in (entry.low, entry.high))
+    if with_unit:
+        return f"{entry.name} {given} is outside {low}..{high} {symbol}"
+    text = f"{entry.name} {given} is outside the raw values {bounds}, {low}..{high} {symbol}"
+    meant = f"{raw} {symbol}"
+    return f"{text}; perhaps {meant!r}" if entry.low <= entry.counts(meant) <= entry.high else text
 
 
 def _set_value(file: ConfigParser, od: ObjectDictionary, entry: Entry, value: str) -> None:
