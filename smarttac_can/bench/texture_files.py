@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from io import BytesIO, StringIO
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +18,7 @@ Floats = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 64 << 20
 _GREY_DIMENSIONS: Final = 2
+_SHOWN: Final = 40
 
 
 def read_columns(path: Path, names: Sequence[str]) -> list[Floats]:
@@ -28,40 +29,54 @@ def read_columns(path: Path, names: Sequence[str]) -> list[Floats]:
     Raises
     ------
     ValueError
-        If a column is missing, a number is none, or no row is left; names the line.
+        If it is no text, a column is missing, a number is none, or no row is left; names line and
+        column.
     OSError
         If it is no regular file, larger than `MAX_BYTES`, or cannot be read.
     """
     data = read_bounded(path, MAX_BYTES)
     try:
-        rows = csv.reader(StringIO(data.decode("utf-8-sig"), newline=""))
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"{path}: line {line} is no UTF-8 text") from error
+    rows = csv.reader(StringIO(text, newline=""))
+    try:
         header = [name.strip() for name in next(rows, [])]
         missing = [name for name in names if name not in header]
         if missing:
-            raise ValueError(f"there is no column {missing[0]!r} among {', '.join(header)}")
-        places = [header.index(name) for name in names]
-        values = _numbers(rows, places)
-    except (UnicodeDecodeError, csv.Error, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
+            raise ValueError(f"{path}: there is no column {missing[0]!r} among {', '.join(header)}")
+        places = [(name, header.index(name)) for name in names]
+        values = [numbers for row in rows if (numbers := _numbers(row, places))]
+    except (csv.Error, _NoNumberError) as error:
+        raise ValueError(f"{path}: line {rows.line_num}: {error}") from error
     if not values:
         raise ValueError(f"{path}: no row has all of {', '.join(names)}")
     return list(np.array(values, dtype=np.float64).T)
 
 
-def _numbers(rows: Iterator[list[str]], places: list[int]) -> list[list[float]]:
-    found = []
-    for line, row in enumerate(rows, 2):
-        texts = [row[place].strip() if place < len(row) else "" for place in places]
-        if "" in texts:
-            continue
-        try:
-            numbers = [float(text) for text in texts]
-        except ValueError as error:
-            raise ValueError(f"line {line}: {error}") from None
-        if not all(isfinite(number) for number in numbers):
-            raise ValueError(f"line {line}: a number is not finite")
-        found.append(numbers)
-    return found
+class _NoNumberError(ValueError):
+    """A cell of a CSV is no number."""
+
+
+def _numbers(row: list[str], places: Sequence[tuple[str, int]]) -> list[float]:
+    """Return the numbers in a row by name and place of their columns; none if one is empty."""
+    texts = [row[place].strip() if place < len(row) else "" for _, place in places]
+    return (
+        []
+        if "" in texts
+        else [_number(name, text) for (name, _), text in zip(places, texts, strict=True)]
+    )
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = nan
+    if not isfinite(number):
+        raise _NoNumberError(f"column {name!r}: {text[:_SHOWN]!r} is no finite number")
+    return number
 
 
 def read_grey_row(path: Path, row: int) -> Floats:

@@ -119,7 +119,9 @@ def replay(
 def _replay(log: Path, run: Replay) -> Replayed | DifferenceError:
     """Replay all of a log, or up to the first difference."""
     try:
-        for time, frame in _showing(read_log(log)):
+        for time, frame in _showing(
+            read_log(log, lambda line: click.echo(one_line(line), err=True))
+        ):
             run.take(time, frame)
         return run.end()
     except DifferenceError as difference:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +10,7 @@ import can
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bounded_file import open_regular
-from smarttac_can.host.candump import Lines, read_candump, stamped
+from smarttac_can.host.candump import Lines, ToldCut, read_candump, stamped
 from smarttac_can.host.frame_log import is_frame_log
 
 _CANDUMP: Final = ".log"
@@ -20,13 +20,16 @@ LOG_SUFFIXES: Final = (_CANDUMP, *_TEXT, *_BINARY)
 """Of the logs that can be read."""
 
 
-def read_log(path: Path) -> Iterator[tuple[int, Frame]]:
+def read_log(path: Path, told_cut: ToldCut | None = None) -> Iterator[tuple[int, Frame]]:
     """Read a log frame by frame, in the format that its suffix stands for.
 
     Parameters
     ----------
     path
         A candump (``.log``), ASC, BLF, CSV or TRC.
+    told_cut
+        Called with a line to show where the last line of a log is cut, as of a logger that was
+        killed: it is left out. Without, that is an error.
 
     Yields
     ------
@@ -38,7 +41,7 @@ def read_log(path: Path) -> Iterator[tuple[int, Frame]]:
     OSError
         If it is no regular file, or cannot be read.
     ValueError
-        If it is none of these, or where it is cut or damaged.
+        If it is none of these, or where it is cut or damaged; names the line.
     """
     if is_frame_log(path):
         raise ValueError(
@@ -47,19 +50,32 @@ def read_log(path: Path) -> Iterator[tuple[int, Frame]]:
         )
     suffix = path.suffix.lower()
     if suffix == _CANDUMP:
-        return read_candump(path)
-    if suffix not in LOG_SUFFIXES:
-        raise ValueError(f"{path} is none of {', '.join(LOG_SUFFIXES)}")
-    return _read(path, suffix)
+        return read_candump(path, told_cut)
+    if suffix in _TEXT:
+        return _read_text(path, suffix, told_cut)
+    if suffix in _BINARY:
+        return _read_binary(path, suffix)
+    raise ValueError(f"{path} is none of {', '.join(LOG_SUFFIXES)}")
 
 
-def _read(path: Path, suffix: str) -> Iterator[tuple[int, Frame]]:
-    kind = suffix[1:].upper()
-    file = open_regular(path)
-    with file if suffix in _BINARY else Lines(file, encoding="utf-8", errors="replace") as stream:
-        try:
-            messages = iter((_BINARY | _TEXT)[suffix](stream))
-        except Exception as error:  # the formats raise what they like
-            raise ValueError(f"{path} is no {kind} log: {error}") from error
-        # The formats raise what they like.
-        yield from stamped(messages, f"{path} is no {kind} log, or cut", (Exception,))
+def _read_text(path: Path, suffix: str, told_cut: ToldCut | None) -> Iterator[tuple[int, Frame]]:
+    with Lines(path, told_cut) as lines:
+        yield from _read(lines, suffix, lambda: lines.refusal(_kind(suffix)))
+
+
+def _read_binary(path: Path, suffix: str) -> Iterator[tuple[int, Frame]]:
+    with open_regular(path) as file:
+        yield from _read(file, suffix, lambda: f"{path} is no {_kind(suffix)} log, or damaged")
+
+
+def _read(stream: Any, suffix: str, refusal: Callable[[], str]) -> Iterator[tuple[int, Frame]]:
+    try:
+        messages = iter((_BINARY | _TEXT)[suffix](stream))
+    except Exception as error:  # the formats raise what they like
+        raise ValueError(refusal()) from error
+    # The formats raise what they like.
+    yield from stamped(messages, refusal, (Exception,))
+
+
+def _kind(suffix: str) -> str:
+    return suffix[1:].upper()

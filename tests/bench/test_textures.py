@@ -190,8 +190,9 @@ def test_what_makes_no_texture_is_refused(make, reason: str) -> None:  # type: i
         ("", "there is no column 'x' among "),
         ("t,mu\n1,2\n", "there is no column 'x' among t, mu"),
         ("x,mu\n", "no row has all of x, mu"),
-        ("x,mu\n1,0.3\n2,many\n", "line 3: could not convert string to float: 'many'"),
-        ("x,mu\n1,inf\n", "line 2: a number is not finite"),
+        ("x,mu\n1,0.3\n2,many\n", "line 3: column 'mu': 'many' is no finite number"),
+        ("x,mu\n1,inf\n", "line 2: column 'mu': 'inf' is no finite number"),
+        ('x,mu\n1,0.3\n2,"a\nb"\n', "line 4: column 'mu': 'a\\nb' is no finite number"),
     ],
 )
 def test_what_is_no_recording_is_refused(text: str, reason: str, tmp_path: Path) -> None:
@@ -200,6 +201,13 @@ def test_what_is_no_recording_is_refused(text: str, reason: str, tmp_path: Path)
     with pytest.raises(ValueError) as refused:
         Texture.from_csv(path, position="x", cof="mu")
     assert str(refused.value) == f"{path}: {reason}"
+
+
+def test_a_recording_in_another_encoding_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    path.write_bytes("x,mu\n1,0.3\n2,0.3 µ\n".encode("latin-1"))
+    with pytest.raises(ValueError, match=r"recording\.csv: line 3 is no UTF-8 text$"):
+        Texture.from_csv(path, position="x", cof="mu")
 
 
 def test_what_is_no_grey_picture_is_refused(tmp_path: Path) -> None:

@@ -61,8 +61,34 @@ def test_log_of_python_can_and_foreign_frames(tmp_path: Path) -> None:
 def test_other_file_is_refused(line: str, tmp_path: Path) -> None:
     path = tmp_path / "bus.log"
     path.write_text(f"(1.0) can0 181#00\n{line}\n")
-    with pytest.raises(ValueError, match=r"bus\.log is no candump log"):
+    with pytest.raises(
+        ValueError, match=r"bus\.log, line 2: '.*' is no line of a candump log$"
+    ) as told:
         list(read_candump(path))
+    assert repr(line) in str(told.value)
+
+
+def test_a_line_that_is_cut(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    whole = "(1.0) can0 181#00\n(2.0) can0 182#00"
+    path.write_text(whole)
+    with pytest.raises(
+        ValueError, match=r"line 2: '\(2\.0\) can0 182#00' is cut: no line of a cand"
+    ):
+        list(read_candump(path))
+    told: list[str] = []
+    assert list(read_candump(path, told.append)) == [(1_000_000, Frame(0x181, b"\0"))]
+    assert told == [f"{path}: the last line, 2, is cut and left out"]
+    path.write_text(f"{whole}\n")
+    assert len(list(read_candump(path, told.append))) == 2
+    assert len(told) == 1
+
+
+def test_a_line_that_is_too_long_is_no_cut_one(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    path.write_text("1" * 5000)
+    with pytest.raises(ValueError, match=r"line 1: '1{60}' is too long: no line of a candump log$"):
+        list(read_candump(path, print))
 
 
 @pytest.mark.parametrize("channel", ["", "can 0", "can0\n"])
