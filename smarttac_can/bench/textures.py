@@ -25,6 +25,8 @@ _NM_PER_MM: Final = 1e6
 _US_PER_S: Final = 1e6
 _MS_US: Final = 1000
 _PERIOD_VALUES: Final = 500
+_LEAST_POINTS: Final = 2
+_MOST_COF: Final = 0xFFFF * COF_COUNT
 _PROFILES: Final = {
     "step": ((0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (1.0, 1.0)),
     "ramp": ((0.0, 0.0), (1.0, 1.0)),
@@ -232,6 +234,16 @@ class Texture:
             np.asarray(found * step, dtype=np.float64), np.bincount(which, mu) / np.bincount(which)
         )
 
+    def __repr__(self) -> str:
+        """Return it in one line: a table has up to 4096 values."""
+        first, last = self.extent
+        over = f"time, {first:g} to {last:g} s" if self.over_time else "position"
+        low, high = (
+            COF_COUNT * count for count in (min(self.table.values), max(self.table.values))
+        )
+        many = len(self.table.values)
+        return f"<Texture over {over}: {many} values, COF {low:g} to {high:g}>"
+
     def cof(self, place: npt.ArrayLike) -> Floats:
         """Return the COF at places in mm from the middle of the plate, or times in s."""
         counts = np.atleast_1d(np.asarray(place, dtype=np.float64)) * self._counts_per_unit
@@ -285,8 +297,10 @@ class Texture:
     @classmethod
     def _over_time(cls, points: list[tuple[float, float]], repeats: bool) -> Self:
         """Return the profile through points, in steps of 1 ms or as many ms as it takes."""
-        if not points:
-            raise ValueError("a profile of no points has no COF")
+        if len(points) < _LEAST_POINTS:
+            raise ValueError(
+                f"a profile goes through 2 points (time in s, COF) or more, not {len(points)}"
+            )
         times = np.array([t for t, _ in points])
         if points[0][0] < 0.0 or np.any(np.diff(times) < 0.0):
             raise ValueError("the times of a profile are below 0, or fall")
@@ -299,12 +313,16 @@ class Texture:
 
     @classmethod
     def _of(cls, axis: Axis, repeats: bool, start: int, step: int, cof: Floats) -> Self:
+        for value in (cof.min(), cof.max()):
+            _within("COF", float(value), COF_COUNT, _MOST_COF)
         counts = np.round(cof / COF_COUNT).astype(np.int64)
         return cls(TextureTable(axis, repeats, start, step, tuple(counts.tolist())))
 
 
 def _levels(low: float, high: float) -> tuple[float, float]:
-    low, high = _within("low", low, 0.0, 2.0), _within("high", high, 0.0, 2.0)
+    low, high = (
+        _within(name, value, COF_COUNT, 2.0) for name, value in (("low", low), ("high", high))
+    )
     if low > high:
         raise ValueError(f"low {low:g} is above high {high:g}")
     return low, high

@@ -68,12 +68,16 @@ def track(
     Raises
     ------
     ValueError
-        If the texture goes over time, or no pass goes through all of the span.
+        If the texture goes over time, the lengths differ, or no pass goes through all of the span.
     """
     if texture.over_time:
         raise ValueError("a texture over time has no place to compare")
     places = np.asarray(position_mm, dtype=np.float64)
     mu = np.asarray(cof, dtype=np.float64)
+    if places.ndim != 1 or places.shape != mu.shape:
+        raise ValueError(
+            f"position_mm and cof are no two rows of equal length: {places.shape}, {mu.shape}"
+        )
     first, last = span_mm
     grid = np.arange(first, last, GRID_MM)
     wanted = texture.cof(grid)

@@ -140,6 +140,15 @@ def test_a_recording_over_time(tmp_path: Path) -> None:
     assert texture.cof([0.0, 0.25, 1.0]) == pytest.approx([0.3, 0.325, 0.4], abs=1e-3)
 
 
+def test_it_is_shown_in_one_line() -> None:
+    assert repr(Texture.grating(2, 0.2, 0.4)) == (
+        "<Texture over position: 500 values, COF 0.2 to 0.4>"
+    )
+    assert repr(Texture.profile("ramp", 0.2, 0.4)) == (
+        "<Texture over time, 0 to 1.001 s: 1001 values, COF 0.2 to 0.4>"
+    )
+
+
 @pytest.mark.parametrize("end", [".png", ".svg"])
 @pytest.mark.parametrize("texture", [GRATING, Texture.profile("step", 0.2, 0.4)])
 def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Path) -> None:
@@ -155,7 +164,8 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
     [
         (lambda: Texture.grating(0.05, 0.2, 0.3), "period_mm 0.05 is outside 0.1..76"),
         (lambda: Texture.grating(2, 0.4, 0.3), "low 0.4 is above high 0.3"),
-        (lambda: Texture.grating(2, -0.1, 0.3), "low -0.1 is outside 0..2"),
+        (lambda: Texture.grating(2, -0.1, 0.3), "low -0.1 is outside 0.0001..2"),
+        (lambda: Texture.grating(2, 0, 0.3), "low 0 is outside 0.0001..2"),
         (lambda: Texture.grating(2, 0.2, 0.3, duty=1), "duty 1 is outside 0.01..0.99"),
         (lambda: Texture.grating(2, 0.2, 0.3, shape="saw"), "shape 'saw' is none of square, sine"),
         (lambda: Texture.grating(2, 0.2, 0.3, 0.3, "sine"), "duty 0.3 of a sine is not 0.5"),
@@ -165,7 +175,16 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
             "shape 'x' is none of step, ramp, trapezoid, sine",
         ),
         (lambda: Texture.profile("step"), "shape 'step' needs low and high"),
-        (lambda: Texture.profile([]), "a profile of no points has no COF"),
+        (
+            lambda: Texture.profile([]),
+            "a profile goes through 2 points (time in s, COF) or more, not 0",
+        ),
+        (
+            lambda: Texture.profile([(0, 0.3)]),
+            "a profile goes through 2 points (time in s, COF) or m",
+        ),
+        (lambda: Texture.profile([(0, 0.3), (1, 0)]), "COF 0 is outside 0.0001..6.5535"),
+        (lambda: Texture.profile([(0, 7), (1, 0.3)]), "COF 7 is outside 0.0001..6.5535"),
         (
             lambda: Texture.profile([(1, 0.2), (0, 0.2)]),
             "the times of a profile are below 0, or fall",

@@ -57,6 +57,18 @@ def test_noise_of_a_pass_is_gone_from_the_mean() -> None:
     assert found.mean_correlation > 0.98
 
 
+@pytest.mark.parametrize(
+    ("x", "mu", "shapes"),
+    [
+        (np.zeros(10), np.zeros(9), r"\(10,\), \(9,\)"),
+        (np.zeros((2, 9)), np.zeros((2, 9)), r"\(2, 9\)"),
+    ],
+)
+def test_rows_of_unequal_length_are_refused(x: np.ndarray, mu: np.ndarray, shapes: str) -> None:
+    with pytest.raises(ValueError, match=f"no two rows of equal length: {shapes}"):
+        track(SINE, x, mu)
+
+
 def test_what_is_not_measured_is_left_out() -> None:
     x = strokes()
     cof = SINE.cof(x)
