@@ -81,6 +81,7 @@ def make_recording(log: Path, path: Path) -> Summary:
     except ValueError as error:
         raise BenchError(str(error)) from error
     part = path.with_name(f"{path.name}.part")
+    _make_empty(part, path)
     try:
         frames = RecordedFrames(reader.head)
         with h5py.File(part, "w") as file:
@@ -91,6 +92,15 @@ def make_recording(log: Path, path: Path) -> Summary:
     finally:
         part.unlink(missing_ok=True)
     return summary
+
+
+def _make_empty(part: Path, path: Path) -> None:
+    """Make the file that is to become another; of what hinders that h5py says what it thinks."""
+    try:
+        part.open("wb").close()
+    except OSError as error:
+        error.filename = str(path)
+        raise
 
 
 def _write(file: h5py.File, reader: FrameLogReader, frames: RecordedFrames) -> Summary:

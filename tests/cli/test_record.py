@@ -115,6 +115,22 @@ def test_a_killed_recording_is_recovered(multicast: dict[str, Any], tmp_path: Pa
     )
 
 
+def test_a_recording_is_recovered_into_a_folder_that_is_there(tmp_path: Path) -> None:
+    log = tmp_path / "killed.log"
+    with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5") as recording:
+        bench.run(0.01)
+        log.write_bytes(recording.log_path.read_bytes())
+    path = tmp_path / "missing" / "x.h5"
+    result = CliRunner().invoke(main, ["record", "--recover", str(log), str(path)])
+    assert (result.exit_code, result.output) == (
+        1,
+        f"Error: {path}: No such file or directory\n",
+    )
+    path.parent.mkdir()
+    assert CliRunner().invoke(main, ["record", "--recover", str(log), str(path)]).exit_code == 0
+    assert [entry.name for entry in path.parent.iterdir()] == ["x.h5"]
+
+
 def test_refusals(tmp_path: Path) -> None:
     def refused(*arguments: str) -> str:
         result = CliRunner().invoke(main, ["record", *arguments])
