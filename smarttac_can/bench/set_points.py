@@ -11,6 +11,7 @@ from smarttac_can.bench.named_objects import NamedObjects, finite
 from smarttac_can.bench.textures import Texture
 from smarttac_can.master.errors import RefusedError
 from smarttac_can.od.cia import AbortCode
+from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.textures import TextureTable
 
 if TYPE_CHECKING:
@@ -41,8 +42,25 @@ class InUnit:
     def __get__(self, bench: Stimulator, _owner: type) -> float:
         return bench.get(self._name, self._unit)
 
-    def __set__(self, bench: Stimulator, value: float) -> None:
-        bench.set(self._name, f"{finite(self._name, value)} {self._unit}")
+    def __set__(self, bench: Stimulator, value: float | str) -> None:
+        bench.set(self._name, f"{in_unit(self._name, value, self._unit)} {self._unit}")
+
+
+def in_unit(name: str, value: float | str, unit: str) -> float:
+    """Return what a person gave, a number of a unit or a text such as ``80 V``, as such a number.
+
+    Raises
+    ------
+    ValueError
+        If it is none, not finite, or has no unit of this kind.
+    """
+    if not isinstance(value, str):
+        return finite(name, value)
+    try:
+        return Quantity.parse(value).in_unit(unit)
+    except ValueError:
+        like = f"number with a unit like {unit}" if unit else "number or percentage"
+        raise ValueError(f"{name} {value!r} is no {like}") from None
 
 
 class Choice(Generic[_Choices]):
@@ -83,11 +101,11 @@ class BothSides:
     def __get__(self, bench: Stimulator, _owner: type) -> tuple[float, float]:
         return bench.get("Setpoint.COF left"), bench.get("Setpoint.COF right")
 
-    def __set__(self, bench: Stimulator, cof: float | Iterable[float]) -> None:
+    def __set__(self, bench: Stimulator, cof: float | str | Iterable[float | str]) -> None:
         pair = list(cof) if isinstance(cof, Iterable) and not isinstance(cof, str) else [cof] * 2
         if len(pair) != _SIDES:
             raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
-        left, right = (finite("cof", one) for one in pair)
+        left, right = (in_unit("cof", one, "") for one in pair)
         bench.set("Setpoint.COF left", left)
         bench.set("Setpoint.COF right", right)
 

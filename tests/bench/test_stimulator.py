@@ -65,6 +65,18 @@ def test_a_text_has_a_unit_and_a_number_the_displayed_one(
         bench.set(name, before)
 
 
+def test_set_points_take_texts_with_units(bench: Stimulator) -> None:
+    bench.voltage = "0.02 kV"
+    bench.amplitude = "500 nm"
+    bench.frequency = "43.5kHz"
+    bench.boundary = "0.01 m"
+    bench.cof = ("35 %", 0.4)
+    assert (bench.voltage, bench.amplitude, bench.frequency) == (20.0, 0.5, 43_500.0)
+    assert (bench.boundary, bench.cof) == (10.0, (0.35, 0.4))
+    bench.cof = "0.3"
+    assert bench.cof == (0.3, 0.3)
+
+
 def test_a_number_may_be_read_in_any_unit_of_its_kind(bench: Stimulator) -> None:
     bench.voltage = 12.34
     assert bench.get("Setpoint.Voltage") == 12_340
@@ -690,11 +702,20 @@ def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
     [
         (lambda bench: bench.run(float("nan")), "seconds nan is not a finite number"),
         (lambda bench: bench.run("1"), "seconds '1' is not a finite number"),
-        (lambda bench: setattr(bench, "voltage", "20"), "Voltage '20' is not a finite number"),
+        (
+            lambda bench: setattr(bench, "voltage", "20"),
+            "Voltage '20' is no number with a unit like",
+        ),
+        (lambda bench: setattr(bench, "voltage", "nan V"), "'nan V' is no number with a unit li"),
+        (
+            lambda bench: setattr(bench, "amplitude", "1 V"),
+            "'1 V' is no number with a unit like um",
+        ),
+        (lambda bench: setattr(bench, "cof", ("30 %", "1 N")), "cof '1 N' is no number or percent"),
         (lambda bench: setattr(bench, "voltage", None), "Voltage None is not a finite number"),
         (lambda bench: setattr(bench, "voltage", 10**400), "0 is not a finite number"),
         (lambda bench: setattr(bench, "cof", None), "cof None is not a finite number"),
-        (lambda bench: setattr(bench, "cof", (0.2, "x")), "cof 'x' is not a finite number"),
+        (lambda bench: setattr(bench, "cof", (0.2, "x")), "cof 'x' is no number or percentage"),
         (
             lambda bench: setattr(bench, "cof", (1, 2, 3)),
             r"cof \(1, 2, 3\) is neither a",
