@@ -22,7 +22,7 @@ from smarttac_can.bench.simulation import (
     stimulator_od,
 )
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.drivers import cannot_open
+from smarttac_can.host.drivers import opening
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import Abort
@@ -72,10 +72,8 @@ def open_can_link(
     network = TappedNetwork()
     # How long closing the bus may take; python-canopen waits for up to 1 s.
     network.NOTIFIER_CYCLE = _CLOSING_S
-    try:
+    with opening(interface, channel, BenchError):
         network.connect(interface=interface, channel=channel, **options)
-    except Exception as error:  # drivers raise what they like
-        raise BenchError(cannot_open(interface, channel, error)) from error
     return _over_can(
         network, node_id, plate_node_id, where=where, lockstep=lockstep, timeout=timeout
     )

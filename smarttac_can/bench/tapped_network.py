@@ -9,7 +9,7 @@ import can
 import canopen
 
 from smarttac_can.bench.link import Hear
-from smarttac_can.host.drivers import cannot_open
+from smarttac_can.host.drivers import opening
 from smarttac_can.master.errors import BenchError
 
 
@@ -50,11 +50,9 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         BenchError
             If it cannot be opened twice.
         """
-        try:
-            return can.Bus(**{**self._options, "can_filters": None})
-        except Exception as error:  # drivers raise what they like
-            interface, channel = (self._options.get(name) for name in ("interface", "channel"))
-            raise BenchError(cannot_open(interface, channel, error)) from error
+        options = {**self._options, "can_filters": None}
+        with opening(options.get("interface"), options.get("channel"), BenchError):
+            return can.Bus(**options)
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""

@@ -17,7 +17,7 @@ import click
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.drivers import cannot_open, unknown_options
+from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import StorageFile
@@ -178,10 +178,8 @@ class BusChoice(NamedTuple):
             If it cannot be opened.
         """
         network = canopen.Network()
-        try:
+        with opening(self.interface, self.channel, BusError):
             network.connect(**self.options)
-        except Exception as error:  # drivers raise what they like
-            raise BusError(cannot_open(self.interface, self.channel, error)) from error
         return network
 
 

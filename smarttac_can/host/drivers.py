@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import signature
+from traceback import walk_tb
 from types import FunctionType
 from typing import Final, NamedTuple
 
@@ -83,16 +85,39 @@ def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
     return [name for name in names if name not in known]
 
 
-def cannot_open(interface: str | None, channel: object, error: BaseException) -> str:
-    """Say that a bus of python-can could not be opened, why, and what may be missing.
+@contextmanager
+def opening(
+    interface: str | None, channel: object, kind: Callable[[str], Exception]
+) -> Iterator[None]:
+    """Where a block cannot open a bus of python-can, say so, why, and what may be missing.
 
     Parameters
     ----------
     interface, channel
         As they were given; None for what python-can's configuration has.
-    error
-        What opening it has raised.
+    kind
+        Error that is raised then.
     """
+    try:
+        yield
+    except Exception as error:  # drivers raise what they like, down to NameError
+        _close_half_made(error)
+        raise kind(_cannot_open(interface, channel, error)) from error
+
+
+def _close_half_made(error: BaseException) -> None:
+    """Close a bus whose making has failed: only what is being raised still knows it."""
+    from can import BusABC  # noqa: PLC0415 - the bench asks for a cure without a bus
+
+    for frame, _ in walk_tb(error.__traceback__):
+        made = frame.f_locals.get("self")
+        if isinstance(made, BusABC):
+            # What of it is there to be closed only its driver knows.
+            with suppress(Exception):
+                made.shutdown()
+
+
+def _cannot_open(interface: str | None, channel: object, error: BaseException) -> str:
     if interface is None:
         asked = "bus of python-can's configuration (no interface was given)"
     else:

@@ -14,7 +14,7 @@ from can.interfaces.virtual import VirtualBus
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook, QueueFullError
 from smarttac_can.host.can_socket import open_socket
-from smarttac_can.host.drivers import cannot_open
+from smarttac_can.host.drivers import opening
 
 _REFUSING_S = 0.1
 """How long a driver that does not say why may take no frame before its bus is lost."""
@@ -79,10 +79,8 @@ class PythonCanBus:
     ) -> None:
         if bitrate is not None:
             options["bitrate"] = bitrate
-        try:
+        with opening(interface, channel, BusError):
             self._bus = can.Bus(channel=channel, interface=interface, **options)
-        except Exception as error:  # drivers raise what they like, down to NameError
-            raise BusError(cannot_open(interface, channel, error)) from error
         self._log = log
         self._can_ids: frozenset[int] | None = None
         self._refusing_since: float | None = None

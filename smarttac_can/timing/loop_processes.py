@@ -18,7 +18,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.drivers import cannot_open
+from smarttac_can.host.drivers import opening
 from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.host.python_can import to_frame
 from smarttac_can.master.errors import BenchError
@@ -156,10 +156,8 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
     BusError
         If it cannot be opened, or is of an interface without such time stamps.
     """
-    try:
+    with opening(bus.get("interface"), bus.get("channel"), BusError):
         opened = can.Bus(**bus)
-    except Exception as error:  # drivers raise what they like
-        raise BusError(cannot_open(bus.get("interface"), bus.get("channel"), error)) from error
     with opened:
         if not isinstance(opened, SocketcanBus | UdpMulticastBus):
             raise BusError(

@@ -72,7 +72,7 @@ def test_set_points_take_texts_with_units(bench: Stimulator) -> None:
     bench.boundary = "0.01 m"
     bench.cof = ("35 %", 0.4)
     assert (bench.voltage, bench.amplitude, bench.frequency) == (20.0, 0.5, 43_500.0)
-    assert (bench.boundary, bench.cof) == (10.0, (0.35, 0.4))
+    assert (bench.boundary, bench.cof) == (10.0, pytest.approx((0.35, 0.4)))
     bench.cof = "0.3"
     assert bench.cof == (0.3, 0.3)
 

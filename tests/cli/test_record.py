@@ -115,6 +115,25 @@ def test_a_killed_recording_is_recovered(multicast: dict[str, Any], tmp_path: Pa
     )
 
 
+@pytest.mark.parametrize("command", [("record", "x.h5"), ("scan",), ("plate",)])
+def test_a_bus_that_cannot_be_opened_is_one_line(command: tuple[str, ...]) -> None:
+    """python-can says at its end that a bus was not shut down, which stands on stderr as well."""
+    bus = ("--interface", "udp_multicast", "--channel", "10.0.0.1")
+    ended = subprocess.run(
+        [sys.executable, "-m", "smarttac_can", *command, *bus],
+        capture_output=True,
+        text=True,
+        timeout=GUARD_S,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (
+        1,
+        "",
+        "Error: cannot open the udp_multicast bus, channel 10.0.0.1: could not create or configure "
+        "socket; the channel has to be a group, such as 239.74.163.2\n",
+    )
+
+
 def test_a_recording_is_recovered_into_a_folder_that_is_there(tmp_path: Path) -> None:
     log = tmp_path / "killed.log"
     with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5") as recording:
