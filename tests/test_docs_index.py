@@ -32,3 +32,11 @@ def test_decisions_stand_in_the_order_of_their_numbers() -> None:
     numbers = re.findall(r"^\| \[(\d{4})\]", INDEX, re.MULTILINE)
     assert len(numbers) > 5
     assert numbers == sorted(set(numbers))
+
+
+def test_extras_are_installed_by_name_but_for_the_first_time() -> None:
+    """``".[record]"`` is for who stands in a clone, which the tutorial alone explains."""
+    pages = [
+        page for page in PAGES if re.search(r"install .?\.\[", (DOCS / page).read_text("utf-8"))
+    ]
+    assert pages == []
