@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Any, Final
 
 import click
+from click.core import ParameterSource
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli.nodes import blaming, load_device
@@ -29,6 +30,9 @@ from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
 _FRAMES: Final = 1000
 """How many are replayed between two looks at the clock."""
 _SAID_S: Final = 1.0
+_EARLY_S: Final = 1.0
+_TOLD: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "storage")
+"""Parameters that say how the stimulator was started."""
 
 
 @click.command(
@@ -113,7 +117,18 @@ def replay(
         found = _replay(log, Replay(power_on, node_id, lockstep=lockstep))
         report_results({"log": str(log), **_as_json(found)}, [_line(log, found)], results)
     if isinstance(found, DifferenceError):
-        raise click.ClickException(one_line(f"{log}: {found}"))
+        raise click.ClickException(one_line(f"{log}: {found}{_perhaps_told(found.so_far)}"))
+
+
+def _perhaps_told(done: Replayed) -> str:
+    """Name the options of which one may be missing, if a log differs from its beginning on."""
+    if done.ended_s - done.begun_s > _EARLY_S:
+        return ""
+    given = click.get_current_context().get_parameter_source
+    left = [f"--{o.replace('_', '-')}" for o in _TOLD if given(o) is ParameterSource.DEFAULT]
+    return (
+        f"; so early, it may have been started with an option that is not given: {', '.join(left)}"
+    )
 
 
 def _replay(log: Path, run: Replay) -> Replayed | DifferenceError:

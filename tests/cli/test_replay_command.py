@@ -97,7 +97,9 @@ def test_the_first_difference_is_named(run: Log, tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert one_line(result) == (
         f"Error: {log}: frame {place + 1} at {seconds:.6f} s, drive, TPDO 5 (221h): "
-        f"Drive.Frequency is {there:.12g} Hz in the log, {here:.12g} Hz recomputed"
+        f"Drive.Frequency is {there:.12g} Hz in the log, {here:.12g} Hz recomputed; so early, it "
+        "may have been started with an option that is not given: --produce-sync, --plate-node, "
+        "--deadline, --eds, --storage"
     )
     assert found["same"] is False
     assert found["drives"] == 80
@@ -116,6 +118,29 @@ def test_the_first_difference_is_named(run: Log, tmp_path: Path) -> None:
             }
         ],
     }
+
+
+def test_options_are_no_cause_of_a_late_difference(tmp_path: Path) -> None:
+    log = amplitude_run(1.2)
+    place = [p for p, (_, frame) in enumerate(log) if frame.can_id == DRIVE][-2]
+    time, frame = log[place]
+    log[place] = time, Frame(DRIVE, bytes((frame.data[0] ^ 1,)) + frame.data[1:])
+    line = one_line(replay(write(log, tmp_path / "run.log"), "--lockstep"))
+    assert "Drive.Voltage is " in line
+    assert line.endswith(" mV recomputed")
+
+
+@pytest.mark.parametrize(
+    ("given", "hint"),
+    [((), "--lockstep, --produce-sync, "), (("--lockstep",), ": --produce-sync, ")],
+)
+def test_options_that_are_not_given_are_named(
+    run: Log, tmp_path: Path, given: tuple[str, ...], hint: str
+) -> None:
+    log = write(run, tmp_path / "run.log")
+    line = one_line(replay(log, *given, "--plate-node", "44"))
+    assert hint in line
+    assert "--plate-node" not in line
 
 
 def test_another_eds_is_another_stimulator(run: Log, tmp_path: Path) -> None:
