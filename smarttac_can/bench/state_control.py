@@ -17,13 +17,15 @@ from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
 from smarttac_can.vocabulary.states import Control, IdentificationState, State
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 
 _READY_CYCLES: Final = 100
 """What the tare at power-on takes, and some lost cycles."""
 _IDENTIFY_CYCLES: Final = 100
 _IDENTIFY_LIMIT: Final = 100
 _CONTROLWORD: Final = "Controlword"
+_BY_WRONG_ZERO: Final = (Watchdog.GAUGES, Watchdog.PICKUP)
+"""What watches the plate finds them with a finger on it that was tared away."""
 
 
 class StateControl:
@@ -206,9 +208,9 @@ class StateControl:
         """Raise `FaultError` in state FAULT, with what a run has recorded."""
         if state is State.FAULT:
             recorded = "; .trace holds the recording" if trace is not None else ""
+            reason = _with_cure(self._objects.message)
             raise FaultError(
-                f"a fault is latched ({self._objects.message}): remove the cause, then "
-                f"reset_fault(){recorded}",
+                f"a fault is latched ({reason}): remove the cause, then reset_fault(){recorded}",
                 trace,
             )
 
@@ -221,8 +223,18 @@ class StateControl:
             return wrong_time
         present = watchdogs_in(self._link.read("Diagnosis.Present"))
         if present:
-            return ", ".join(WATCHDOGS[watchdog].text for watchdog in present)
+            return _with_cure(", ".join(WATCHDOGS[watchdog].text for watchdog in present))
         message = self._objects.message
         if message.startswith((UNWATCHED, NOT_TARED)):
             return message
         return "it has to be tared, and its nodes have to be operational and give cycles"
+
+
+def _with_cure(reason: str) -> str:
+    """Return why a stimulator stands, and what to do where that is not what one would look for."""
+    if not any(WATCHDOGS[watchdog].text in reason for watchdog in _BY_WRONG_ZERO):
+        return reason
+    return (
+        f"{reason}; a zero taken under a finger, as one at power-on or reset may be, does this "
+        "too: lift it, then tare()"
+    )

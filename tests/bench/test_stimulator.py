@@ -729,3 +729,27 @@ def test_arguments_that_make_no_sense(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         act(bench)
+
+
+def test_a_reset_under_a_finger_is_told_with_its_cure() -> None:
+    with Stimulator.simulate() as bench:
+        bench.finger.stroke(2, speed=60.0)
+        bench.start_run()
+        bench.run(1.5)
+        assert bench.read().normal_force > 0.4
+        link: Any = bench._link
+        link._network.send_message(0, bytes((0x81, 32)))
+        link._network.send_message(0, bytes((0x01, 32)))
+        for _ in range(300):
+            link._network.send_message(0x80, b"")
+        with pytest.raises(
+            NotReadyError,
+            match="the gauges contradict each other; a zero taken under a finger, as one at "
+            r"power-on or reset may be, does this too: lift it, then tare\(\)$",
+        ):
+            bench.arm()
+        bench.finger.lift()
+        bench.start_run()
+        bench.tare()
+        bench.arm()
+        assert bench.state is State.ARMED
