@@ -72,7 +72,7 @@ def test_a_sound_cycle_begins_the_count_anew() -> None:
         ({"x": 0.0454}, 0),
         ({"x": 0.0458}, GAUGES),
         ({"x": -0.0458}, GAUGES),
-        ({"Fn": -0.198}, 0),
+        ({"Fn": -0.2}, 0),
         ({"Fn": -0.202}, GAUGES),
         # Twice the normal force, and the mismatch.
         ({"Fx": 2.198}, 0),
