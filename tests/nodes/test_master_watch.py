@@ -101,15 +101,68 @@ def test_a_master_that_is_gone_is_forgotten_with_its_watch() -> None:
     assert write(rig, "Controlword", 0x80) == 0
 
 
+def watch() -> tuple[Clock, MasterWatch, set[Watchdog]]:
+    """A watch with what is present of its faults."""
+    clock, present = Clock(), set[Watchdog]()
+    return clock, MasterWatch(clock, 0x21, present.add, present.discard), present
+
+
 def test_the_plate_may_boot_as_it_has_watchdogs_of_its_own() -> None:
-    tripped: list[Watchdog] = []
-    masters = MasterWatch(Clock(), 0x21, tripped.append, lambda watchdog: None)
+    _, masters, present = watch()
     for state in (OPERATIONAL, BOOT_UP):
         masters.heard(0x21, state)
-    assert not tripped
+    assert not present
     masters.heard(MASTER, OPERATIONAL)
     masters.heard(MASTER, BOOT_UP)
-    assert tripped == [Watchdog.HEARTBEAT]
+    assert present == {Watchdog.HEARTBEAT}
+
+
+def test_how_long_a_master_rests_of_its_second() -> None:
+    clock, masters, present = watch()
+    for node_id in (MASTER, 2):
+        masters.heard(node_id, OPERATIONAL)
+    assert masters.rest() == 0.0
+    masters.heard(MASTER, PREOP)
+    for _ in range(2):
+        clock.advance(250_000)
+        masters.heard(MASTER, PREOP)
+        masters.heard(2, PREOP)
+    assert masters.rest() == 0.5, "the one that rests longest"
+    clock.advance(500_000)
+    masters.heard(2, PREOP)
+    assert not present
+    masters.heard(MASTER, PREOP)
+    assert present == {Watchdog.HEARTBEAT}
+
+
+def test_setpoints_are_late_until_none_is() -> None:
+    _, masters, present = watch()
+    for rpdo, late, fault in (
+        (2, True, True),
+        (3, True, True),
+        (2, False, True),
+        (3, False, False),
+    ):
+        masters.late(rpdo, late)
+        assert present == ({Watchdog.SETPOINT} if fault else set())
+
+
+@pytest.mark.parametrize(("other", "gone"), [(MASTER << 16 | 20, True), (2 << 16 | 30, False)])
+def test_another_time_for_a_watch_forgets_nothing_and_another_node_does(
+    other: int, gone: bool
+) -> None:
+    _, masters, present = watch()
+    masters.heard(MASTER, OPERATIONAL)
+    masters.rewatch(MASTER << 16 | 30, other)
+    masters.heard(MASTER, BOOT_UP)
+    assert present == ({Watchdog.HEARTBEAT} if gone else set())
+
+
+def test_a_first_watch_does_not_stand_for_guarding_that_is_lost() -> None:
+    _, masters, present = watch()
+    masters.silent(0, True)
+    masters.rewatch(0, MASTER << 16 | 30)
+    assert present == {Watchdog.HEARTBEAT}
 
 
 # Arming.
