@@ -182,20 +182,46 @@ def test_a_plate_at_rest_takes_what_the_device_takes(
             assert write_entry(rig, rig.plate.od.entry(index, subindex), raw, PLATE_ID) == OK
 
 
-def test_what_is_protected_and_how() -> None:
-    """By index: what is laxer than a value and what is not, whatever else would refuse it."""
-    od = stimulator_od()
-    stricter = Stricter(od, OF_STIMULATOR)
-    other = {
-        *(0x1005, 0x1006, 0x1014, 0x1017),
-        *range(0x1600, 0x1607),
-        *(0x1804, 0x1A04),
-        *(0x2042, 0x2043, 0x2044, 0x2047),
-    }
-    higher = {0x2041, 0x2046}
-    lower = {(0x2041, 3)}
-    longer = {(0x100C, 0), (0x100D, 0), *((index, 5) for index in range(0x1400, 0x1407))}
-    same = {(index, sub) for index in range(0x1400, 0x1407) for sub in (1, 2)}
+Where = int | tuple[int, int]
+"""An index with all that is there, or with a sub-index."""
+OF_BOTH = {0x1005, 0x1006, 0x1014, 0x1017}
+
+
+@pytest.mark.parametrize(
+    ("od", "table", "other", "higher", "lower", "longer"),
+    [
+        (
+            stimulator_od(),
+            OF_STIMULATOR,
+            {
+                *(*OF_BOTH, *range(0x1600, 0x1607), 0x1804, 0x1A04),
+                *(0x2042, 0x2043, 0x2044, 0x2047),
+                *((index, sub) for index in range(0x1400, 0x1407) for sub in (1, 2)),
+            },
+            {0x2041, 0x2046},
+            {(0x2041, 3)},
+            {(0x100C, 0), (0x100D, 0), *((index, 5) for index in range(0x1400, 0x1407))},
+        ),
+        (
+            plate_od(),
+            OF_PLATE,
+            {
+                *(*OF_BOTH, 0x1600, *range(0x1800, 0x1803), *range(0x1A00, 0x1A03)),
+                *((0x1400, 1), (0x1400, 2)),
+            },
+            {0x2041, (0x1400, 5)},
+            set(),
+            {(0x100C, 0), (0x100D, 0)},
+        ),
+    ],
+    ids=["stimulator", "plate"],
+)
+def test_what_is_protected_and_how(
+    od: ObjectDictionary, table: Table, other: set[Where], higher: set[Where],
+    lower: set[Where], longer: set[Where],
+) -> None:  # fmt: skip
+    """By place: what is laxer than a value and what is not, whatever else would refuse it."""
+    stricter = Stricter(od, table)
 
     def refused(entry: Entry, present: int, value: int) -> bool:
         entry.value = present
@@ -206,33 +232,35 @@ def test_what_is_protected_and_how() -> None:
             return True
         return False
 
-    protected = set()
+    found = set()
     for entry in od:
         # A present value of 5: one less, the same, one more, none; and 1 where there is none.
         laxer = [refused(entry, *pair) for pair in ((5, 4), (5, 5), (5, 6), (5, 0), (0, 1))]
-        place = entry.index, entry.subindex
+        places = {entry.index, (entry.index, entry.subindex)}
         if not entry.writable or entry.index == 0x1016:
             continue
-        if place in lower:
+        if places & lower:
             expected = [True, False, False, True, False]
-        elif place in longer:
+        elif places & longer:
             expected = [False, False, True, True, False]
-        elif entry.index in higher:
+        elif places & higher:
             expected = [False, False, True, False, True]
-        elif entry.index in other or place in same:
+        elif places & other:
             expected = [True, False, True, True, True]
         else:
             expected = [False] * 5
         assert laxer == expected, entry.name
-        if any(laxer):
-            protected.add(entry.index)
-    assert protected == other | higher | {0x100C, 0x100D, *range(0x1400, 0x1407)}
+        found |= places
+    assert other | higher | lower | longer <= found
 
 
 @pytest.mark.parametrize("watch", range(1, 5))
 def test_every_watch_over_a_heartbeat_is_kept(watch: int) -> None:
     od = stimulator_od()
     stricter, entry = Stricter(od, OF_STIMULATOR), od.entry(0x1016, watch)
+    for entry.value in (0x7F_8000, 0x01_FFFF):
+        with pytest.raises(Abort):
+            stricter.require(entry, 0)
     entry.value = 0x7F_0032
     for value in (0x7F_0033, 0x7F_0000, 0x7E_0032, 0x80_0032, 0):
         with pytest.raises(Abort):
