@@ -7,7 +7,9 @@ from driven import MASTER, STATE, driven_within, reset_fault
 from line import START, Line, plate_alone, plate_inside
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.timer import Clock
 from smarttac_can.master import requests
+from smarttac_can.nodes.missed_time import MissedTime
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog, sync_drift_tolerance
@@ -54,6 +56,20 @@ def test_what_was_missed_before_the_run_is_no_fault() -> None:
     line.run(node, OPEN_LOOP)
     line.advance(3000)
     assert node.block.state is State.RUNNING
+
+
+@pytest.mark.parametrize(("period_us", "missed"), [(800, 0), (1000, 0), (2000, 500)])
+def test_what_a_second_has_missed_is_told_at_its_end(period_us: int, missed: int) -> None:
+    clock = Clock()
+    time = MissedTime(clock)
+    assert time.missed == 0
+    cycles = 1_000_000 // period_us
+    for at in range(cycles):
+        assert time.cycle() == 0
+        assert time.missed == missed * at // cycles
+        clock.advance(period_us)
+    assert time.cycle() == missed
+    assert time.missed == 0
 
 
 def test_it_can_be_reset_at_once() -> None:
