@@ -10,14 +10,16 @@ from smarttac_can.vocabulary.watchdogs import Watchdog
 
 
 class Watch:
-    """A watch with a deadline of 3 ms, and what it has tripped."""
+    """A watch with a deadline of 3 ms and counters up to 10, and what it has tripped."""
 
     def __init__(self, deadline_ms: int = 3) -> None:
         self.clock = Clock()
         self.tripped: set[Watchdog] = set()
+        od = stimulator_od()
+        od.entry(0x1019).value = 10
         self.sync = SyncWatch(
             Watching(
-                stimulator_od(),
+                od,
                 self.clock,
                 lambda: deadline_ms,
                 self.tripped.add,
@@ -63,6 +65,7 @@ def test_the_eleventh_at_once_is_irregular_though_no_time_passes() -> None:
 
 def test_no_sync_for_the_deadline_is_lost() -> None:
     watch = Watch()
+    assert watch.sync.levels(1000) == (0.0, 0.0)
     watch.sync.heard(0)
     watch.clock.advance(2999)
     assert not watch.tripped
@@ -83,3 +86,23 @@ def test_13_of_1000_too_many_or_too_few_are_no_drift(period_us: int, drifts: boo
         watch.clock.advance(period_us)
         watch.sync.heard(0)
     assert (Watchdog.SYNC_IRREGULAR in watch.tripped) == drifts
+
+
+@pytest.mark.parametrize(
+    ("counters", "jumps"),
+    [
+        ([3, 4, 5], False),
+        ([9, 10, 1], False),
+        ([3, 5], True),
+        ([3, 3], True),
+        ([10, 2], True),
+        # One that has none says nothing of the next.
+        ([3, 0, 7], False),
+    ],
+)
+def test_a_counter_that_jumps(counters: list[int], jumps: bool) -> None:
+    watch = Watch()
+    for counter in counters:
+        watch.sync.heard(counter)
+        watch.clock.advance(1000)
+    assert watch.tripped == ({Watchdog.SYNC_COUNTER} if jumps else set())
