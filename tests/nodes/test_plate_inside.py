@@ -16,7 +16,9 @@ from line import (
     plate_inside,
 )
 
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 
 OFF, AMPLITUDE, FRICTION = 0, 2, 4
@@ -126,6 +128,13 @@ def test_reset_restores_defaults_presets_and_the_plate() -> None:
     assert line.read(node, "Controller.Amplitude pole") == 200
     assert line.read(node, "Setpoint.Amplitude") == 0
     assert begin() == first, "the plate starts anew as well"
+
+
+def test_the_plate_inside_begins_with_what_the_objects_hold() -> None:
+    od, plate = stimulator_od(), PlateBlock(plate_od())
+    od["Simulation.Subject"].default = 4
+    StimulatorNode(od, plate).start()
+    assert plate.od["Simulation.Subject"].value == 4
 
 
 def test_reset_communication_keeps_the_application() -> None:
