@@ -9,7 +9,7 @@ from smarttac_can.nodes.drive_sender import DriveSender
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import received_drive
 
-ONE, OTHER = 32, 40
+ONE, OTHER = 32, 127
 IN_FAULT = 0x80
 V20 = 2000
 
