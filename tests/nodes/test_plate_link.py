@@ -1,0 +1,37 @@
+"""What a stimulator takes for granted of its plate node: its serial number, and its heartbeat."""
+
+import pytest
+
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.nodes.plate_link import link_to_plate, plate_serial
+
+SERIAL = "Calibration.Plate serial number"
+
+
+def test_no_two_simulated_plates_have_one_serial_number() -> None:
+    entry = stimulator_od()[SERIAL]
+    serials = [plate_serial(entry, node_id) for node_id in range(1, 128)]
+    assert (serials[32], serials[33], serials[31]) == (1, 2, 127)
+    assert sorted(serials) == list(range(1, 128))
+    entry.default = 77
+    assert plate_serial(entry, 34) == 77, "that of an EDS of its own"
+
+
+@pytest.mark.parametrize(
+    ("taken", "last"),
+    [
+        ({}, 33 << 16 | 2000),
+        ({1: 1 << 16 | 1000}, 33 << 16 | 2000),
+        ({4: 1 << 16 | 1000}, 1 << 16 | 1000),
+        ({2: 33 << 16 | 500}, 0),
+    ],
+)
+def test_the_last_entry_watches_the_plate_unless_that_or_the_plate_is_taken(
+    taken: dict[int, int], last: int
+) -> None:
+    od = stimulator_od()
+    for subindex, watch in taken.items():
+        od.entry(0x1016, subindex).value = watch
+    link_to_plate(od, 33, produce_sync=False)
+    watches = [od.entry(0x1016, subindex).value for subindex in (1, 2, 3, 4)]
+    assert watches == [taken.get(subindex, 0) for subindex in (1, 2, 3)] + [last]
