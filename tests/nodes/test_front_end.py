@@ -213,6 +213,14 @@ def test_a_stage_that_is_told_late_is_late_too() -> None:
     assert emergencies(line) == [NOT_ENABLED]
 
 
+def test_a_plate_exactly_at_its_limit_is_not_too_hot() -> None:
+    line, plate, _ = driven()
+    assert line.write(plate, "Limit.Temperature", 2000) == 0
+    assert cycle(line, plate, 20) == 20
+    assert line.write(plate, "Limit.Temperature", 1999) == 0
+    assert cycle(line, plate, 20) == 0
+
+
 def raises(error: BaseException) -> Callable[[], Any]:
     def answer() -> Any:
         raise error

@@ -67,7 +67,10 @@ def test_plate_whose_measurements_are_not_answered_in_time() -> None:
 def test_plate_asked_for_more_than_its_limit() -> None:
     line, plate = driven_plate()
     line.sync()
-    line.send(drive(15_001, 1))
+    line.send(drive(15_000, 1))
+    assert plate.od["Stage.Voltage"].value == 15_000
+    line.sync()
+    line.send(drive(15_001, 2))
     assert plate.od["Stage.Voltage"].value == 0
     assert emergencies(line) == [FaultCode.VOLTAGE]
     assert plate.od["Error register"].value & 4
