@@ -354,7 +354,7 @@ def test_before_it_was_heard_the_stage_takes_no_voltage() -> None:
 
 
 @pytest.mark.parametrize(
-    "answer", [47.0, 18.9, NAN, None, "20", True, 1 + 0j, pytest.param(10**400, id="huge")]
+    "answer", [22.01, 19.99, NAN, None, "20", True, 1 + 0j, pytest.param(10**400, id="huge")]
 )
 def test_a_stage_that_says_something_else_is_told_0_v(answer: Any) -> None:
     line, plate, fake = driven()
@@ -363,6 +363,15 @@ def test_a_stage_that_says_something_else_is_told_0_v(answer: Any) -> None:
     assert set(fake.told[fake.told.index(21) + 1 :]) == {0}
     assert emergencies(line) == [STAGE]
     assert plate.block.behind.trouble == f"put_out() of 21 V returned {repr(answer)[:200]}"
+
+
+@pytest.mark.parametrize("off", [1.0, -1.0])
+def test_a_stage_may_be_off_by_1_v(off: float) -> None:
+    line, plate, fake = driven()
+    fake.read_back = lambda told: told + off
+    for volts in (21, 22, 0, 0, 21):
+        assert cycle(line, plate, volts) == max(0, volts + off)
+    assert not emergencies(line)
 
 
 def test_a_stage_that_raises_is_told_0_v() -> None:
