@@ -12,21 +12,23 @@ import numpy.typing as npt
 
 from smarttac_can.bench.named_objects import finite
 from smarttac_can.bench.texture_files import read_columns, read_grey_row
-from smarttac_can.vocabulary.textures import COF_COUNT, MAX_VALUES, Axis, TextureTable
+from smarttac_can.bench.texture_tables import (
+    NM_PER_MM,
+    US_PER_S,
+    Floats,
+    over_position,
+    over_time,
+    table_of,
+    within,
+)
+from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = npt.NDArray[np.float64]
-
 PLATE_MM: Final = 76.0
 """Length of the plate along which a finger strokes."""
-_NM_PER_MM: Final = 1e6
-_US_PER_S: Final = 1e6
-_MS_US: Final = 1000
 _PERIOD_VALUES: Final = 500
-_LEAST_POINTS: Final = 2
-_MOST_COF: Final = 0xFFFF * COF_COUNT
 _PROFILES: Final = {
     "step": ((0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (1.0, 1.0)),
     "ramp": ((0.0, 0.0), (1.0, 1.0)),
@@ -73,8 +75,8 @@ class Texture:
         ValueError
             If a number is outside its range, or there is no such shape.
         """
-        period = _within("period_mm", period_mm, 0.1, PLATE_MM)
-        ridge = _within("duty", duty, 0.01, 0.99)
+        period = within("period_mm", period_mm, 0.1, PLATE_MM)
+        ridge = within("duty", duty, 0.01, 0.99)
         if shape not in ("square", "sine"):
             raise ValueError(f"shape {shape!r} is none of square, sine")
         if shape == "sine" and ridge != 0.5:  # noqa: PLR2004 - half of the period
@@ -86,8 +88,8 @@ class Texture:
             share = 0.5 + 0.5 * np.sin(2.0 * np.pi * phase)
         else:
             share = np.where(phase < ridge, 1.0, 0.0)
-        step = round(period * _NM_PER_MM / _PERIOD_VALUES)
-        return cls._of(Axis.POSITION, True, 0, step, low + (high - low) * share)
+        step = round(period * NM_PER_MM / _PERIOD_VALUES)
+        return cls(table_of(Axis.POSITION, True, 0, step, low + (high - low) * share))
 
     @classmethod
     def profile(
@@ -125,14 +127,14 @@ class Texture:
             if low is None or high is None:
                 raise ValueError(f"shape {shape!r} needs low and high")
             low, high = _levels(low, high)
-            whole = _within("seconds", seconds, 0.002, 1000.0)
+            whole = within("seconds", seconds, 0.002, 1000.0)
             shares = _PROFILES[shape]
             points = [(whole * t, low + (high - low) * share) for t, share in shares]
         else:
             points = [(finite("time", t), finite("COF", cof)) for t, cof in shape]
             if low is not None or high is not None:
                 raise ValueError("points have their own COF: low and high belong to a name")
-        return cls._over_time(points, repeats)
+        return cls(over_time(points, repeats))
 
     @classmethod
     def from_png(
@@ -161,11 +163,11 @@ class Texture:
             If it cannot be read.
         """
         low, high = _levels(low, high)
-        width = _within("width_mm", width_mm, 1.0, PLATE_MM)
+        width = within("width_mm", width_mm, 1.0, PLATE_MM)
         grey = read_grey_row(Path(path), row)
         pixel = width / len(grey)
         middles = np.asarray((np.arange(len(grey)) + 0.5) * pixel - 0.5 * width)
-        return cls._over_position(middles, low + (high - low) * grey)
+        return cls(over_position(middles, low + (high - low) * grey))
 
     @classmethod
     def from_csv(
@@ -226,12 +228,15 @@ class Texture:
         if time:
             order = np.argsort(place, kind="stable")
             times = place[order] - place[order][0]
-            return cls._over_time(list(zip(times.tolist(), mu[order].tolist(), strict=True)), False)
-        step = _within("step_mm", step_mm, 0.01, 10.0)
+            return cls(over_time(list(zip(times.tolist(), mu[order].tolist(), strict=True)), False))
+        step = within("step_mm", step_mm, 0.01, 10.0)
         cells = np.round(place / step).astype(np.int64)
         found, which = np.unique(cells, return_inverse=True)
-        return cls._over_position(
-            np.asarray(found * step, dtype=np.float64), np.bincount(which, mu) / np.bincount(which)
+        return cls(
+            over_position(
+                np.asarray(found * step, dtype=np.float64),
+                np.bincount(which, mu) / np.bincount(which),
+            )
         )
 
     def __repr__(self) -> str:
@@ -256,7 +261,7 @@ class Texture:
 
     @property
     def _counts_per_unit(self) -> float:
-        return _US_PER_S if self.over_time else _NM_PER_MM
+        return US_PER_S if self.over_time else NM_PER_MM
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -264,7 +269,7 @@ class Texture:
         if not self.over_time:
             return -0.5 * PLATE_MM, 0.5 * PLATE_MM
         table = self.table
-        whole = table.step * len(table.values) / _US_PER_S
+        whole = table.step * len(table.values) / US_PER_S
         return 0.0, 2.0 * whole if table.repeats else whole
 
     def figure(self) -> Figure:
@@ -278,58 +283,11 @@ class Texture:
         """Draw it into a file, PNG or SVG by its ending."""
         self.figure().savefig(Path(path))
 
-    @classmethod
-    def _over_position(cls, places: Floats, cof: Floats) -> Self:
-        """Return the texture through COF at rising places in mm, in as many values as they are."""
-        first, last = float(places[0]), float(places[-1])
-        _within("position", first, -100.0, 100.0)
-        _within("position", last, -100.0, 100.0)
-        count = min(max(2, len(places)), MAX_VALUES)
-        if count > len(places):
-            return cls._of(Axis.POSITION, False, round(first * _NM_PER_MM), 1, cof)
-        nearest = float(np.diff(places).min())
-        count = min(round((last - first) / nearest) + 1, MAX_VALUES)
-        grid = np.linspace(first, last, count)
-        step = round((last - first) / (count - 1) * _NM_PER_MM)
-        start = round(first * _NM_PER_MM)
-        return cls._of(Axis.POSITION, False, start, step, np.interp(grid, places, cof))
-
-    @classmethod
-    def _over_time(cls, points: list[tuple[float, float]], repeats: bool) -> Self:
-        """Return the profile through points, in steps of 1 ms or as many ms as it takes."""
-        if len(points) < _LEAST_POINTS:
-            raise ValueError(
-                f"a profile goes through 2 points (time in s, COF) or more, not {len(points)}"
-            )
-        times = np.array([t for t, _ in points])
-        if points[0][0] < 0.0 or np.any(np.diff(times) < 0.0):
-            raise ValueError("the times of a profile are below 0, or fall")
-        end = _within("length of the profile in s", float(times[-1]), 0.0, 40_000.0)
-        steps = max(1, round(end * _US_PER_S / _MS_US))
-        step = -(-steps // (MAX_VALUES - 1))
-        grid = np.arange(0.0, steps + (not repeats), step) * _MS_US / _US_PER_S
-        cof = np.interp(grid, times, [value for _, value in points])
-        return cls._of(Axis.TIME, repeats, 0, step * _MS_US, cof)
-
-    @classmethod
-    def _of(cls, axis: Axis, repeats: bool, start: int, step: int, cof: Floats) -> Self:
-        for value in (cof.min(), cof.max()):
-            _within("COF", float(value), COF_COUNT, _MOST_COF)
-        counts = np.round(cof / COF_COUNT).astype(np.int64)
-        return cls(TextureTable(axis, repeats, start, step, tuple(counts.tolist())))
-
 
 def _levels(low: float, high: float) -> tuple[float, float]:
     low, high = (
-        _within(name, value, COF_COUNT, 2.0) for name, value in (("low", low), ("high", high))
+        within(name, value, COF_COUNT, 2.0) for name, value in (("low", low), ("high", high))
     )
     if low > high:
         raise ValueError(f"low {low:g} is above high {high:g}")
     return low, high
-
-
-def _within(name: str, value: float, low: float, high: float) -> float:
-    number = finite(name, value)
-    if not low <= number <= high:
-        raise ValueError(f"{name} {number:g} is outside {low:g}..{high:g}")
-    return number

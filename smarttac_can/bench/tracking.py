@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.textures import Floats, Texture
+from smarttac_can.bench.texture_tables import Floats
+from smarttac_can.bench.textures import Texture
 
 GRID_MM: Final = 0.02
 """Distance of the places at which passes are compared."""
