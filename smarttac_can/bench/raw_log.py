@@ -5,6 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from heapq import heappop, heappush
+from itertools import count
 from math import inf
 from pathlib import Path
 from time import time
@@ -20,6 +22,7 @@ from smarttac_can.host.python_can import hears_others_of_process
 from smarttac_can.master.errors import BenchError
 
 _LOOK_S: Final = 0.02
+_SETTLED_S: Final = 1.0
 _OUT_OF_ORDER: Final = (
     "this interface does not hear what this process sends: the raw log has it as it was handed "
     "over, which need not be its place on the bus; receive_own_messages=1 helps where an "
@@ -129,21 +132,30 @@ def _tapping(network: LocalNetwork, file: _File) -> Iterator[None]:
 def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
     """Log what a handle of its own hears, up to what was sent before the block ended."""
     end = inf
+    # A thread that sends on a virtual bus may be held up before all have its frame, and an answer
+    # overtake it: the stamps know better.
+    waiting: list[tuple[float, int, can.Message]] = []
 
     def stop() -> None:
         nonlocal end
         end = time()
 
+    def log_until(stamp: float) -> None:
+        while waiting and waiting[0][0] <= stamp:
+            file.log(heappop(waiting)[2])
+
     def work() -> None:
         try:
-            while True:
+            for number in count():
                 message = bus.recv(_LOOK_S)
                 if message is not None and message.timestamp <= end:
-                    file.log(message)
+                    heappush(waiting, (message.timestamp, number, message))
+                    log_until(message.timestamp - _SETTLED_S)
                 elif time() > end:
-                    return
+                    break
         except (can.CanError, OSError) as error:
             file.failures.append(error)
+        log_until(inf)
 
     hold_more(bus)
     with Background("raw log", work, stop):

@@ -214,7 +214,7 @@ class Replay:
                 raise doubt
 
     def _require_none_lacking(self, node: ReplayedNode) -> None:
-        lacking = node.overdue(self._time - _LACKING_US)
+        lacking = node.overdue(_LACKING_US)
         if lacking is not None:
             raise self._differs(node, None, lacking[1])
 

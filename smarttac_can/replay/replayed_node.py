@@ -97,12 +97,19 @@ class ReplayedNode:
             return queue.popleft()[1]
         return frame if self._timed(frame) else self._node.device.unasked().get(frame.can_id)
 
-    def overdue(self, time: int) -> Stamped | None:
-        """Return a computed frame that the log lacks at a time in us, and when it was computed."""
+    def overdue(self, age: int) -> Stamped | None:
+        """Return a frame computed longer ago than an age in us that the log lacks, and when.
+
+        In lockstep SYNC is the clock of that as well: a process may stand still for any time.
+        """
         for queue in self._computed.values():
-            if queue and queue[0][0] < time:
+            if queue and queue[0][0] < self._now - age:
                 return queue[0]
         return None
+
+    @property
+    def _now(self) -> int:
+        return self._clock.now if self._lockstep else self._time
 
     def _timed(self, frame: Frame) -> bool:
         """Whether it is what a timer may have sent: when, the log knows better, but in lockstep.
@@ -188,4 +195,4 @@ class ReplayedNode:
         sent = self._node.ids.sent
         for frame in frames:
             if frame.can_id in sent:
-                self._computed.setdefault(frame.can_id, deque()).append((self._time, frame))
+                self._computed.setdefault(frame.can_id, deque()).append((self._now, frame))

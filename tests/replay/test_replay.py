@@ -257,6 +257,13 @@ def test_measurements_that_came_before_the_node_listened_are_left_out() -> None:
     assert found.drives == len(places(log, DRIVE))
 
 
+def test_a_process_in_lockstep_may_stand_still_for_any_time() -> None:
+    log = friction_run()
+    place = places(log, DRIVE)[200] - 1
+    late = [(time + 3_000_000 * (n >= place), frame) for n, (time, frame) in enumerate(log)]
+    assert replayed(late).drives == replayed(log).drives
+
+
 @pytest.mark.parametrize("byte", [0, 7])
 def test_one_byte_of_a_drive_by_the_clock_is_named(byte: int) -> None:
     log = clocked_run()
