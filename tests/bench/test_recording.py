@@ -434,7 +434,10 @@ def test_the_raw_log_of_a_bus_that_no_second_handle_hears(
     raw = tmp_path / "run.asc"
     options = {**virtual, "receive_own_messages": echoes}
     node = stimulator_with_plate(lockstep=False)
-    with in_threads(virtual, node, lockstep=False), Stimulator.connect(**options) as bench:
+    with (
+        in_threads(virtual, node, lockstep=False),
+        Stimulator.connect(**options, timeout=5.0) as bench,
+    ):
         recording = bench.record(tmp_path / "run.h5", raw=raw)
         with recording:
             for voltage in (1.0, 2.0, 3.0):
@@ -453,7 +456,10 @@ def test_a_bus_that_cannot_be_opened_twice_is_told(
         raise can.CanInitializationError("it is taken")
 
     node = stimulator_with_plate(lockstep=False)
-    with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
+    with (
+        in_threads(virtual, node, lockstep=False),
+        Stimulator.connect(**virtual, timeout=5.0) as bench,
+    ):
         monkeypatch.setattr(can, "Bus", taken)
         recording = bench.record(tmp_path / "run.h5", raw=tmp_path / "run.asc")
         with pytest.raises(BenchError, match=r"cannot open the virtual bus, .*: it is taken"):
@@ -469,9 +475,12 @@ def test_the_raw_log_of_a_bus_that_fails_says_so(
         raise can.CanOperationError("it is unplugged")
 
     node = stimulator_with_plate(lockstep=False)
-    with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
+    with (
+        in_threads(virtual, node, lockstep=False),
+        Stimulator.connect(**virtual, timeout=5.0) as bench,
+        can.Bus(**virtual) as second,
+    ):
         link: Any = bench._link
-        second = can.Bus(**virtual)
         monkeypatch.setattr(second, "recv", unplugged)
         monkeypatch.setattr(link._network, "second_bus", lambda: second)
         recording = bench.record(tmp_path / "run.h5", raw=tmp_path / "run.asc")

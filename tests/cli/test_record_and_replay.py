@@ -118,7 +118,7 @@ def test_what_a_script_records_in_lockstep_is_replayed(
     virtual: dict[str, Any], tmp_path: Path
 ) -> None:
     raw = tmp_path / "run.log"
-    options = {**virtual, "plate_node_id": 33, "lockstep": True}
+    options = {**virtual, "plate_node_id": 33, "lockstep": True, "timeout": 5.0}
     with in_threads(virtual, *both()):
         with (
             Stimulator.connect(**options) as recorder,
