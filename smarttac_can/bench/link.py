@@ -161,7 +161,6 @@ class Link(Protocol):
 
         It gives the block what of the log is not as on the bus, in one line; empty if all is.
         """
-        ...
 
     def wrong_time(self) -> str:
         """Say that the stimulator keeps another time than the link believes; empty if not."""

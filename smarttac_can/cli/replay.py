@@ -122,10 +122,10 @@ def replay(
 
 def _perhaps_told(done: Replayed) -> str:
     """Name the options of which one may be missing, if a log differs from its beginning on."""
-    if done.ended_s - done.begun_s > _EARLY_S:
-        return ""
     given = click.get_current_context().get_parameter_source
     left = [f"--{o.replace('_', '-')}" for o in _TOLD if given(o) is ParameterSource.DEFAULT]
+    if not left or done.ended_s - done.begun_s > _EARLY_S:
+        return ""
     return (
         f"; so early, it may have been started with an option that is not given: {', '.join(left)}"
     )

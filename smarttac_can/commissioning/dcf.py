@@ -187,13 +187,15 @@ def _raw(entry: Entry, text: str) -> str:
     with suppress(EDSError):
         parse_integer(text.replace(" ", ""), entry.name)
         return text
+    symbol = entry.unit.symbol or ("%" if entry.unit.number < 1 else "")
+    if not symbol:
+        raise ValueError(f"{entry.name} {text!r} is no raw integer, {entry.low}..{entry.high}")
     with suppress(ValueError):
         if Quantity.parse(text).symbol:
             return str(entry.counts(text))
-    symbol = entry.unit.symbol
-    like = f"a number with a unit like {symbol}" if symbol else "a ratio with a %"
     raise ValueError(
-        f"{entry.name} {text!r} is neither a raw integer nor {like}{_perhaps(entry, text)}"
+        f"{entry.name} {text!r} is neither a raw integer nor a number with a unit like {symbol}"
+        f"{_perhaps(entry, text)}"
     )
 
 
@@ -206,8 +208,8 @@ def _perhaps(entry: Entry, text: str) -> str:
     for near in get_close_matches(found[2].lower(), units, 1):
         guess = f"{found[1].replace(',', '.')} {units[near]}"
         with suppress(ValueError):
-            entry.counts(guess)
-            return f"; perhaps {guess!r}"
+            if entry.low <= entry.counts(guess) <= entry.high:
+                return f"; perhaps {guess!r}"
     return ""
 
 

@@ -130,15 +130,21 @@ def fade(belief: Belief, load_change: float) -> Belief:
 def missed(
     belief: Belief, model: PlateNow, dead_time: float, W: complex, span: Span, W_next: complex
 ) -> bool:
-    """Whether the second drive of a span never took force, by what W has become in its tick.
+    """Whether W has become what the first drive of a span makes of it, and not the second.
 
-    Then a measurement follows from the first drive, and not from the plate having changed.
+    It is taken for a drive that was lost. So would be a pick-up that reads next to nothing, from
+    which nothing could be learned either; the watchdogs answer for that.
     """
     error = abs(W_next - _predict(belief, model, dead_time, W, span)[0])
     if error < _MISSED_FROM:
         return False
-    lasting = Span(span.V_before, span.w_before, span.V_before, span.w_before)
-    return abs(W_next - _predict(belief, model, dead_time, W, lasting)[0]) < _MISSED_SHARE * error
+    left = abs(W_next - _predict(belief, model, dead_time, W, first_lasting(span))[0])
+    return left < _MISSED_SHARE * error
+
+
+def first_lasting(span: Span) -> Span:
+    """Return a span in which the second drive was lost."""
+    return Span(span.V_before, span.w_before, span.V_before, span.w_before)
 
 
 def learn(

@@ -23,6 +23,7 @@ from smarttac_can.control.belief import (
     Span,
     believed,
     fade,
+    first_lasting,
     learn,
     missed,
 )
@@ -181,8 +182,7 @@ def observed(
         )
         faded = fade(belief, (rate - rate_before) / rate_before)
         if missed(faded, model, prior.dead_time, W_before, span, W):
-            drive = before
-            span = Span(span.V_before, span.w_before, span.V_before, span.w_before)
+            drive, span = before, first_lasting(span)
         belief = learn(faded, model, prior.dead_time, W_before, span, W)
     plate = believed(model, belief)
     return Learned(belief, plate, W, drive, True, not follows, rate, contact, warmth)

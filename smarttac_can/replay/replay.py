@@ -13,6 +13,7 @@ from smarttac_can.replay.difference import Difference, difference, drive_voltage
 from smarttac_can.replay.first_measurements import Stamped
 from smarttac_can.replay.replayed_node import LATE_US, ReplayedNode
 
+_RESETS: Final = (NMTCommand.RESET_NODE, NMTCommand.RESET_COMMUNICATION)
 _LACKING_US: Final = 100_000
 """A frame that is not in the log so long after it was due is not in the log."""
 _BACKWARDS_US: Final = 1_000_000
@@ -165,10 +166,11 @@ class Replay:
             self._keeps = False
         elif frame.can_id == NMT_ID and len(frame.data) == len(("command", "node-ID")):
             command, node_id = frame.data
-            if node_id in (0, self._node_id):
+            if node_id in (0, self._node_id) and command in _RESETS:
                 self._keeps = command == NMTCommand.RESET_COMMUNICATION
                 self._queued = deque() if command == NMTCommand.RESET_NODE else None
-        elif self._queued is not None:
+                return
+        if self._queued is not None:
             self._queued.append((self._time, frame))
             while self._queued[0][0] < self._time - LATE_US:
                 self._queued.popleft()

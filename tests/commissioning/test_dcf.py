@@ -116,6 +116,8 @@ def test_a_dcf_becomes_that_of_another_node() -> None:
         ("1017", "65536", "65536 is outside the raw values 0..65535"),
         ("2100sub1", "200.01 V", r"Setpoint.Voltage 200.01 V is outside 0..200000 mV"),
         ("2100sub1", "1 um", "'1 um' is neither a raw integer nor a number with a unit like mV$"),
+        ("1005", "50 %", r"'50 %' is no raw integer, "),
+        ("2100sub1", "300 v", "'300 v' is neither a raw .* like mV$"),
         ("2100sub1", "1 volt", "'1 volt' is neither"),
     ],
 )

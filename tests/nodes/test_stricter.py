@@ -258,17 +258,19 @@ def test_what_is_protected_and_how(
 def test_every_watch_over_a_heartbeat_is_kept(watch: int) -> None:
     od = stimulator_od()
     stricter, entry = Stricter(od, OF_STIMULATOR), od.entry(0x1016, watch)
-    for entry.value, laxer in (
+    for present, laxer in (
         (0x7F_0032, (0x7F_0033, 0x7F_8000, 0x7F_0000, 0x7E_0032, 0x80_0032, 0)),
         (0x7F_8000, (0x7F_8001, 0x7F_0000, 0)),
     ):
+        entry.value = present
         for value in laxer:
             with pytest.raises(Abort):
                 stricter.require(entry, value)
-        for value in (entry.value, entry.value - 1):
+        for value in (present, present - 1):
             stricter.require(entry, value)
     # 128 and 129 are no nodes, and 0 ms no watch: nothing is lost.
-    for entry.value in (0x80_0032, 0x81_0032, 0x7F_0000):
+    for present in (0x80_0032, 0x81_0032, 0x7F_0000):
+        entry.value = present
         stricter.require(entry, 0)
 
 
