@@ -208,7 +208,9 @@ def _perhaps(entry: Entry, text: str) -> str:
     for near in get_close_matches(found[2].lower(), units, 1):
         guess = f"{found[1].replace(',', '.')} {units[near]}"
         with suppress(ValueError):
-            if entry.low <= entry.counts(guess) <= entry.high:
+            counts = entry.counts(guess)
+            # What would be rounded to nothing is not meant.
+            if counts and entry.low <= counts <= entry.high:
                 return f"; perhaps {guess!r}"
     return ""
 

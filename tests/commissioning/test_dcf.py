@@ -118,6 +118,7 @@ def test_a_dcf_becomes_that_of_another_node() -> None:
         ("2100sub1", "1 um", "'1 um' is neither a raw integer nor a number with a unit like mV$"),
         ("1005", "50 %", r"'50 %' is no raw integer, "),
         ("2100sub1", "300 v", "'300 v' is neither a raw .* like mV$"),
+        ("2100sub1", "80 N", "'80 N' is neither a raw .* like mV$"),
         ("2100sub1", "1 volt", "'1 volt' is neither"),
     ],
 )
