@@ -16,6 +16,7 @@ from click.testing import CliRunner, Result
 from smarttac_can import __version__
 from smarttac_can.bench.traces import read_csv, sha256
 from smarttac_can.cli import main
+from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.summary import summary
 
 COMMANDS = sorted(main.commands)
@@ -142,11 +143,8 @@ def test_everything_follows_from_the_traces(everything: Path) -> None:
     assert results["trace_sha256"] == sha256(everything / "traces.csv")
     again = summary(
         read_csv(everything / "traces.csv"),
-        seed=5,
-        law="measured",
+        Conditions(seed=5),
         link="bus",
-        dead_time=0.0,
-        version=__version__,
         trace_sha256=sha256(everything / "traces.csv"),
     )
     del results["fig3"]
