@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 from queue import Empty, Queue
 from typing import Any
 
+from smarttac_can.bench import Stimulator
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
@@ -126,6 +127,17 @@ def multicast_options(bus: Mapping[str, Any]) -> list[str]:
     """Options of ``smarttac`` commands for a bus."""
     options = ["--interface", bus["interface"], "--channel", bus["channel"]]
     return [*options, "--bus-option", f"port={bus['port']}"]
+
+
+def regulate_friction(bench: Stimulator) -> None:
+    """Regulate the friction for 0.4 s, at first of one reference and then of two."""
+    bench.amplitude = 1.0
+    bench.cof = 0.35
+    bench.mode = "friction"
+    bench.run(0.2)
+    bench.cof = (0.2, 0.3)
+    bench.run(0.2)
+    bench.disarm()
 
 
 @contextmanager

@@ -54,7 +54,7 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[str]:
     ------
     BenchError
         If it exists, cannot be written, or python-can has no such format, or if the bus cannot be
-        opened a second time; after the block, if not all of it could be written.
+        opened a second time; after the block, if not all of it could be heard or written.
     """
     note = ""
     with ExitStack() as stack:
@@ -130,8 +130,15 @@ def _tapping(network: LocalNetwork, file: _File) -> Iterator[None]:
 
 @contextmanager
 def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
-    """Log what a handle of its own hears, up to what was sent before the block ended."""
+    """Log what a handle of its own hears, up to what was sent before the block ended.
+
+    Raises
+    ------
+    BenchError
+        After the block, if the handle failed before.
+    """
     end = inf
+    broken: list[Exception] = []
     # A thread that sends on a virtual bus may be held up before all have its frame, and an answer
     # overtake it: the stamps know better.
     waiting: list[tuple[float, int, can.Message]] = []
@@ -154,12 +161,14 @@ def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
                 elif time() > end:
                     break
         except (can.CanError, OSError) as error:
-            file.failures.append(error)
+            broken.append(error)
         log_until(inf)
 
     hold_more(bus)
     with Background("raw log", work, stop):
         yield
+    if broken:
+        raise BenchError(f"the raw log ends where its bus failed: {broken[0]}") from broken[0]
 
 
 @contextmanager

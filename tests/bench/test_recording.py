@@ -484,7 +484,10 @@ def test_the_raw_log_of_a_bus_that_fails_says_so(
         monkeypatch.setattr(second, "recv", unplugged)
         monkeypatch.setattr(link._network, "second_bus", lambda: second)
         recording = bench.record(tmp_path / "run.h5", raw=tmp_path / "run.asc")
-        with pytest.raises(BenchError, match=r"run\.asc takes no more: it is unplugged"), recording:
+        with (
+            pytest.raises(BenchError, match=r"ends where its bus failed: it is unplugged"),
+            recording,
+        ):
             assert bench.run(0.05).cof.size
     assert recording.summary is not None
 

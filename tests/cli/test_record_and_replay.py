@@ -12,7 +12,14 @@ from typing import Any
 import can
 import pytest
 from click.testing import CliRunner
-from nodes_on_a_bus import GUARD_S, both, in_threads, multicast_options, processes
+from nodes_on_a_bus import (
+    GUARD_S,
+    both,
+    in_threads,
+    multicast_options,
+    processes,
+    regulate_friction,
+)
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.cli import main
@@ -39,13 +46,7 @@ def reset_all(bus: Mapping[str, Any]) -> None:
 
 def friction(bench: Stimulator) -> None:
     bench.start_run()
-    bench.amplitude = 1.0
-    bench.cof = 0.35
-    bench.mode = "friction"
-    bench.run(0.2)
-    bench.cof = (0.2, 0.3)
-    bench.run(0.2)
-    bench.disarm()
+    regulate_friction(bench)
 
 
 def at_rest(bench: Stimulator) -> None:

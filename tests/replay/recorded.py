@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable
 
+from nodes_on_a_bus import regulate_friction
+
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
@@ -32,13 +34,7 @@ def _friction_run() -> tuple[tuple[int, Frame], ...]:
         bench.finger.stroke(2, speed=200.0, force_variation=0.2, speed_variation=0.2)
         bench.start_run()
         bench.tare()
-        bench.amplitude = 1.0
-        bench.cof = 0.35
-        bench.mode = "friction"
-        bench.run(0.2)
-        bench.cof = (0.2, 0.3)
-        bench.run(0.2)
-        bench.disarm()
+        regulate_friction(bench)
         bench.set("Limit.Voltage", "60 V")
         bench.run(0.05)
     return tuple(log)
