@@ -20,6 +20,10 @@ class Lapses:
     def __init__(self) -> None:
         self._level = 0
 
+    def clear(self) -> None:
+        """Forget all of them."""
+        self._level = 0
+
     def share(self, most: int) -> float:
         """How near a fault is, 1.0 when it is there."""
         return self._level / (most * FORGOTTEN)

@@ -52,6 +52,8 @@ _PHASE_FROM: Final = 20e-9
 _PHASE_MIN: Final = 0.05
 """Cosine of the phase, at least; at the ends of the frequency range it is 0.13."""
 _IDENTIFY: Final = Mode.IDENTIFY
+_UNJUDGED: Final = (Mode.OFF, Mode.IDENTIFY)
+"""Modes in which nothing is missed: there is no voltage, or no model yet."""
 _TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
 _AMPLITUDE: Final = 1 << Watchdog.AMPLITUDE
 _PICKUP: Final = 1 << Watchdog.PICKUP
@@ -133,7 +135,8 @@ class VibrationWatch:
         self._excess = Lapses()
         self._unseen = Lapses()
         self._lack = Lapses()
-        self._silent = self._detuned = 0
+        self._detuned = Lapses()
+        self._silent = 0
 
     def note_voltage(self, voltage: float) -> None:
         """Remember the voltage in V that is in force until the next measurement."""
@@ -164,11 +167,12 @@ class VibrationWatch:
         if self._unseen.count(self._bound > self._bound_trip, UNSEEN_CYCLES + late):
             faults |= _UNSEEN
         if mode not in _TRACKED:
-            self._detuned = 0
+            # A loop that is closed again may begin anew at the end of its range.
+            self._detuned.clear()
         elif amplitude > AMPLITUDE_MIN:
             # Without a vibration nobody knows: a friction loop that pauses hides nothing.
-            self._detuned = self._detuned + 1 if abs(W.imag) > W.real else 0
-        if self._detuned >= RESONANCE_CYCLES:
+            self._detuned.count(abs(W.imag) > W.real, RESONANCE_CYCLES)
+        if self._detuned.share(RESONANCE_CYCLES) >= 1.0:
             faults |= _RESONANCE
         return faults
 
@@ -181,7 +185,7 @@ class VibrationWatch:
         return (
             self._above.share(AMPLITUDE_CYCLES),
             max(excess, none, lack),
-            self._detuned / RESONANCE_CYCLES,
+            self._detuned.share(RESONANCE_CYCLES),
             self._unseen.share(UNSEEN_CYCLES + late),
         )
 
@@ -196,16 +200,26 @@ class VibrationWatch:
         """Compare the reading with the model, and bring its bounds up to date."""
         E = self._E
         self._follow(W, amplitude, contact)
-        identifying = mode == _IDENTIFY
-        most = _EXCESS_UNIDENTIFIED if identifying else _EXCESS
+        most = _EXCESS_UNIDENTIFIED if mode == _IDENTIFY else _EXCESS
         excess = self._excess.count(amplitude > most * E + _EXCESS_OFFSET, EXCESS_CYCLES + late)
         silent = E > _LOOKED_FOR and amplitude < _SILENCE * E
+        # A pulse that ends dies away sooner than E under a finger: such cycles must not add up.
         self._silent = self._silent + 1 if silent else 0
-        # A loop that is led astray hunts: what is lacking comes and goes with the phase.
-        least = self._least
-        lacking = least > _LOOKED_FOR and amplitude < _LACK * least and not identifying
-        lack = self._lack.count(lacking, LACK_CYCLES + late)
-        return excess or lack or self._silent >= SILENT_CYCLES + late
+        return (
+            excess
+            or self._lacks(amplitude, mode, LACK_CYCLES + late)
+            or self._silent >= SILENT_CYCLES + late
+        )
+
+    def _lacks(self, amplitude: float, mode: int, most: int) -> bool:
+        """Compare the reading with its bound from below, where that tells anything."""
+        lack, least = self._lack, self._least
+        if mode in _UNJUDGED:
+            lack.clear()
+        elif least > _LOOKED_FOR:
+            # A loop that is led astray hunts: what is lacking comes and goes with the phase.
+            lack.count(amplitude < _LACK * least, most)
+        return lack.share(most) >= 1.0
 
     def _follow(self, W: complex, amplitude: float, contact: Contact) -> None:
         """Bring the bounds from above and from below up to date."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -59,6 +60,9 @@ class FaultCase(NamedTuple):
     """Whether what the stimulator says is lost with the bus."""
     needs_voltage: bool = False
     """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
+    up_to_N: float = inf
+    """Force in N of a finger up to which it is sure to show: one that presses harder may explain it
+    by what it damps."""
     hides_vibration: bool = False
     """Whether the pick-up is broken, so that the plate may vibrate too much until that is seen."""
 

@@ -159,7 +159,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
     broken("S3 saturated, plate inside", SATURATED_CYCLES, Watchdog.NORMAL_FORCE,
             FaultKind.SATURATED, 3, plate_inside=True, why=_BEYOND),
     broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.PICKUP,
-            FaultKind.GAIN, PICKUP_D, 6000, instead={
+            FaultKind.GAIN, PICKUP_D, 6000, needs_voltage=True, up_to_N=1.2, instead={
                 Mode.OPEN_LOOP: Watchdog.SATURATED, Mode.FRICTION: Watchdog.SATURATED,
                 Mode.TEXTURE: Watchdog.SATURATED,
             }, why="six times the vibration is beyond the end of the range where no amplitude "

@@ -24,6 +24,8 @@ CYCLES_PER_HOUR: Final = 3_600_000
 _READY_CYCLES: Final = 5
 _SHOWING_V: Final = 20.0
 """Voltage from which any plate vibrates enough to be judged."""
+_FORGOTTEN: Final = 1 / 20
+"""Share of a faulty cycle that the watches forget in a cycle in which it does not show."""
 _PATIENCE_CYCLES: Final = 2000
 _MISSED: Final = 1 << Watchdog.HEARTBEAT
 _USED: Final = tuple(
@@ -222,16 +224,22 @@ class Soak:
 
     def _wait(self, case: FaultCase) -> bool:
         """Let a fault have the time that it may take until 0 V; tell whether it could show."""
-        rig, left = self._rig, self._bound(case) + 1
+        rig, bound = self._rig, self._bound(case) + 1
         if not case.needs_voltage:
-            self._cycle(left)
+            self._cycle(bound)
             return True
+        shown = 0.0
         for _ in range(_PATIENCE_CYCLES):
-            if not left or rig.state is not State.RUNNING:
+            if shown >= bound or rig.state is not State.RUNNING:
                 return True
             self._cycle(1)
-            left -= rig.stage.si_value >= _SHOWING_V
+            shown = shown + 1.0 if self._shows(case) else max(0.0, shown - _FORGOTTEN)
         return False
+
+    def _shows(self, case: FaultCase) -> bool:
+        """Tell whether a fault can be seen in this cycle."""
+        rig = self._rig
+        return rig.stage.si_value >= _SHOWING_V and rig.plate_block.plate.Fn <= case.up_to_N
 
     def _mend(self, case: FaultCase) -> None:
         case.remove(self._rig)
