@@ -17,6 +17,7 @@ from smarttac_can.vocabulary.states import State
 
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _RUNNING: Final = State.RUNNING
+_FAULT: Final = State.FAULT
 
 
 class SoakWatch:
@@ -38,7 +39,7 @@ class SoakWatch:
     sound
         Whether nothing is broken, nor about to be.
     cause
-        Why a watch has tripped while nothing was broken, as the plate shows; None for no reason.
+        Why a watch has tripped at last, as the plate shows; None for no reason.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -49,6 +50,7 @@ class SoakWatch:
         self.mode = Mode.OPEN_LOOP
         self.sound = False
         self.cause: str | None = None
+        self._state = State.READY
         self._trip_cause = TripCause(rig)
         self._driven = DrivenTime(rig)
         self._size = ProcessSize()
@@ -76,8 +78,7 @@ class SoakWatch:
     def _look(self) -> None:
         self.invariants.check()
         self._trip_cause.look()
-        if self.sound:
-            self._look_closer()
+        self._look_closer()
         voltage = self._rig.stage.value
         if voltage:
             self._driven.count(self.mode)
@@ -86,10 +87,11 @@ class SoakWatch:
             self._size.sample()
 
     def _look_closer(self) -> None:
-        """See how near the watches are, or why one has tripped, while nothing is broken."""
-        state = self._machine.state
-        if state is _RUNNING:
-            self.margins.look()
-        elif state is State.FAULT:
+        """See how near the watches are while nothing is broken, or why one has tripped."""
+        before, self._state = self._state, self._machine.state
+        if self._state is _FAULT:
             self.sound = False
-            self.cause = self._trip_cause.of(self._rig.od["Diagnosis.Latched"].value)
+            if before is not _FAULT:
+                self.cause = self._trip_cause.of(self._rig.od["Diagnosis.Latched"].value)
+        elif self.sound and self._state is _RUNNING:
+            self.margins.look()

@@ -6,6 +6,7 @@ import pytest
 
 from smarttac_can.od.cia import ERROR_FIELD
 from smarttac_can.trials import soak
+from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.invariants import AFTERGLOW_CYCLES, UNDRIVEN_CYCLES, Invariants
 from smarttac_can.trials.rig import Rig
 from smarttac_can.trials.soak import Soak
@@ -63,6 +64,27 @@ def test_a_weak_axis_is_looked_for_at_the_resonance(monkeypatch: pytest.MonkeyPa
         report = Soak(30_000, seed).run()
         assert report.faults["pick-up d at 0.05"]
         assert report.violations == []
+
+
+@pytest.mark.parametrize(
+    ("name", "tripped", "complaint"),
+    [
+        ("vibration above its limit", "vibration above its limit", None),
+        ("S3 dead", None, "S3 dead in mode amplitude: the gauges contradict each other"),
+    ],
+)
+def test_a_mishap_ends_a_run_only_where_the_plate_itself_vibrates_too_much(
+    name: str, tripped: str | None, complaint: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(soak, "TOLERATED", [case for case in CASES if case.name == name])
+    monkeypatch.setattr(soak, "DRIVING", (Mode.AMPLITUDE,))
+    for scene in ("_touch", "_fault", "_restart_master"):
+        monkeypatch.setattr(Soak, scene, Soak._mishap)
+    report = Soak(10_000, 1).run()
+    assert sum(report.tolerated.values()) > 3
+    assert set(report.tripped) == ({tripped} if tripped else set())
+    assert bool(report.violations) == (complaint is not None)
+    assert all(complaint in line for line in report.violations)
 
 
 def test_length_below_one_cycle_is_refused() -> None:
