@@ -85,6 +85,11 @@ class CanLink:
         # In lockstep the nodes' time stands still without the bench.
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
         self._heard: frozenset[int] = frozenset()
+        self._services = {
+            service + device.od.node_id
+            for service in (EMCY_ID, SDO_TX_ID, SDO_RX_ID, HEARTBEAT_ID)
+            for device in self._devices
+        }
         self._listen()
 
     def drive(self) -> None:
@@ -152,7 +157,8 @@ class CanLink:
                 f"{', '.join(RECORDED)}: restore their default mapping"
             )
         collected.learn_held(self.read)
-        with self._every_cycle.held():
+        # Of another script that puts the types back the bench has to hear.
+        with self._hearing(self._services), self._every_cycle.held():
             collected.rows = rows
             try:
                 if self._lockstep:
@@ -184,10 +190,7 @@ class CanLink:
         """Have the frames of these nodes told, and those that command them."""
         network = self._network
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
-        told = {pdo.can_id for pdo in (*self._pdos, *commanded)}
-        for device in self._devices:
-            services = (EMCY_ID, SDO_TX_ID, SDO_RX_ID, HEARTBEAT_ID)
-            told |= {service + device.od.node_id for service in services}
+        told = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
 
         def tap(can_id: int, data: bytes) -> None:
             if can_id in told:
@@ -196,7 +199,7 @@ class CanLink:
         if self._threaded:
             hold_more(network.bus)
         # Before all types are set there is no whole cycle, and after the first is put back none.
-        with self._hearing(told), self._every_cycle.held(), self._every_cycle.guarded():
+        with self._hearing(told), self._every_cycle.held():
             network.taps += (tap,)
             try:
                 yield

@@ -48,14 +48,21 @@ class EveryCycle:
         self._types = [
             device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION) for number in numbers
         ]
+        self._at = {(entry.index, entry.subindex): entry for entry in self._types}
+        self._asked: set[Entry] = set()
         self._before: list[int] = []
         self._users = 0
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Have them sent in every cycle; blocks may be nested."""
+        """Have them sent in every cycle; blocks may be nested.
+
+        They are sent so again at once when a script that ends, or a reset, puts them back.
+        """
         if not self._users:
             self._before = [self._take(entry) for entry in self._types]
+            self._asked.clear()
+            self._network.taps += (self._keep,)
         self._users += 1
         try:
             yield
@@ -66,32 +73,20 @@ class EveryCycle:
             raise
         self._release()
 
-    @contextmanager
-    def guarded(self) -> Iterator[None]:
-        """Have them sent so again at once when a script that ends, or a reset, puts them back."""
-        node_id = self._device.od.node_id
-        asked: set[Entry] = set()
-        at = {(entry.index, entry.subindex): entry for entry in self._types}
-
-        def keep(can_id: int, data: bytes) -> None:
-            frame = Frame(can_id, data)
-            if can_id == HEARTBEAT_ID + node_id and data == _BOOT_UP:
-                self._ask_again(self._types)
-            elif request := written(frame, node_id):
-                entry = at.get(request.address)
-                if entry is not None and request.data != bytes((EVENT_MANUFACTURER,)):
-                    asked.add(entry)
-            elif asked:
-                ended = [entry for entry in asked if takes(frame, node_id, entry)]
-                asked.difference_update(ended)
-                self._ask_again(ended)
-
-        network = self._network
-        network.taps += (keep,)
-        try:
-            yield
-        finally:
-            network.taps = tuple(tap for tap in network.taps if tap is not keep)
+    def _keep(self, can_id: int, data: bytes) -> None:
+        """Hear what others ask for, and ask again once it is answered."""
+        node_id, asked = self._device.od.node_id, self._asked
+        frame = Frame(can_id, data)
+        if can_id == HEARTBEAT_ID + node_id and data == _BOOT_UP:
+            self._ask_again(self._types)
+        elif request := written(frame, node_id):
+            entry = self._at.get(request.address)
+            if entry is not None and request.data != bytes((EVENT_MANUFACTURER,)):
+                asked.add(entry)
+        elif asked:
+            ended = [entry for entry in asked if takes(frame, node_id, entry)]
+            asked.difference_update(ended)
+            self._ask_again(ended)
 
     def _take(self, entry: Entry) -> int:
         kind = int(self._device.read(entry))
@@ -102,6 +97,8 @@ class EveryCycle:
     def _release(self) -> None:
         self._users -= 1
         if not self._users:
+            network = self._network
+            network.taps = tuple(tap for tap in network.taps if tap != self._keep)
             for entry, kind in zip(self._types, self._before, strict=True):
                 self._device.write(entry, kind)
 
