@@ -8,6 +8,7 @@ from typing import Final
 from smarttac_can.audit.log_frames import Field, Stamped, find_field
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import (
+    BOOT_UP,
     EMCY_ID,
     FRAME_BYTES,
     HEARTBEAT_ID,
@@ -26,7 +27,6 @@ from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.states import Status
 
-_BOOT_UP: Final = b"\0"
 _NMT_BYTES: Final = 2
 _WENT_OFF: Final = (EmergencyCode.RPDO_TIME_OUT, FaultCode.VOLTAGE, FaultCode.STAGE)
 """Emergencies that a plate sends when it goes to 0 V by itself between two SYNCs."""
@@ -72,7 +72,7 @@ class Signs:
         if frame.can_id == NMT_ID and len(frame.data) == _NMT_BYTES:
             command, node_id = frame.data
             return command != NMTCommand.START and node_id in (0, self.owner)
-        return frame.can_id == HEARTBEAT_ID + self.owner and frame.data == _BOOT_UP
+        return frame.can_id == HEARTBEAT_ID + self.owner and frame.data == BOOT_UP
 
     def driven(self, frame: Frame) -> bool | None:
         """Whether a frame shows the stage with a voltage, at 0 V (False), or not at all (None)."""

@@ -13,14 +13,13 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.requests import download, takes, written
 from smarttac_can.od.cia import (
+    BOOT_UP,
     EVENT_MANUFACTURER,
     HEARTBEAT_ID,
     PDO_TRANSMISSION,
     TPDO_COMMUNICATION,
 )
 from smarttac_can.od.entry import Entry
-
-_BOOT_UP = b"\0"
 
 
 class EveryCycle:
@@ -77,7 +76,7 @@ class EveryCycle:
         """Hear what others ask for, and ask again once it is answered."""
         node_id, asked = self._device.od.node_id, self._asked
         frame = Frame(can_id, data)
-        if can_id == HEARTBEAT_ID + node_id and data == _BOOT_UP:
+        if can_id == HEARTBEAT_ID + node_id and data == BOOT_UP:
             self._ask_again(self._types)
         elif request := written(frame, node_id):
             entry = self._at.get(request.address)

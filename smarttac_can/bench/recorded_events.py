@@ -12,14 +12,13 @@ from smarttac_can.bench.recorded_rows import RecordedPdo
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_log import FRAME, MARK, MARK_END, Records
 from smarttac_can.master.requests import takes, written
-from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, MANUFACTURER_FIRST
+from smarttac_can.od.cia import BOOT_UP, EMCY_ID, HEARTBEAT_ID, MANUFACTURER_FIRST
 from smarttac_can.od.data_types import unpack
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import START_RUN
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
-_BOOT_UP: Final = b"\0"
 _EMCY_BYTES: Final = 8
 _MOST_MARKER_BYTES: Final = 4000
 """Of 1000 characters; a log that is damaged may go on and on."""
@@ -118,7 +117,7 @@ class EventReader:
         self, at: int, time_ns: int, frame: Frame, node_id: int, od: ObjectDictionary
     ) -> Iterable[Event]:
         """Read a frame from or to a node that is no PDO."""
-        if frame == (HEARTBEAT_ID + node_id, _BOOT_UP, False):
+        if frame == (HEARTBEAT_ID + node_id, BOOT_UP, False):
             yield Event(Kind.RESTART, at, time_ns, node_id=node_id)
         elif frame.can_id == EMCY_ID + node_id and len(frame.data) == _EMCY_BYTES:
             code = int.from_bytes(frame.data[:2], "little")

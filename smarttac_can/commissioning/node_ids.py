@@ -12,13 +12,12 @@ from canopen import lss
 from canopen.lss import LssError
 
 from smarttac_can.master.errors import NodeNotFoundError, RefusedError
-from smarttac_can.od.cia import HEARTBEAT_ID, LAST_NODE_ID, NMT_ID, NMTCommand
+from smarttac_can.od.cia import BOOT_UP, HEARTBEAT_ID, LAST_NODE_ID, NMT_ID, NMTCommand
 
 _FASTSCAN_S: Final = 0.1
 """How long silence lasts that is an answer of fastscan; half of its 132 questions get none."""
 _MOST_UNCONFIGURED: Final = 127
 _POLL_S: Final = 0.01
-_BOOT_UP: Final = b"\0"
 
 
 class Identity(NamedTuple):
@@ -109,9 +108,9 @@ def assign_node_id(
     if previous is not None:
         # Only a reset makes a device that has started already take another node-ID.
         network.send_message(NMT_ID, [NMTCommand.RESET_COMMUNICATION, previous])
-    wait_until(lambda: _BOOT_UP in booted, timeout)
+    wait_until(lambda: BOOT_UP in booted, timeout)
     network.unsubscribe(HEARTBEAT_ID + node_id)
-    return Assigned(identity, previous, _BOOT_UP in booted)
+    return Assigned(identity, previous, BOOT_UP in booted)
 
 
 def wait_until(come: Callable[[], bool], seconds: float) -> None:

@@ -14,6 +14,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.master.requests import ABORT
 from smarttac_can.od.cia import (
+    BOOT_UP,
     CAN_ID_MASK,
     FRAME_BYTES,
     HEARTBEAT_ID,
@@ -189,7 +190,7 @@ class Examiner:
         self.drain()
         self.nmt(command)
         boot_up = self.expect(self.heartbeat_id, "boot-up", _BOOT_TIME_OUTS * self.timeout)
-        if boot_up.data != b"\0":
+        if boot_up.data != BOOT_UP:
             raise Failure(f"after a reset came {_text(boot_up)} instead of a boot-up")
         self.settle()
 

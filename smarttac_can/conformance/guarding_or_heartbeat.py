@@ -20,7 +20,13 @@ from smarttac_can.conformance.error_control import (
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.sdo_client import number, write_number
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
+from smarttac_can.od.cia import (
+    BOOT_UP,
+    GUARD_TIME,
+    HEARTBEAT_PRODUCER,
+    LIFE_TIME_FACTOR,
+    NMTCommand,
+)
 
 
 @case(
@@ -97,7 +103,7 @@ def boot_up_with_heartbeat(examiner: Examiner) -> None:
     examiner.drain()
     examiner.nmt(NMTCommand.RESET_COMMUNICATION)
     arrivals = examiner.collect(examiner.heartbeat_id, 5 * examiner.timeout)
-    boot_ups = [arrival.frame.data for arrival in arrivals].count(b"\0")
+    boot_ups = [arrival.frame.data for arrival in arrivals].count(BOOT_UP)
     if boot_ups != 1:
         raise Failure(f"{boot_ups} boot-ups after reset communication")
 

@@ -12,6 +12,7 @@ from smarttac_can.device.nmt import ALL_STATES, NMTState
 from smarttac_can.device.port import Port
 from smarttac_can.device.service import Service
 from smarttac_can.od.cia import (
+    BOOT_UP,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
@@ -48,7 +49,7 @@ class HeartbeatProducer(Service):
 
     def boot_up(self) -> None:
         """Send the boot-up message, a heartbeat of the value 0."""
-        self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, b"\0"))
+        self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, BOOT_UP))
 
     def unasked(self) -> Frame | None:
         """Return the heartbeat that is due next, as of now; None if there is none."""

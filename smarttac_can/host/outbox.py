@@ -9,10 +9,14 @@ from typing import Final, Protocol
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.node import HostedNode
+from smarttac_can.od.cia import BOOT_UP, HEARTBEAT_ID, LAST_NODE_ID
 from smarttac_can.vocabulary.signals import TICK_US
 
 _MOST_WAITING: Final = 64
 """Frames of no urgency, or emergency messages, that wait before the oldest is dropped."""
+
+
+_ERROR_CONTROL: Final = range(HEARTBEAT_ID + 1, HEARTBEAT_ID + LAST_NODE_ID + 1)
 
 
 class Taker(Protocol):
@@ -27,7 +31,7 @@ class Outbox:
 
     Urgent frames go first. One that the bus has not taken a tick after it was made is a fault: the
     node is told, and of those that wait only emergency messages, and what the node says then, are
-    kept. Other frames wait, and never count.
+    kept. Other frames wait, and never count; a boot-up message drops those.
 
     Parameters
     ----------
@@ -60,6 +64,9 @@ class Outbox:
             return
         urgent = self._node.ids.urgent
         for frame in frames:
+            if frame.data == BOOT_UP and frame.can_id in _ERROR_CONTROL:
+                # What still waits is of before the reset.
+                self._others.clear()
             if frame.can_id in urgent:
                 self._urgent.append((self._node.clock.now + TICK_US, frame))
             else:

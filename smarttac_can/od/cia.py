@@ -240,6 +240,8 @@ SDO_RX_ID: Final = 0x600
 HEARTBEAT_ID: Final = 0x700
 LSS_SLAVE_ID: Final = 0x7E4
 LSS_MASTER_ID: Final = 0x7E5
+BOOT_UP: Final = b"\0"
+"""Data of the boot-up message; a heartbeat carries a state other than 0."""
 
 LAST_NODE_ID: Final = 127
 UNCONFIGURED: Final = 255

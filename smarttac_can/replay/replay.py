@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import HEARTBEAT_ID, NMT_ID, SYNC_ID, NMTCommand
+from smarttac_can.od.cia import BOOT_UP, HEARTBEAT_ID, NMT_ID, SYNC_ID, NMTCommand
 from smarttac_can.replay.difference import Difference, difference, drive_voltage
 from smarttac_can.replay.first_measurements import Stamped
 from smarttac_can.replay.replayed_node import LATE_US, ReplayedNode
@@ -77,7 +77,7 @@ class Replay:
         self._power_on = power_on
         self._node_id = node_id
         self._lockstep = lockstep
-        self._boot_up = Frame(HEARTBEAT_ID + node_id, b"\0")
+        self._boot_up = Frame(HEARTBEAT_ID + node_id, BOOT_UP)
         self._node: ReplayedNode | None = None
         self._keeps = self._synced = False
         self._queued: deque[Stamped] | None = None

@@ -100,6 +100,15 @@ def test_urgent_frames_go_first_and_each_class_in_order() -> None:
     assert case.flush() == []
 
 
+def test_nothing_of_before_a_reset_follows_its_boot_up_message() -> None:
+    case = Case()
+    case.put(other(1), urgent(1), other(2))
+    case.put(other(3), Frame(0x701, b"\0"), other(4))
+    assert case.flush() == [urgent(1), Frame(0x701, b"\0"), other(4)]
+    case.put(other(5), Frame(0x701, b"\5"))
+    assert case.flush() == [other(5), Frame(0x701, b"\5")]
+
+
 def test_what_is_urgent_is_what_the_node_says_now() -> None:
     case = Case()
     case.node.ids = case.node.ids._replace(urgent=frozenset({REPLY + 1}))
