@@ -182,6 +182,7 @@ def write_calibration(
         for gauge, null in zip(GAUGES, nulls, strict=True)
     }
     values["Gauge null.Window"] = WINDOW_MN
+    values = {name: stimulator.nearest(name, value) for name, value in values.items()}
     before = {name: stimulator.get(name) for name in values}
     try:
         for name, value in values.items():

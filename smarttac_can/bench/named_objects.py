@@ -8,6 +8,7 @@ from numbers import Real
 from typing import Final
 
 from smarttac_can.bench.link import Link
+from smarttac_can.commissioning.rounding import require_kept
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -16,6 +17,8 @@ from smarttac_can.vocabulary.objects import SIMULATION
 from smarttac_can.vocabulary.states import State, state_in
 
 _HINTS: Final = 3
+_LEFT_OF_ZERO: Final = 1e-9
+"""What floats may leave of a 0, as in steps of 0.1 from -38 to 38."""
 _MESSAGE: Final = "Message"
 _SHARP: Final = (State.ARMED, State.RUNNING)
 
@@ -35,6 +38,18 @@ def finite(name: str, value: object) -> float:
     if not isfinite(number):
         raise ValueError(f"{name} {value!r} is not a finite number")
     return number
+
+
+def number_given(name: str, value: object) -> float:
+    """Return what a person gave for a number; 0 for what only floats have left of it.
+
+    Raises
+    ------
+    ValueError
+        As `finite`.
+    """
+    number = finite(name, value)
+    return number if abs(number) >= _LEFT_OF_ZERO else 0.0
 
 
 def find_object(od: ObjectDictionary, name: str) -> Entry:
@@ -115,11 +130,39 @@ class NamedObjects:
         BenchError
             If there is no such object, or it is no number.
         ValueError
-            If the value is not finite, or its unit of another kind.
+            If the value is not finite, its unit of another kind, or it is not 0 and the step of
+            the object would make 0 of it.
         """
         entry = self._number(name)
-        text = value if isinstance(value, str) else f"{finite(name, value)} {entry.unit.symbol}"
-        self.write(name, entry.counts(text))
+        text = (
+            value if isinstance(value, str) else f"{number_given(name, value)} {entry.unit.symbol}"
+        )
+        raw = entry.counts(text)
+        require_kept(entry, raw, text.strip())
+        self.write(name, raw)
+
+    def nearest(self, name: str, value: float) -> float:
+        """Return the number that an object holds when it takes the one nearest to a measured one.
+
+        `set` refuses what would become 0, and this does not.
+
+        Parameters
+        ----------
+        name
+            Name of the object.
+        value
+            A number of its displayed unit.
+
+        Raises
+        ------
+        BenchError
+            If there is no such object, or it is no number.
+        ValueError
+            If the value is not finite.
+        """
+        entry = self._number(name)
+        counts = entry.counts(f"{finite(name, value)} {entry.unit.symbol}")
+        return float(counts * entry.unit.number)
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value; where the device refuses it for being armed or running, say so."""

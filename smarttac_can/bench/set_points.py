@@ -7,7 +7,7 @@ from enum import IntEnum
 from re import sub
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
-from smarttac_can.bench.named_objects import NamedObjects, finite
+from smarttac_can.bench.named_objects import NamedObjects, number_given
 from smarttac_can.bench.textures import Texture
 from smarttac_can.master.errors import RefusedError
 from smarttac_can.od.cia import AbortCode
@@ -43,7 +43,8 @@ class InUnit:
         return bench.get(self._name, self._unit)
 
     def __set__(self, bench: Stimulator, value: float | str) -> None:
-        bench.set(self._name, f"{in_unit(self._name, value, self._unit)} {self._unit}")
+        number = in_unit(self._name, value, self._unit)
+        bench.set(self._name, value if isinstance(value, str) else f"{number} {self._unit}")
 
 
 def in_unit(name: str, value: float | str, unit: str) -> float:
@@ -55,7 +56,7 @@ def in_unit(name: str, value: float | str, unit: str) -> float:
         If it is none, not finite, or has no unit of this kind.
     """
     if not isinstance(value, str):
-        return finite(name, value)
+        return number_given(name, value)
     try:
         return Quantity.parse(value).in_unit(unit)
     except ValueError:

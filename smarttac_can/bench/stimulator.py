@@ -72,6 +72,7 @@ class Stimulator:
 
     get = of_part("_objects", NamedObjects.get)
     set = of_part("_objects", NamedObjects.set)
+    nearest = of_part("_objects", NamedObjects.nearest)
     arm = of_part("_control", StateControl.arm)
     disarm = of_part("_control", StateControl.disarm)
     quick_stop = of_part("_control", StateControl.quick_stop)

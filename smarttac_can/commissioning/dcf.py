@@ -13,6 +13,7 @@ from io import StringIO
 from itertools import product
 from typing import Final
 
+from smarttac_can.commissioning.rounding import require_kept
 from smarttac_can.od.cia import IDENTITY, Abort, DataType, ObjectType
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
@@ -243,6 +244,8 @@ def _check(entry: Entry, text: str, node_id: int, given: str) -> None:
         value = parse_integer(text.replace(" ", ""), where)
     if isinstance(value, int | float) and not entry.low <= value <= entry.high:
         raise ValueError(_outside(entry, value, given, with_unit=given != text))
+    if given != text:
+        require_kept(entry, value, given)
     try:
         entry.check(value)
     except Abort as error:

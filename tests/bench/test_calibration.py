@@ -141,6 +141,11 @@ def test_a_calibration_is_written_with_nulls_and_window(bench: Stimulator) -> No
         bench.tare()
 
 
+def test_a_null_below_the_step_of_its_object_is_none(bench: Stimulator) -> None:
+    nulls = np.array([4e-5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert write_calibration(bench, fitted(PLAN), nulls)["Gauge null.Null of S1"] == 0.0
+
+
 def test_what_is_refused_leaves_all_as_it_was(bench: Stimulator) -> None:
     names = fitted(PLAN).objects()
     before = {name: bench.get(name) for name in names}

@@ -105,6 +105,60 @@ def test_another_unit_is_refused_with_the_one_expected(
     assert bench.get(name) == before
 
 
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (
+            lambda bench: setattr(bench, "voltage", "80 nV"),
+            "Setpoint.Voltage 80 nV would become 0: it goes in steps of 10 mV",
+        ),
+        (
+            lambda bench: setattr(bench, "voltage", 80e-9),
+            "Setpoint.Voltage 8e-08 V would become 0: it goes in steps of 10 mV",
+        ),
+        (lambda bench: setattr(bench, "boundary", "-4 um"), "Setpoint.Boundary -4 um would"),
+        (
+            lambda bench: bench.set("Setpoint.Voltage", 4),
+            "Setpoint.Voltage 4.0 mV would become 0: it goes in steps of 10 mV",
+        ),
+        (
+            lambda bench: bench.set("Setpoint.Amplitude", "1 pm"),
+            "Setpoint.Amplitude 1 pm would become 0: it goes in steps of 1 nm",
+        ),
+        (
+            lambda bench: bench.set("Simulation.Seed", 0.3),
+            "Simulation.Seed 0.3 would become 0: it goes in steps of 1",
+        ),
+    ],
+)
+def test_what_would_be_rounded_to_nothing_is_refused(
+    act: Callable[[Stimulator], object], message: str, bench: Stimulator
+) -> None:
+    bench.voltage, bench.amplitude, bench.boundary = 20.0, 1.0, 3.0
+    with pytest.raises(ValueError, match=f"^{message}"):
+        act(bench)
+    assert (bench.voltage, bench.amplitude, bench.boundary) == (20.0, 1.0, 3.0)
+
+
+def test_what_floats_leave_of_a_zero_is_a_zero(bench: Stimulator) -> None:
+    bench.boundary = 5.0
+    (left,) = (place for place in np.arange(-38.0, 38.0, 0.01) if abs(place) < 1e-6)
+    assert left != 0.0
+    bench.boundary = left
+    assert bench.boundary == 0.0
+    bench.voltage = "0 nV"
+    assert bench.voltage == 0.0
+
+
+def test_what_was_measured_is_written_as_near_as_an_object_goes(bench: Stimulator) -> None:
+    name = "Gauge null.Null of S1"
+    assert [bench.nearest(name, mN) for mN in (0.04, -0.26, 3.14159)] == [0.0, -0.3, 3.1]
+    bench.set(name, bench.nearest(name, 0.04))
+    assert bench.get(name) == 0.0
+    with pytest.raises(ValueError, match="nan is not a finite number"):
+        bench.nearest(name, float("nan"))
+
+
 def test_cof_of_both_sides_or_each(bench: Stimulator) -> None:
     bench.cof = 0.35
     assert bench.cof == pytest.approx((0.35, 0.35))
