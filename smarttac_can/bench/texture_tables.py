@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.named_objects import finite
+from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.vocabulary.textures import COF_COUNT, MAX_VALUES, Axis, TextureTable
 
 Floats = npt.NDArray[np.float64]
@@ -16,7 +18,14 @@ NM_PER_MM: Final = 1e6
 US_PER_S: Final = 1e6
 _MS_US: Final = 1000
 _LEAST_POINTS: Final = 2
-_MOST_COF: Final = 0xFFFF * COF_COUNT
+
+
+@cache
+def cof_bounds() -> tuple[float, float]:
+    """Return the lowest and the highest COF that a stimulator plays, by its EDS."""
+    entry = stimulator_od()["Setpoint.COF left"]
+    low, high = (float(int(bound) * entry.unit.number) for bound in (entry.low, entry.high))
+    return low, high
 
 
 def over_position(places: Floats, cof: Floats) -> TextureTable:
@@ -55,7 +64,7 @@ def over_time(points: list[tuple[float, float]], repeats: bool) -> TextureTable:
 def table_of(axis: Axis, repeats: bool, start: int, step: int, cof: Floats) -> TextureTable:
     """Return the table of COF at equal steps in counts of its axis."""
     for value in (cof.min(), cof.max()):
-        within("COF", float(value), COF_COUNT, _MOST_COF)
+        within("COF", float(value), *cof_bounds())
     counts = np.round(cof / COF_COUNT).astype(np.int64)
     return TextureTable(axis, repeats, start, step, tuple(counts.tolist()))
 

@@ -16,6 +16,7 @@ from smarttac_can.bench.texture_tables import (
     NM_PER_MM,
     US_PER_S,
     Floats,
+    cof_bounds,
     over_position,
     over_time,
     table_of,
@@ -42,7 +43,8 @@ _PROFILES: Final = {
 class Texture:
     """COF over position or time, to be played by a stimulator: ``bench.texture = texture``.
 
-    Made by `grating`, `profile`, `from_png` and `from_csv`.
+    Made by `grating`, `profile`, `from_png` and `from_csv`, with a COF of 0.05..2 everywhere, the
+    bounds of the EDS.
     """
 
     table: TextureTable
@@ -286,7 +288,7 @@ class Texture:
 
 def _levels(low: float, high: float) -> tuple[float, float]:
     low, high = (
-        within(name, value, COF_COUNT, 2.0) for name, value in (("low", low), ("high", high))
+        within(name, value, *cof_bounds()) for name, value in (("low", low), ("high", high))
     )
     if low > high:
         raise ValueError(f"low {low:g} is above high {high:g}")

@@ -164,8 +164,13 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
     [
         (lambda: Texture.grating(0.05, 0.2, 0.3), "period_mm 0.05 is outside 0.1..76"),
         (lambda: Texture.grating(2, 0.4, 0.3), "low 0.4 is above high 0.3"),
-        (lambda: Texture.grating(2, -0.1, 0.3), "low -0.1 is outside 0.0001..2"),
-        (lambda: Texture.grating(2, 0, 0.3), "low 0 is outside 0.0001..2"),
+        (lambda: Texture.grating(2, -0.1, 0.3), "low -0.1 is outside 0.05..2"),
+        (lambda: Texture.grating(2, 0, 0.3), "low 0 is outside 0.05..2"),
+        (lambda: Texture.grating(2, 0.0499, 0.3), "low 0.0499 is outside 0.05..2"),
+        (lambda: Texture.grating(2, 0.3, 2.001), "high 2.001 is outside 0.05..2"),
+        (lambda: Texture.profile("ramp", 0.01, 0.3), "low 0.01 is outside 0.05..2"),
+        (lambda: Texture.from_png("x", 0, 0.01, 0.3), "low 0.01 is outside 0.05..2"),
+        (lambda: Texture.profile([(0, 0.3), (1, 0.049)]), "COF 0.049 is outside 0.05..2"),
         (lambda: Texture.grating(2, 0.2, 0.3, duty=1), "duty 1 is outside 0.01..0.99"),
         (lambda: Texture.grating(2, 0.2, 0.3, shape="saw"), "shape 'saw' is none of square, sine"),
         (lambda: Texture.grating(2, 0.2, 0.3, 0.3, "sine"), "duty 0.3 of a sine is not 0.5"),
@@ -183,8 +188,8 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
             lambda: Texture.profile([(0, 0.3)]),
             "a profile goes through 2 points (time in s, COF) or m",
         ),
-        (lambda: Texture.profile([(0, 0.3), (1, 0)]), "COF 0 is outside 0.0001..6.5535"),
-        (lambda: Texture.profile([(0, 7), (1, 0.3)]), "COF 7 is outside 0.0001..6.5535"),
+        (lambda: Texture.profile([(0, 0.3), (1, 0)]), "COF 0 is outside 0.05..2"),
+        (lambda: Texture.profile([(0, 7), (1, 0.3)]), "COF 7 is outside 0.05..2"),
         (
             lambda: Texture.profile([(1, 0.2), (0, 0.2)]),
             "the times of a profile are below 0, or fall",
@@ -220,6 +225,30 @@ def test_what_is_no_recording_is_refused(text: str, reason: str, tmp_path: Path)
     with pytest.raises(ValueError) as refused:
         Texture.from_csv(path, position="x", cof="mu")
     assert str(refused.value) == f"{path}: {reason}"
+
+
+@pytest.mark.parametrize(
+    ("columns", "reason"),
+    [
+        ({"position": "x", "cof": "mu"}, "COF 0.01 is outside 0.05..2"),
+        ({"time": "x", "cof": "mu"}, "COF 0.01 is outside 0.05..2"),
+        ({"position": "x", "lateral": "Fx", "normal": "Fz"}, "COF 3 is outside 0.05..2"),
+    ],
+)
+def test_a_recording_beyond_what_is_played_is_refused(
+    columns: dict[str, str], reason: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "recording.csv"
+    path.write_text("x,mu,Fx,Fz\n1,0.3,0.3,1\n2,0.01,3,1\n")
+    with pytest.raises(ValueError) as refused:
+        Texture.from_csv(path, **columns)
+    assert str(refused.value) == reason
+
+
+def test_the_bounds_are_what_the_stimulator_takes(bench: Stimulator) -> None:
+    widest = Texture.profile([(0, 0.05), (1, 2.0)])
+    bench.texture = widest
+    assert bench.texture == widest
 
 
 def test_a_recording_in_another_encoding_is_refused(tmp_path: Path) -> None:
