@@ -89,10 +89,11 @@ def _argument(kind: click.ParamType[Any]) -> str:
     return {"text": "TEXT", "file": "FILE", "directory": "DIR"}.get(kind.name, kind.name.upper())
 
 
-def _parameter(parameter: click.Parameter) -> tuple[str, str, str]:
+def _parameter(context: click.Context, parameter: click.Parameter) -> tuple[str, str, str]:
     if isinstance(parameter, click.Argument):
-        many = "..." if parameter.nargs == -1 else ""
-        return f"`{_argument(parameter.type)}{many}`", "", ""
+        # As the usage line of --help has it.
+        name, takes = parameter.make_metavar(context), _argument(parameter.type)
+        return f"`{name}`", "", "" if takes in name else f"`{takes}`"
     assert isinstance(parameter, click.Option)
     name = ", ".join(parameter.opts)
     if not parameter.is_flag:
@@ -123,13 +124,14 @@ def command_line() -> str:
     ]
     for name, command in _commands(smarttac, "smarttac"):
         text = " ".join((command.help or "").split()).replace("``", "`")
+        parameters = [_parameter(click.Context(command), each) for each in command.params]
         example = (command.epilog or "").replace("\b", "").partition(":")[2]
         lines += [
             f"## `{name}`",
             "",
             text,
             "",
-            *table(("Parameter", "Default", "Meaning"), *map(_parameter, command.params)),
+            *table(("Parameter", "Default", "Meaning"), *parameters),
             "```console",
             *(f"$ {line.strip()}" for line in example.strip().splitlines()),
             "```",
