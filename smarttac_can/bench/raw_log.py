@@ -17,6 +17,7 @@ import can
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.host.background import Background
+from smarttac_can.host.file_errors import reason
 from smarttac_can.host.kernel_filter import hold_more
 from smarttac_can.host.python_can import hears_others_of_process
 from smarttac_can.master.errors import BenchError
@@ -110,7 +111,8 @@ def _open(path: Path) -> can.Listener:
         with suppress(OSError):
             if not path.stat().st_size:
                 path.unlink()
-        raise BenchError(f"cannot log to {path}: {error}") from error
+        why = reason(error) if isinstance(error, OSError) else error
+        raise BenchError(f"cannot log to {path}: {why}") from error
 
 
 @contextmanager

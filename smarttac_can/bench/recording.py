@@ -15,6 +15,7 @@ from smarttac_can.bench.link import Link
 from smarttac_can.bench.published import PublishedPdo
 from smarttac_can.bench.recorded_rows import TICK
 from smarttac_can.bench.recording_file import Summary, make_recording, require_h5py
+from smarttac_can.host.file_errors import reason
 from smarttac_can.host.frame_log import FrameLog
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import IDENTITY, MANUFACTURER_FIRST, PROFILE_FIRST
@@ -166,7 +167,7 @@ class Recording:
                 f"case smarttac record --recover {self.log_path} {self.path} makes its file"
             ) from error
         except OSError as error:
-            raise BenchError(f"cannot write {self.log_path}: {error.strerror or error}") from error
+            raise BenchError(f"cannot write {self.log_path}: {reason(error)}") from error
 
     def _make_file(self, log: FrameLog) -> None:
         try:
@@ -176,7 +177,7 @@ class Recording:
             self.log_path.unlink()
         except OSError as error:
             raise BenchError(
-                f"{self.path} could not be made: {error.strerror or error}; what was recorded is "
+                f"{self.path} could not be made: {reason(error)}; what was recorded is "
                 f"in {self.log_path}, for smarttac record --recover"
             ) from error
 

@@ -12,6 +12,7 @@ import numpy as np
 from smarttac_can.bench.recorded_events import Kind
 from smarttac_can.bench.recorded_frames import Dated, RecordedFrames
 from smarttac_can.bench.recorded_rows import Rows
+from smarttac_can.host.file_errors import in_words
 from smarttac_can.host.frame_log import RECORD, FrameLogReader, Records
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -54,6 +55,7 @@ def require_h5py() -> None:
         raise BenchError("recordings need h5py: pip install 'smarttac-can[record]'")
 
 
+@in_words()
 def make_recording(log: Path, path: Path) -> Summary:
     """Make the HDF5 file of a recording of its log, also of one that was killed.
 

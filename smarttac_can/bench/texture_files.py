@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.host.bounded_file import read_bounded
+from smarttac_can.host.file_errors import in_words
 
 Floats = npt.NDArray[np.float64]
 
@@ -21,6 +22,7 @@ _GREY_DIMENSIONS: Final = 2
 _SHOWN: Final = 40
 
 
+@in_words()
 def read_columns(path: Path, names: Sequence[str]) -> list[Floats]:
     """Read columns of a CSV file by their names.
 
@@ -79,6 +81,7 @@ def _number(name: str, text: str) -> float:
     return number
 
 
+@in_words()
 def read_grey_row(path: Path, row: int) -> Floats:
     """Read a row of a grey PNG, from the top and 0, as numbers from 0, black, to 1, white.
 

@@ -22,6 +22,7 @@ from smarttac_can.bench.texture_tables import (
     table_of,
     within,
 )
+from smarttac_can.host.file_errors import in_words
 from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 
 if TYPE_CHECKING:
@@ -281,6 +282,7 @@ class Texture:
 
         return texture_figure(self)
 
+    @in_words()
     def save_figure(self, path: Path | str) -> None:
         """Draw it into a file, PNG or SVG by its ending."""
         self.figure().savefig(Path(path))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from smarttac_can import __version__
+from smarttac_can.host.file_errors import in_words
 from smarttac_can.master.errors import BenchError
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def to_dataframe(trace: Trace) -> pandas.DataFrame:
     return frame
 
 
+@in_words()
 def write_tidy_csv(path: Path | str, trace: Trace) -> None:
     """Write lines of ``# key: value``, a header, and exact decimals or empty cells."""
     columns = _columns(trace)

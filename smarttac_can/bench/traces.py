@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from smarttac_can.bench.tidy import to_dataframe, write_tidy_csv
 from smarttac_can.host.bounded_file import open_regular
+from smarttac_can.host.file_errors import in_words
 from smarttac_can.od.units import Quantity
 
 if TYPE_CHECKING:
@@ -222,6 +223,7 @@ def require_labels(experiment: str, subject: int) -> None:
         raise ValueError(f"subject {subject} is below 0")
 
 
+@in_words()
 def write_csv(path: Path | str, traces: Iterable[Trace]) -> None:
     r"""Write traces as exact decimals, one row a tick, lines ending in ``\n``.
 
@@ -245,6 +247,7 @@ def write_csv(path: Path | str, traces: Iterable[Trace]) -> None:
             file.writelines(start + ",".join(row) + "\n" for row in zip(*columns, strict=True))
 
 
+@in_words()
 def read_csv(path: Path | str) -> list[Trace]:
     """Read the traces of a file written by `write_csv`, exactly as they were.
 
@@ -264,6 +267,7 @@ def read_csv(path: Path | str) -> list[Trace]:
         ]
 
 
+@in_words()
 def sha256(path: Path | str) -> str:
     """Return the SHA-256 of a file as 64 hexadecimal digits."""
     with Path(path).open("rb") as file:

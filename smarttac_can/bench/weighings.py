@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.host.bounded_file import open_regular
+from smarttac_can.host.file_errors import in_words
 
 if TYPE_CHECKING:
     import _csv
@@ -74,6 +75,7 @@ class Weighing(NamedTuple):
         }
 
 
+@in_words()
 def read_plan(path: Path) -> list[Placing]:
     """Read the placings of a CSV file with the columns mass_g, angle_deg, azimuth_deg, x_mm.
 

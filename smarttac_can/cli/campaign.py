@@ -116,6 +116,8 @@ def campaign(
         )
     with plain_errors(ClusterError, RecordError), ExitStack() as stack:
         results_file = opened_results(stack, json_file)
+        if output is not None:
+            output.mkdir(parents=True, exist_ok=True)
         record = None if resume is None else stack.enter_context(Record(resume, chosen))
         result = run_campaign(
             chosen,

@@ -12,7 +12,12 @@ import click
 
 from smarttac_can.cli.options import EDS_FILE, NEW_FILE, NODE_ID, SECONDS, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import naming, plain_errors
-from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    json_file_option,
+    opened_results,
+    report_results,
+    result_file,
+)
 from smarttac_can.conformance.case import Case, Failure
 from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.examiner import Examiner
@@ -81,6 +86,7 @@ def conform(
     """
     with plain_errors(), ExitStack() as stack:
         file = opened_results(stack, json_file)
+        page = None if report is None else stack.enter_context(result_file(report))
         say: Callable[[str], None] = partial(click.echo, err=file is sys.stdout)
         with naming(eds):
             sheet = DeviceDescription(read_eds_file(eds), node_id)
@@ -94,8 +100,8 @@ def conform(
             results = run_cases(examiner, cases, lambda result: say(line(result)))
         device = f"node {node_id} by {eds.name}"
         say(summary(results))
-        if report is not None:
-            report.write_text(markdown(results, device), encoding="utf-8")
+        if page is not None:
+            page.write(markdown(results, device))
         report_results(as_json(results, device), (), file)
     if failed(results):
         raise click.exceptions.Exit(1)

@@ -27,6 +27,7 @@ from smarttac_can.cli.plain_errors import naming, one_line, plain_errors, warn
 from smarttac_can.cli.process import Pace, pace_options, run_in_process
 from smarttac_can.host.eds_files import read_eds, read_eds_file
 from smarttac_can.host.fault_file import FaultFile, read_lines
+from smarttac_can.host.file_errors import reason
 from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.front_ends import FrontEndError, opened_front_end
 from smarttac_can.host.storage_file import StorageFile
@@ -53,8 +54,8 @@ def _finger(
         try:
             return RECORDED, read_finger(Path(value))
         except FileNotFoundError as error:
-            reason = f"{value!r} is neither none, stroke nor a file: {error.strerror}"
-            raise click.BadParameter(reason) from error
+            text = f"{value!r} is neither none, stroke nor a file: {reason(error)}"
+            raise click.BadParameter(text) from error
 
 
 def node_options(node_id: int) -> Callable[[Command], Command]:

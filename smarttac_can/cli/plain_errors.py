@@ -12,6 +12,7 @@ from typing import Final
 import click
 
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.file_errors import trouble
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.ini import EDSError
 
@@ -32,8 +33,7 @@ def plain_errors(*others: type[Exception]) -> Iterator[None]:
     except BrokenProcessPool as error:
         raise click.ClickException("a process that shared the work was killed") from error
     except OSError as error:
-        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        raise click.ClickException(one_line(what)) from error
+        raise click.ClickException(one_line(trouble(error))) from error
 
 
 @contextmanager

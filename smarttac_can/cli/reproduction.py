@@ -13,7 +13,7 @@ import click
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
 from smarttac_can.cli.options import NEW_FOLDER, law_option, seed_option
-from smarttac_can.cli.plain_errors import naming, need_matplotlib, plain_errors
+from smarttac_can.cli.plain_errors import naming, need_matplotlib, one_line, plain_errors
 from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.host.bounded_file import read_bounded
@@ -183,12 +183,21 @@ def report(folder: Path) -> None:
 
 def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
     """Read what ``reproduce --output`` wrote."""
-    with naming(file := folder / RESULTS, ValueError, RecursionError):
+    with naming(file := _made(folder, RESULTS), ValueError, RecursionError):
         results = json.loads(read_bounded(file, _RESULTS_MAX_BYTES))
         if not isinstance(results, dict) or "trace_sha256" not in results:
             raise ValueError("it holds no results of reproduce")
-    with naming(file := folder / TRACES, ValueError):
+    with naming(file := _made(folder, TRACES), ValueError):
         return read_csv(file), results
+
+
+def _made(folder: Path, name: str) -> Path:
+    """Return the path of a file that ``reproduce --output`` makes; refused if it is not there."""
+    file = folder / name
+    if not file.exists():
+        cure = f"smarttac reproduce --output {folder} makes it"
+        raise click.ClickException(one_line(f"there is no {file}: {cure}"))
+    return file
 
 
 def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:

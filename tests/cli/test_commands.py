@@ -275,19 +275,21 @@ def test_files_that_cannot_be_written(tmp_path: Path) -> None:
     assert "is a file" in refusal("reproduce", "fig3", "--output", file)
     assert "is a directory" in refusal("reproduce", "fig3", "--json", tmp_path)
     missing = tmp_path / "missing" / "x.json"
-    assert f"{missing}: No such file or directory" in refusal(
+    assert f"{missing}: the folder {missing.parent} does not exist" in refusal(
         "reproduce", "fig3", "--json", missing
     )
-    assert "Not a directory" in refusal("reproduce", "fig3", "--output", file / "below")
+    below = file / "below"
+    assert f"{below}: {file} is a file" in refusal("reproduce", "fig3", "--output", below)
 
 
 def test_report_of_what_is_no_run(everything: Path, tmp_path: Path) -> None:
     assert "does not exist" in refusal("report", tmp_path / "missing")
-    assert "results.json: No such file" in refusal("report", tmp_path)
+    told = refusal("report", tmp_path)
+    assert f"results.json: smarttac reproduce --output {tmp_path} makes it" in told
     (tmp_path / "results.json").write_text("{")
     assert str(tmp_path) in refusal("report", tmp_path)
     (tmp_path / "results.json").write_text((everything / "results.json").read_text())
-    assert "traces.csv: No such file" in refusal("report", tmp_path)
+    assert f"there is no {tmp_path / 'traces.csv'}: sm" in refusal("report", tmp_path)
     (tmp_path / "traces.csv").write_text("tick\n1\n")
     assert "line 1 is not experiment,subject" in refusal("report", tmp_path)
     (tmp_path / "traces.csv").write_text((everything / "traces.csv").read_text())

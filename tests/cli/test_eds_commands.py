@@ -156,7 +156,10 @@ def test_dcf(tmp_path: Path) -> None:
         (("check", RICH, "--device"), "--device needs --node-id"),
         (("check", RICH, "--timeout", "0"), "0.0 is not in the range"),
         (("doc", ROOT / "README.md"), "README.md: the file has no objects"),
-        (("doc", RICH, "--output", "no/such/folder/x.md"), "no/such/folder/x.md: No such file"),
+        (
+            ("doc", RICH, "--output", "no/such/folder/x.md"),
+            "no/such/folder/x.md: the folder no does not exist",
+        ),
         (("dbc", ROOT / "README.md"), "README.md: the file has no objects"),
         (("dbc", RICH, "--node-id", "128"), "128 is not in the range"),
         (("dcf", RICH, "--bitrate", "500000"), "Missing option '--node-id'"),

@@ -159,7 +159,7 @@ def test_only_files_are_verified(kept: tuple[Path, Path], tmp_path: Path) -> Non
     os.mkfifo(pipe)
     assert refusal(str(pipe), rows) == f"{pipe}: is no regular file"
     assert refusal(log, str(pipe)) == f"{pipe}: is no regular file"
-    assert refusal("nowhere", rows) == "nowhere: No such file or directory"
+    assert refusal("nowhere", rows) == "nowhere: there is no such file"
 
 
 def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_file_that_cannot_be_written_is_refused_before_the_run(arguments: tuple[
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
     assert line.startswith("Error: ")
-    assert line.endswith("nowhere/result: No such file or directory")
+    assert line.endswith(f"nowhere/result: the folder {Path('nowhere').resolve()} does not exist")
 
 
 def test_old_files_stay_when_a_run_fails(tmp_path: Path) -> None:

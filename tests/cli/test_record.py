@@ -143,7 +143,7 @@ def test_a_recording_is_recovered_into_a_folder_that_is_there(tmp_path: Path) ->
     result = CliRunner().invoke(main, ["record", "--recover", str(log), str(path)])
     assert (result.exit_code, result.output) == (
         1,
-        f"Error: {path}: No such file or directory\n",
+        f"Error: {path}: the folder {path.parent} does not exist\n",
     )
     path.parent.mkdir()
     assert CliRunner().invoke(main, ["record", "--recover", str(log), str(path)]).exit_code == 0

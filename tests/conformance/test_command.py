@@ -66,6 +66,14 @@ def test_device_on_a_bus_is_judged(conform: Conform, tmp_path: Path) -> None:
     assert [case["id"] for case in data["cases"]] == ["SDO-01", "OD-01", "HB-01"]
 
 
+def test_a_report_that_cannot_be_written_is_refused_before_a_bus_is_opened(
+    conform: Conform, tmp_path: Path
+) -> None:
+    report = tmp_path / "no" / "report.md"
+    code, output = conform("--interface", "none-such", "--report", str(report))
+    assert (code, output) == (1, f"Error: {report}: the folder {report.parent} does not exist\n")
+
+
 @pytest.mark.usefixtures("device")
 def test_results_on_stdout_are_alone_there(multicast: dict[str, Any]) -> None:
     options = ("--timeout", "3", "--case", "SDO-01", "--json", "-")
