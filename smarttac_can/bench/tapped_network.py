@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import can
 import canopen
+from can.util import load_config
 
 from smarttac_can.bench.link import Hear
 from smarttac_can.host.drivers import opening
@@ -23,6 +24,8 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         the thread that sends or receives.
     own_taps
         These are told of sent frames alone.
+    hears_itself
+        Whether its bus was told to echo what is sent, by an option or python-can's configuration.
     """
 
     def __init__(self) -> None:
@@ -30,17 +33,14 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         self.taps: tuple[Hear, ...] = ()
         self.own_taps: tuple[Hear, ...] = ()
         self._options: Mapping[str, Any] = {}
+        self.hears_itself = False
 
     def connect(self, **options: Any) -> Self:
         """Connect to a bus of python-can, by its options."""
+        self.hears_itself = bool(_configured(options).get("receive_own_messages"))
         super().connect(**options)
         self._options = options
         return self
-
-    @property
-    def hears_itself(self) -> bool:
-        """Whether its bus was told to echo what is sent."""
-        return bool(self._options.get("receive_own_messages"))
 
     def second_bus(self) -> can.BusABC:
         """Open the same bus again; the caller closes it.
@@ -66,3 +66,14 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         for tap in self.taps:
             tap(can_id, bytes(data))
         super().notify(can_id, data, timestamp)
+
+
+def _configured(options: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the options that `can.Bus` makes of these: with its files, and texts understood."""
+    if options.get("ignore_config"):
+        return options
+    # Which bus it is comes from the configuration if it is not given.
+    left = [key for key in ("interface", "channel") if options.get(key) is None]
+    given = {key: value for key, value in options.items() if key not in left}
+    context = options.get("config_context")
+    return cast("Mapping[str, Any]", load_config(config=given, context=context))
