@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from enum import IntEnum
 from re import sub
-from typing import TYPE_CHECKING, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from smarttac_can.bench.named_objects import NamedObjects, number_given
 from smarttac_can.bench.textures import Texture
@@ -23,7 +23,7 @@ _TOLD: Final = (AbortCode.NO_DATA, AbortCode.VALUE, AbortCode.STATE)
 _Choices = TypeVar("_Choices", bound=IntEnum)
 
 
-class InUnit:
+class InUnit(property):
     """A property that is one object of a stimulator, in a unit of its own.
 
     Parameters
@@ -37,14 +37,20 @@ class InUnit:
     """
 
     def __init__(self, name: str, unit: str, text: str) -> None:
-        self._name, self._unit, self.__doc__ = name, unit, text
+        def read(bench: Stimulator) -> float:
+            return bench.get(name, unit)
 
-    def __get__(self, bench: Stimulator, _owner: type) -> float:
-        return bench.get(self._name, self._unit)
+        def write(bench: Stimulator, value: float | str) -> None:
+            number = in_unit(name, value, unit)
+            bench.set(name, value if isinstance(value, str) else f"{number} {unit}")
 
-    def __set__(self, bench: Stimulator, value: float | str) -> None:
-        number = in_unit(self._name, value, self._unit)
-        bench.set(self._name, value if isinstance(value, str) else f"{number} {self._unit}")
+        super().__init__(read, write)
+        self.__doc__ = text
+
+    if TYPE_CHECKING:
+
+        def __get__(self, bench: Any, owner: type | None = None, /) -> float: ...  # type: ignore[override]
+        def __set__(self, bench: Stimulator, value: float | str, /) -> None: ...
 
 
 def in_unit(name: str, value: float | str, unit: str) -> float:
@@ -64,7 +70,7 @@ def in_unit(name: str, value: float | str, unit: str) -> float:
         raise ValueError(f"{name} {value!r} is no {like}") from None
 
 
-class Choice(Generic[_Choices]):
+class Choice(property, Generic[_Choices]):
     """A property that is one object of a stimulator, set by a member of its choices or a name.
 
     Parameters
@@ -78,16 +84,23 @@ class Choice(Generic[_Choices]):
     """
 
     def __init__(self, name: str, choices: type[_Choices], text: str) -> None:
-        self._name, self._choices, self.__doc__ = name, choices, text
+        def read(bench: Stimulator) -> _Choices:
+            return choices(round(bench.get(name)))
 
-    def __get__(self, bench: Stimulator, _owner: type) -> _Choices:
-        return self._choices(round(bench.get(self._name)))
+        def write(bench: Stimulator, choice: _Choices | str) -> None:
+            bench.set(name, by_name(choices, choice))
 
-    def __set__(self, bench: Stimulator, choice: _Choices | str) -> None:
-        bench.set(self._name, by_name(self._choices, choice))
+        read.__annotations__["return"] = choices  # for who shows its type
+        super().__init__(read, write)
+        self.__doc__ = text
+
+    if TYPE_CHECKING:
+
+        def __get__(self, bench: Any, owner: type | None = None, /) -> _Choices: ...  # type: ignore[override]
+        def __set__(self, bench: Stimulator, choice: _Choices | str, /) -> None: ...
 
 
-class BothSides:
+class BothSides(property):
     """A property that is the set-points of the COF; a number sets both.
 
     Parameters
@@ -97,18 +110,28 @@ class BothSides:
     """
 
     def __init__(self, text: str) -> None:
+        def read(bench: Stimulator) -> tuple[float, float]:
+            return bench.get("Setpoint.COF left"), bench.get("Setpoint.COF right")
+
+        def write(bench: Stimulator, cof: float | str | Iterable[float | str]) -> None:
+            pair = (
+                list(cof) if isinstance(cof, Iterable) and not isinstance(cof, str) else [cof] * 2
+            )
+            if len(pair) != _SIDES:
+                raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
+            left, right = (in_unit("cof", side, "") for side in pair)
+            bench.set("Setpoint.COF left", left)
+            bench.set("Setpoint.COF right", right)
+
+        super().__init__(read, write)
         self.__doc__ = text
 
-    def __get__(self, bench: Stimulator, _owner: type) -> tuple[float, float]:
-        return bench.get("Setpoint.COF left"), bench.get("Setpoint.COF right")
+    if TYPE_CHECKING:
 
-    def __set__(self, bench: Stimulator, cof: float | str | Iterable[float | str]) -> None:
-        pair = list(cof) if isinstance(cof, Iterable) and not isinstance(cof, str) else [cof] * 2
-        if len(pair) != _SIDES:
-            raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
-        left, right = (in_unit("cof", one, "") for one in pair)
-        bench.set("Setpoint.COF left", left)
-        bench.set("Setpoint.COF right", right)
+        def __get__(self, bench: Any, owner: type | None = None, /) -> tuple[float, float]: ...  # type: ignore[override]
+        def __set__(
+            self, bench: Stimulator, cof: float | str | Iterable[float | str], /
+        ) -> None: ...
 
 
 def choose_slot(objects: NamedObjects, slot: int) -> None:

@@ -159,6 +159,22 @@ def test_what_was_measured_is_written_as_near_as_an_object_goes(bench: Stimulato
         bench.nearest(name, float("nan"))
 
 
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        *(("voltage", "float"), ("frequency", "float"), ("amplitude", "float")),
+        *(("boundary", "float"), ("cof", "tuple[float, float]")),
+        *(("law", Law), ("vibration_law", VibrationLaw)),
+    ],
+)
+def test_a_property_of_the_class_is_there_with_its_text_and_type(name: str, kind: object) -> None:
+    shown = getattr(Stimulator, name)
+    assert isinstance(shown, property)
+    assert shown.__doc__
+    assert shown.fget is not None
+    assert shown.fget.__annotations__["return"] == kind
+
+
 def test_cof_of_both_sides_or_each(bench: Stimulator) -> None:
     bench.cof = 0.35
     assert bench.cof == pytest.approx((0.35, 0.35))
