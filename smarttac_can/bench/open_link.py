@@ -22,7 +22,7 @@ from smarttac_can.bench.simulation import (
     stimulator_od,
 )
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.drivers import opening
+from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import Abort
@@ -63,11 +63,11 @@ def open_can_link(
     BenchError
         If the bus cannot be opened, no node answers, or it is another device.
     TypeError
-        If an option is a misspelt argument: some interfaces ignore what they do not know.
+        If an option is a misspelt argument, or one that the interface would ignore.
     """
     from smarttac_can.bench.tapped_network import TappedNetwork  # noqa: PLC0415 - only over CAN
 
-    _refuse_misspelt(options)
+    _refuse_misspelt(interface, options)
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
     network = TappedNetwork()
     # How long closing the bus may take; python-canopen waits for up to 1 s.
@@ -79,10 +79,12 @@ def open_can_link(
     )
 
 
-def _refuse_misspelt(options: Iterable[str]) -> None:
+def _refuse_misspelt(interface: str | None, options: Iterable[str]) -> None:
     for option in options:
         if near := get_close_matches(option, _OWN_ARGUMENTS, 1, _NEAR):
             raise TypeError(f"connect has no argument {option!r}, perhaps {near[0]!r}")
+    for text in unknown_options(interface, [name for name in options if name != "bitrate"]):
+        raise TypeError(text)
 
 
 def open_simulated_link(

@@ -224,8 +224,8 @@ def bus_options(command: Command) -> Command:
         bus_options: dict[str, Any],
         **others: Any,
     ) -> Any:
-        for name in unknown_options(interface, bus_options):
-            raise click.BadParameter(f"--bus-option {name!r}: {interface} has no such option")
+        for text in unknown_options(interface, bus_options):
+            raise click.BadParameter(f"--bus-option: {text}")
         bus = BusChoice(interface, channel, bitrate, bus_options)
         return command(*args, bus=bus, **others)
 

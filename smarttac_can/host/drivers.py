@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import signature
@@ -36,6 +37,8 @@ _PACKAGES: Final = {
 """Packages by interface, as the extras of python-can 4.6 name them."""
 _OF_ALL: Final = ("can_filters", "config_context", "fd", "ignore_config", "timing")
 """What python-can itself takes."""
+_NOT_LISTED: Final = frozenset({"self", "args", "kwargs", "kwds", "channel", "bitrate"})
+"""Arguments of a driver that are no options, or have one of their own."""
 _NO_ROUTE: Final = (
     "no route to the group: ip link set lo up; for IPv4 ip route add 239.0.0.0/8 dev lo"
 )
@@ -62,9 +65,14 @@ _MAKERS: Final = {
 
 
 def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
-    """Return the options that an interface of python-can would take without a word, and not use.
+    """Name the options that an interface of python-can would take without a word, and not use.
 
     An interface whose driver is not there, or that python-can does not know, is not asked.
+
+    Returns
+    -------
+    list of str
+        A line each, with the option that is near, or else with all that there are.
     """
     from can.interfaces import BACKENDS  # noqa: PLC0415 - the bench asks for a cure without a bus
 
@@ -76,13 +84,25 @@ def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
         backend = getattr(import_module(module), name)
     except Exception:  # noqa: BLE001 - drivers raise what they like; opening the bus tells
         return []
-    known = set(_OF_ALL)
-    for kind in backend.__mro__:
-        init = vars(kind).get("__init__")
-        if isinstance(init, FunctionType):
-            # Some take theirs out of ``**kwargs``, by names that stand in the code.
-            known |= {*signature(init).parameters, *init.__code__.co_consts}
-    return [name for name in names if name not in known]
+    inits = [vars(kind).get("__init__") for kind in backend.__mro__]
+    own = [init for init in inits if isinstance(init, FunctionType)]
+    named = {name for init in own for name in signature(init).parameters}
+    # Some take theirs out of ``**kwargs``, by names that stand in the code.
+    known = {*_OF_ALL, *named, *(text for init in own for text in init.__code__.co_consts)}
+    listed = sorted(named - _NOT_LISTED)
+    return [
+        f"{interface} has no option {name!r}{_perhaps(name, known, listed)}"
+        for name in names
+        if name not in known
+    ]
+
+
+def _perhaps(name: str, known: Iterable[object], listed: list[str]) -> str:
+    """Return what a name may be meant for, or else what there is, to be put behind a refusal."""
+    words = [text for text in known if isinstance(text, str) and text.isidentifier()]
+    if near := get_close_matches(name, words, 1):
+        return f"; perhaps {near[0]!r}"
+    return f"; it has such as {', '.join(listed)}" if listed else ""
 
 
 @contextmanager
@@ -138,6 +158,10 @@ def cure(interface: str | None, error: BaseException) -> str:
     str
         To be put behind the error; empty if nothing is known to be missing.
     """
+    from can.interfaces import BACKENDS  # noqa: PLC0415 - slow, and the bench needs no bus
+
+    if interface is not None and interface not in BACKENDS:
+        return _perhaps(interface, BACKENDS, []) or f"; there are {', '.join(sorted(BACKENDS))}"
     package = _PACKAGES.get(interface or "")
     if package is not None and find_spec(package.module) is None:
         return f"; it needs a package: pip install '{package.pip}'"

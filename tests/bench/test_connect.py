@@ -42,6 +42,13 @@ def test_no_such_interface() -> None:
         Stimulator.connect(interface="nonsense", channel="x")
 
 
+def test_an_option_that_the_bus_would_swallow_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"virtual has no option .*; perhaps 'rx_queue_size'$"):
+        Stimulator.connect(interface="virtual", rx_queue_sise=1)
+    with pytest.raises(BenchError, match=r"; perhaps 'socketcan'$"):
+        Stimulator.connect(interface="scoketcan")
+
+
 @pytest.mark.parametrize(
     ("given", "meant"),
     [("plate_node", "plate_node_id"), ("nodeid", "node_id"), ("lock_step", "lockstep")],

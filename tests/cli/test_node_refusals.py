@@ -38,7 +38,10 @@ def refusal(*arguments: str) -> str:
         ((*VIRTUAL, "--eds", "missing.eds"), "'missing.eds' does not exist"),
         ((*VIRTUAL, "--bus-option", "port"), "'port' is not KEY=VALUE"),
         ((*VIRTUAL, "--bus-option", "=1"), "'=1' is not KEY=VALUE"),
-        ((*VIRTUAL, "--bus-option", "prot=1"), "'prot': virtual has no such option"),
+        (
+            (*VIRTUAL, "--bus-option", "prot=1"),
+            "--bus-option: virtual has no option 'prot'; perhaps 'protocol'",
+        ),
         ((*VIRTUAL, "--bus-option", "channel=x"), "has an option of its own"),
         ((*VIRTUAL, "--nonsense"), "--nonsense"),
     ],

@@ -31,7 +31,7 @@ def test_a_package_that_is_there_is_not_named() -> None:
     assert cure("udp_multicast", OSError()) == ""
 
 
-@pytest.mark.parametrize("interface", ["virtual", "socketcan", "carrier_pigeon", None])
+@pytest.mark.parametrize("interface", ["virtual", "socketcan", None])
 def test_what_needs_nothing_gets_no_hint(interface: str | None) -> None:
     assert cure(interface, OSError()) == ""
 
@@ -58,9 +58,34 @@ def test_options_that_an_interface_has_are_not_named(
     assert unknown_options(interface, known) == []
 
 
-@pytest.mark.parametrize("interface", ["virtual", "udp_multicast", "socketcan"])
-def test_options_that_it_would_swallow_are(interface: str) -> None:
-    assert unknown_options(interface, ["nonsense", "channel", "prot"]) == ["nonsense", "prot"]
+@pytest.mark.parametrize(
+    ("interface", "some", "near"),
+    [
+        ("virtual", "preserve_timestamps, protocol, rec", "; perhaps 'protocol'"),
+        ("udp_multicast", "fd, hop_limit, port, rec", "; perhaps 'port'"),
+        ("socketcan", "local_loopback, receive_own_messages", "; it has such as "),
+    ],
+)
+def test_options_that_it_would_swallow_are(interface: str, some: str, near: str) -> None:
+    nonsense, prot = unknown_options(interface, ["nonsense", "channel", "prot"])
+    assert nonsense.startswith(f"{interface} has no option 'nonsense'; it has such as can_filters")
+    assert some in nonsense
+    assert prot.startswith(f"{interface} has no option 'prot'{near}")
+
+
+def test_what_a_driver_takes_by_names_in_its_code_is_near_as_well() -> None:
+    (line,) = unknown_options("kvaser", ["recieve_own_messages"])
+    assert line == "kvaser has no option 'recieve_own_messages'; perhaps 'receive_own_messages'"
+
+
+def test_an_interface_that_python_can_does_not_know_is_told_with_what_is_near_or_all() -> None:
+    with pytest.raises(BusError) as misspelt:
+        PythonCanBus("scoketcan", "can0")
+    assert str(misspelt.value).endswith("; perhaps 'socketcan'")
+    with pytest.raises(BusError) as unknown:
+        PythonCanBus("carrier_pigeon", "can0")
+    assert "; there are canalystii, cantact, etas, " in str(unknown.value)
+    assert str(unknown.value).endswith(", vector, virtual")
 
 
 @pytest.mark.parametrize("number", [errno.ENODEV, errno.ENETUNREACH, errno.EACCES])
