@@ -16,7 +16,9 @@ from smarttac_can.bench import Stimulator
 from smarttac_can.bench.local_link import LocalLink
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.host.front_ends import TimedFrontEnd
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.plant.finger import Trajectory
@@ -116,6 +118,22 @@ def test_the_page_of_bench_scripts_shows_the_model_and_the_load_of_a_new_simulat
         "{} nm/V, {} ms, {} Hz".format(*shown.groups()),
         load[1],
     ]
+
+
+def test_the_front_end_of_the_page_lets_a_stimulator_drive(virtual: dict[str, Any]) -> None:
+    page = (ROOT / "docs" / "how-to" / "real-hardware.md").read_text("utf-8")
+    names: dict[str, Any] = {}
+    exec(next(block for block in BLOCK.findall(page) if "class Card" in block), names)
+    plate = PlateNode(plate_od(), front_end=TimedFrontEnd(names["Card"]()))
+    with (
+        in_threads(virtual, plate, StimulatorNode(stimulator_od(), plate_node_id=33)),
+        Stimulator.connect(**virtual, plate_node_id=33, lockstep=True) as bench,
+    ):
+        bench.start_run()
+        bench.amplitude = 1.0
+        bench.mode = "amplitude_resonance"
+        trace = bench.run(0.2)
+    assert trace.amplitude_um[-20:].mean() == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.fixture
