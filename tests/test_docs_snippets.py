@@ -126,7 +126,9 @@ def test_the_front_end_of_the_page_lets_a_stimulator_drive(virtual: dict[str, An
     exec(next(block for block in BLOCK.findall(page) if "class Card" in block), names)
     plate = PlateNode(plate_od(), front_end=TimedFrontEnd(names["Card"]()))
     with (
-        in_threads(virtual, plate, StimulatorNode(stimulator_od(), plate_node_id=33)),
+        in_threads(
+            virtual, plate, StimulatorNode(stimulator_od(), plate_node_id=33, lockstep=True)
+        ),
         Stimulator.connect(**virtual, plate_node_id=33, lockstep=True) as bench,
     ):
         bench.start_run()
