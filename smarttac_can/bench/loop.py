@@ -87,8 +87,8 @@ class Loop:
                     raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
                 if len(rows) < cycles * _LEAST_RECORDED:
                     raise NotRunningError(
-                        f"{cycles - len(rows)} of {cycles} cycles were lost: does another bench "
-                        "script record, or is the bus too slow for it?"
+                        f"{cycles - len(rows)} of {cycles} cycles were lost: is this machine too "
+                        "busy, or the bus too slow for it?"
                     )
                 state = self._control.state
             except BenchError as error:

@@ -526,7 +526,7 @@ def test_ticks_go_on_rising_beyond_16_bits() -> None:
 def test_a_run_of_which_most_is_lost() -> None:
     bench = Stimulator(ScriptedLink([0, 1, 2]), stimulator_od())
     assert bench.run(0.006).lost == 0
-    with pytest.raises(NotRunningError, match=r"4 of 7 cycles were lost: does another bench"):
+    with pytest.raises(NotRunningError, match=r"4 of 7 cycles were lost: is this machine"):
         bench.run(0.007)
 
 
