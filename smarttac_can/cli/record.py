@@ -112,6 +112,7 @@ def _record(
         with bench.record(file, raw=raw) as recording:
             if recording.raw_note:
                 click.echo(recording.raw_note, err=True)
+            click.echo(f"recording {file}", err=True)  # scripts wait for it
             _wait(recording, stopped, seconds)
         assert recording.summary is not None
         return recording.summary

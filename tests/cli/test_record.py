@@ -76,7 +76,7 @@ def test_ctrl_c_ends_a_recording_with_its_file(multicast: dict[str, Any], tmp_pa
         wait_for_records(log, 2000)
         process.send_signal(signal.SIGINT)
         said, complaints = process.communicate(timeout=GUARD_S)
-    assert (process.returncode, complaints) == (0, "")
+    assert (process.returncode, complaints) == (0, f"recording {path}\n")
     result = json.loads(said)
     with h5py.File(path) as file:
         assert result["rows"] == len(file["tick"]) > 1000
