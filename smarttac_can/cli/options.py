@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from functools import reduce, wraps
 from math import isfinite
@@ -15,12 +15,14 @@ import canopen
 import click
 
 from smarttac_can.bench.simulation import STIMULATOR_ID
-from smarttac_can.cli.plain_errors import plain_errors
+from smarttac_can.cli.plain_errors import one_line, plain_errors
+from smarttac_can.device.stored_image import begins_as_image
+from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.host.storage_file import StorageFile
+from smarttac_can.host.storage_file import MAX_BYTES, StorageFile
 from smarttac_can.od.cia import UNCONFIGURED
 
 Command = Callable[..., Any]
@@ -120,15 +122,31 @@ def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
 def _storage(
     _ctx: click.Context, _param: click.Parameter, value: Path | None
 ) -> StorageFile | None:
-    """Refuse at once what could not be read at power-on."""
+    """Refuse at once what could not be read at power-on, and what a store would spoil."""
     if value is None:
         return None
     file = StorageFile(value)
     if not file.path.parent.is_dir():
         raise click.BadParameter(f"{str(file.path.parent)!r} is no directory")
-    with plain_errors():
-        file.read()
+    with plain_errors(), suppress(FileNotFoundError):
+        require_image(file.path)
     return file
+
+
+def require_image(path: Path) -> bytes:
+    """Read a file that has to hold what a device stored, torn or another's perhaps, or nothing.
+
+    Raises
+    ------
+    click.ClickException
+        If it holds something else.
+    OSError
+        As for `read_bounded`.
+    """
+    data = read_bounded(path, MAX_BYTES)
+    if not begins_as_image(data):
+        raise click.ClickException(one_line(f"{path}: holds nothing that a device has stored"))
+    return data
 
 
 def storage_option(text: str) -> Callable[[Command], Command]:

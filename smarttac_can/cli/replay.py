@@ -14,15 +14,13 @@ from click.core import ParameterSource
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli.nodes import blaming, load_device
-from smarttac_can.cli.options import NODE_ID, OLD_FILE
+from smarttac_can.cli.options import NODE_ID, OLD_FILE, require_image
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.process import lockstep_option
 from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
-from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.log_file import read_log
-from smarttac_can.host.storage_file import MAX_BYTES
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.replay import DifferenceError, Replay, Replayed
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
@@ -101,7 +99,7 @@ def replay(
             deadline = SHORT_DEADLINE_MS
         memory = Memory()
         if storage is not None:
-            memory.write(read_bounded(storage, MAX_BYTES))
+            memory.write(require_image(storage))
 
         def power_on() -> StimulatorNode:
             return StimulatorNode(

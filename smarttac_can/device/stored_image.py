@@ -59,6 +59,11 @@ def pack_image(identity: Identity, image: Image) -> bytes:
     return body + _CHECKSUM.pack(crc32(body))
 
 
+def begins_as_image(data: bytes) -> bool:
+    """Whether bytes begin as what `pack_image` makes, whole or torn; nothing does."""
+    return data[: len(_MAGIC)] == _MAGIC[: len(data)]
+
+
 def unpack_image(identity: Identity, data: bytes) -> Image:
     """Read what `pack_image` made.
 

@@ -234,6 +234,33 @@ def test_no_command_waits_for_a_pipe(arguments: tuple[str, ...], tmp_path: Path)
     assert refusal(*given, str(path)) == f"{path}: is no regular file"
 
 
+@pytest.mark.parametrize("command", ["node", "plate", "device", "replay"])
+@pytest.mark.parametrize("content", [b"print(1)\n", b"CO-STOrE", b"\0"])
+def test_what_no_device_has_stored_stays_as_it_is(
+    command: str, content: bytes, tmp_path: Path
+) -> None:
+    path, beside = tmp_path / "mine.py", tmp_path / "mine.py.new"
+    for file in (path, beside, tmp_path / "log"):
+        file.write_bytes(content)
+    (tmp_path / "eds").write_text(read_eds("plate.eds"))
+    nowhere = ["--interface", "nonsense"]
+    given = {
+        "device": [*nowhere, "--eds", str(tmp_path / "eds")],
+        "replay": [str(tmp_path / "log")],
+    }.get(command, nowhere)
+    said = refusal(command, *given, "--storage", str(path))
+    assert said == f"{path}: holds nothing that a device has stored"
+    assert path.read_bytes() == beside.read_bytes() == content
+
+
+@pytest.mark.parametrize("content", [b"", b"CO-S", b"CO-STORE torn"])
+def test_what_a_device_may_have_stored_is_taken(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "kept"
+    path.write_bytes(content)
+    arguments = ["node", "--interface", "nonsense", "--storage", str(path)]
+    assert "cannot open the nonsense bus" in CliRunner().invoke(main, arguments).stderr
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

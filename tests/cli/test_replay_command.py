@@ -226,11 +226,11 @@ def test_options_that_contradict_are_refused(run: Log, tmp_path: Path) -> None:
 def test_the_stored_parameters_stay_as_they_are(run: Log, tmp_path: Path) -> None:
     log = write(run, tmp_path / "run.log")
     stored = tmp_path / "node.bin"
-    stored.write_bytes(b"no parameters")
+    stored.write_bytes(b"CO-STORE, torn")
     result = replay(log, "--lockstep", "--storage", stored)
     # It says that it does not understand them, which that of the log did not.
     assert "the log lacks the EMCY (0A0h)" in one_line(result)
-    assert stored.read_bytes() == b"no parameters"
+    assert stored.read_bytes() == b"CO-STORE, torn"
 
 
 def test_a_long_log_takes_no_more_memory(tmp_path: Path) -> None:
