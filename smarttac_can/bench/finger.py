@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from smarttac_can.master.errors import RefusedError
+from smarttac_can.od.cia import AbortCode
 from smarttac_can.vocabulary.objects import LIFTED, RECORDED, STROKE
 
 
@@ -26,8 +28,20 @@ class SimulatedFinger:
         self._write("Finger.Motion", LIFTED)
 
     def play_recording(self) -> None:
-        """Play the recorded finger that the plate was started with, ``--finger FILE``."""
-        self._write("Finger.Motion", RECORDED)
+        """Play the recorded finger that the plate was started with, ``--finger FILE``.
+
+        Raises
+        ------
+        RefusedError
+            If it was started without one.
+        """
+        try:
+            self._write("Finger.Motion", RECORDED)
+        except RefusedError as error:
+            if error.code != AbortCode.STATE:
+                raise
+            text = f"{error}: the plate's node was started without a recording, --finger FILE"
+            raise RefusedError(text, error.code) from error
 
     def stroke(
         self,

@@ -9,8 +9,11 @@ from typing import Final
 
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.plant.finger import Trajectory
+from smarttac_can.vocabulary.model import require
 
-HEADER: Final = ["t_s", "x_mm", "Fn_N"]
+_RANGES: Final = {"t_s": (0.0, 1e9), "x_mm": (-38.0, 38.0), "Fn_N": (0.0, 10.0)}
+"""Of a trajectory, in the units of the file."""
+HEADER: Final = list(_RANGES)
 MAX_BYTES: Final = 8 << 20
 MAX_ROWS: Final = 100_000
 """Of a recording: 100 s at 1 kHz."""
@@ -28,14 +31,14 @@ def read_finger(path: Path) -> Trajectory:
     Raises
     ------
     ValueError
-        If the header or a number is not as it should be, or there are more than `MAX_ROWS`; names
-        file and line.
+        If the header, a number or the order is not as it should be, or there are more than
+        `MAX_ROWS`; names file and line. Or if there are fewer than 2 rows.
     OSError
         If it is no regular file, longer than `MAX_BYTES`, or cannot be read.
     """
     data = read_bounded(path, MAX_BYTES)
     try:
-        return Trajectory(_samples(data.decode("utf-8")))
+        return Trajectory(_samples(data.decode("utf-8-sig")))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -50,7 +53,13 @@ def _samples(text: str) -> list[tuple[float, float, float]]:
         for row in rows:
             if len(samples) == MAX_ROWS:
                 raise ValueError(f"there are more than {MAX_ROWS} rows")
-            time, x, Fn = map(float, row)
+            if len(row) != len(HEADER):
+                raise ValueError(f"{len(row)} fields are not the {len(HEADER)} of the header")
+            time, x, Fn = numbers = [float(field) for field in row]
+            for number, (name, bounds) in zip(numbers, _RANGES.items(), strict=True):
+                require(name, number, *bounds)
+            if samples and time <= samples[-1][0]:
+                raise ValueError(f"t_s {time:g} is not after the {samples[-1][0]:g} before it")
             samples.append((time, x * 1e-3, Fn))
     except (ValueError, csv.Error) as error:
         raise ValueError(f"line {rows.line_num}: {error}") from error

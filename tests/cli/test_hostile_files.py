@@ -112,7 +112,7 @@ CASES: dict[str, tuple[tuple[str, ...], Callable[[Path], object], int, str]] = {
         (*SOME, "--finger"),
         text(f"{HEADER}{',' * 7_000_000}\n"),
         8 * MIB,
-        "line 2: could not convert string to float: ''",
+        "line 2: 7000001 fields are not the 3 of the header",
     ),
     "a million rows": (
         (*SOME, "--finger"),
