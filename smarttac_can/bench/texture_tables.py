@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,15 @@ def over_position(places: Floats, cof: Floats) -> TextureTable:
     step = round((last - first) / (count - 1) * NM_PER_MM)
     start = round(first * NM_PER_MM)
     return table_of(Axis.POSITION, False, start, step, np.interp(grid, places, cof))
+
+
+def profile_point(point: object) -> tuple[float, float]:
+    """Return a point of a profile, time in s and COF; a ValueError says what is none."""
+    try:
+        time, cof = cast("tuple[object, object]", point)
+    except (TypeError, ValueError):
+        raise ValueError(f"point {point!r} of a profile is no (time in s, COF)") from None
+    return finite("time", time), finite("COF", cof)
 
 
 def over_time(points: list[tuple[float, float]], repeats: bool) -> TextureTable:

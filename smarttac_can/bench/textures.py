@@ -19,6 +19,7 @@ from smarttac_can.bench.texture_tables import (
     cof_bounds,
     over_position,
     over_time,
+    profile_point,
     table_of,
     within,
 )
@@ -134,7 +135,7 @@ class Texture:
             shares = _PROFILES[shape]
             points = [(whole * t, low + (high - low) * share) for t, share in shares]
         else:
-            points = [(finite("time", t), finite("COF", cof)) for t, cof in shape]
+            points = [profile_point(point) for point in shape]
             if low is not None or high is not None:
                 raise ValueError("points have their own COF: low and high belong to a name")
         return cls(over_time(points, repeats))
@@ -272,8 +273,9 @@ class Texture:
         if not self.over_time:
             return -0.5 * PLATE_MM, 0.5 * PLATE_MM
         table = self.table
-        whole = table.step * len(table.values) / US_PER_S
-        return 0.0, 2.0 * whole if table.repeats else whole
+        if table.repeats:
+            return 0.0, 2.0 * table.step * len(table.values) / US_PER_S
+        return 0.0, table.step * max(1, len(table.values) - 1) / US_PER_S
 
     def figure(self) -> Figure:
         """Draw the COF over the plate, or over the time. Needs the extra ``report``."""

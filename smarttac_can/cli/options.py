@@ -169,7 +169,7 @@ class BusChoice(NamedTuple):
         """Name of the bus for messages."""
         if self.interface is None:
             return "the bus of python-can's configuration"
-        return f"{self.interface}:{self.channel or ''}"
+        return f"{self.interface}:{self.channel}" if self.channel else self.interface
 
     @property
     def options(self) -> dict[str, Any]:

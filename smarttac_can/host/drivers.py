@@ -42,6 +42,8 @@ _NOT_LISTED: Final = frozenset({"self", "args", "kwargs", "kwds", "channel", "bi
 _NO_ROUTE: Final = (
     "no route to the group: ip link set lo up; for IPv4 ip route add 239.0.0.0/8 dev lo"
 )
+_NO_GROUP: Final = "name the group as the channel, such as --channel 239.74.163.2"
+"""Where none is given, python-can takes a group of IPv6, which many a computer has no route to."""
 _BY_NUMBER: Final[dict[tuple[str | None, int | None], str]] = {
     ("socketcan", errno.EAFNOSUPPORT): "this kernel has no SocketCAN; udp_multicast needs none",
     ("socketcan", errno.ENODEV): "there is no such interface; ip link lists those there are",
@@ -140,9 +142,25 @@ def _close_half_made(error: BaseException) -> None:
 def _cannot_open(interface: str | None, channel: object, error: BaseException) -> str:
     if interface is None:
         asked = "bus of python-can's configuration (no interface was given)"
+    elif channel:
+        asked = f"{interface} bus, channel {channel}"
+    elif (configured := _configured_channel(interface)) is not None:
+        asked = f"{interface} bus, channel {configured} of python-can's configuration"
     else:
-        asked = f"{interface} bus, channel {channel or 'configured'}"
+        asked = f"{interface} bus, which has no channel"
+        if interface == "udp_multicast" and isinstance(error.__cause__ or error, OSError):
+            return f"cannot open the {asked}: {error}; {_NO_GROUP}"
     return f"cannot open the {asked}: {error}{cure(interface, error)}"
+
+
+def _configured_channel(interface: str) -> object:
+    """Return what python-can's configuration has for an interface; None for no channel."""
+    from can.util import load_config  # noqa: PLC0415 - the bench asks for a cure without a bus
+
+    # What is wrong with the configuration, or with the interface, is what is being told.
+    with suppress(Exception):
+        return load_config(config={"interface": interface})["channel"]
+    return None
 
 
 def cure(interface: str | None, error: BaseException) -> str:

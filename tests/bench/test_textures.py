@@ -145,7 +145,7 @@ def test_it_is_shown_in_one_line() -> None:
         "<Texture over position: 500 values, COF 0.2 to 0.4>"
     )
     assert repr(Texture.profile("ramp", 0.2, 0.4)) == (
-        "<Texture over time, 0 to 1.001 s: 1001 values, COF 0.2 to 0.4>"
+        "<Texture over time, 0 to 1 s: 1001 values, COF 0.2 to 0.4>"
     )
 
 
@@ -180,6 +180,14 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
             "shape 'x' is none of step, ramp, trapezoid, sine",
         ),
         (lambda: Texture.profile("step"), "shape 'step' needs low and high"),
+        (
+            lambda: Texture.profile([0.3, 0.4]),  # type: ignore[list-item]
+            "point 0.3 of a profile is no (time in s, COF)",
+        ),
+        (
+            lambda: Texture.profile([(0, 0.3), (1, 0.4, 5)]),  # type: ignore[list-item]
+            "point (1, 0.4, 5) of a profile is no (time in s, COF)",
+        ),
         (
             lambda: Texture.profile([]),
             "a profile goes through 2 points (time in s, COF) or more, not 0",

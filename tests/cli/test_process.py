@@ -4,6 +4,7 @@ import pytest
 from click.testing import CliRunner
 
 from smarttac_can.cli import main, process
+from smarttac_can.cli.options import BusChoice
 from smarttac_can.cli.process import Pace
 
 VIRTUAL = ("--interface", "virtual", "--channel", "pace")
@@ -82,3 +83,15 @@ def test_pace_of_an_ordinary_process_asks_for_nothing(monkeypatch: pytest.Monkey
     monkeypatch.delattr(process, "request_real_time")
     assert Pace().begin() is None
     assert Pace(lockstep=True).begin() == 3
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "where"),
+    [
+        ("udp_multicast", "239.74.163.2", "udp_multicast:239.74.163.2"),
+        ("udp_multicast", None, "udp_multicast"),
+        (None, None, "the bus of python-can's configuration"),
+    ],
+)
+def test_what_a_bus_is_called(interface: str | None, channel: str | None, where: str) -> None:
+    assert BusChoice(interface, channel, None, {}).where == where

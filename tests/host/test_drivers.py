@@ -100,6 +100,48 @@ def test_a_group_without_a_route_has_its_cure(number: int, monkeypatch: pytest.M
     assert str(refusal.value).endswith(cured) == (number != errno.EACCES)
 
 
+@pytest.mark.parametrize("number", [errno.ENODEV, errno.EAFNOSUPPORT])
+@pytest.mark.parametrize(
+    ("interface", "configured", "asked", "cured"),
+    [
+        (
+            "udp_multicast",
+            "",
+            ", which has no channel",
+            "; name the group as the channel, such as ",
+        ),
+        ("udp_multicast", "ff15::7", ", channel ff15::7 of python-can's configuration", ""),
+        ("socketcan", "", ", which has no channel", "; "),
+        ("kvaser", "", ", which has no channel", "; is the library"),
+        ("nonsense", "", ", which has no channel", "; there are "),
+    ],
+)
+def test_a_channel_that_is_missing_or_configured_is_told_so(
+    interface: str,
+    configured: str,
+    asked: str,
+    cured: str,
+    number: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def bus(**_options: object) -> None:
+        raise can.CanInitializationError("could not create socket") from OSError(number, "no")
+
+    monkeypatch.setattr(can, "Bus", bus)
+    monkeypatch.setattr(can, "rc", {"channel": configured} if configured else {})
+    with pytest.raises(BusError) as refusal:
+        PythonCanBus(interface)
+    begins = f"cannot open the {interface} bus{asked}: could not create socket"
+    assert str(refusal.value).startswith(f"{begins}{cured}")
+    assert ("--channel" in str(refusal.value)) == (cured.endswith("such as "))
+
+
+def test_a_configuration_that_is_wrong_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAN_CONFIG", "{")
+    with pytest.raises(BusError, match=r"^cannot open the udp_multicast bus, which has no channel"):
+        PythonCanBus("udp_multicast")
+
+
 @pytest.mark.parametrize(
     ("number", "cured"),
     [
