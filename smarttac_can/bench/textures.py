@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.named_objects import finite
 from smarttac_can.bench.texture_files import read_columns, read_grey_row
 from smarttac_can.bench.texture_tables import (
     NM_PER_MM,

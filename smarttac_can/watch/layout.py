@@ -10,6 +10,7 @@ from smarttac_can.watch.view import Peer, View
 
 LEAST_COLUMNS: Final = 72
 LEAST_LINES: Final = 20
+"""Of the view itself."""
 _HALF_PLATE_MM: Final = 38.0
 _COF_MAX: Final = 1.0
 _STEPS: Final = " ▁▂▃▄▅▆▇█"
@@ -26,19 +27,24 @@ class Line(NamedTuple):
     """``head``, ``alarm``, ``note``, ``faint``, or empty for an ordinary line."""
 
 
-def lines(view: View, where: str, width: int, height: int) -> list[Line]:
-    """Lay a view out, at most `height` lines of at most `width` columns.
+def lines(view: View, where: str, width: int, height: int, below: int = 0) -> list[Line]:
+    """Lay a view out, at most `height - below` lines of at most `width` columns.
 
     Parameters
     ----------
     where
         Name of the bus.
+    width, height
+        Of the whole terminal.
+    below
+        Lines of it that others need.
     """
+    told = (
+        f"the terminal has {width} x {height} characters, "
+        f"watch needs {LEAST_COLUMNS} x {LEAST_LINES + below}: make it larger"
+    )
+    height -= below
     if width < LEAST_COLUMNS or height < LEAST_LINES:
-        told = (
-            f"the terminal has {width} x {height} characters, "
-            f"watch needs {LEAST_COLUMNS} x {LEAST_LINES}: make it larger"
-        )
         return [Line(text, "alarm") for text in wrap(told, max(width, 1))[: max(height, 0)]]
     laid = [*_top(view, where), *_contact(view, width), *_drive(view), *_counts(view)]
     urgent = [*_urgent(view, width)]

@@ -128,7 +128,7 @@ class WatchScreen(App[None]):
         width, height = self.size
         below = _BELOW + (self._stimulator is not None)
         text = Text(no_wrap=True)
-        for line, style in lines(self._watcher.view(now), self._where, width, height - below):
+        for line, style in lines(self._watcher.view(now), self._where, width, height, below):
             text.append(f"{line}\n", _STYLES[style])
         self.query_one("#view", Static).update(text)
         self.query_one("#keys", Static).update(Text(self._keys()[: 2 * width]))

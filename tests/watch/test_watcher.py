@@ -313,6 +313,15 @@ def test_a_terminal_that_is_too_small_is_told(size: tuple[int, int]) -> None:
     assert lines(Watcher(OD).view(0.0), "virtual:x", 5, 2)
 
 
+def test_the_size_that_is_needed_is_that_of_the_whole_terminal() -> None:
+    view = Watcher(OD).view(0.0)
+    text = " ".join(line.text for line in lines(view, "virtual:x", 72, 22, 3))
+    assert text == "the terminal has 72 x 22 characters, watch needs 72 x 23: make it larger"
+    laid = lines(view, "virtual:x", 72, 23, 3)
+    assert "the terminal" not in laid[0].text
+    assert len(laid) <= 20
+
+
 @pytest.mark.parametrize(
     "told",
     [
