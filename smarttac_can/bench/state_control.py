@@ -67,7 +67,7 @@ class StateControl:
             # A watchdog that trips in between is the reason, not the state that it leads to.
             self.require_no_fault(self.state)
             if number == Mode.TEXTURE and error.code == AbortCode.NO_DATA:
-                hint = f"cannot play: {self._objects.message}: set bench.texture first"
+                hint = f"cannot play: {self._objects.message}: a script sets bench.texture first"
                 raise RefusedError(hint, error.code) from error
             raise
 

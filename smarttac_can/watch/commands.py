@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from typing import Final
 
 from smarttac_can.bench import Stimulator
 
-HINT: Final = "mode NAME, cof C [C], amplitude UM, voltage V, frequency HZ, boundary MM, reset"
+_SET_POINTS: Final = {
+    "amplitude": "amplitude UM",
+    "voltage": "voltage V",
+    "frequency": "frequency HZ",
+    "boundary": "boundary MM",
+}
+_USAGES: Final = {"mode": "mode NAME", "cof": "cof C [C]", **_SET_POINTS, "reset": "reset"}
+HINT: Final = ", ".join(_USAGES.values())
 _SIDES: Final = 2
 
 
@@ -19,7 +25,7 @@ def obey(stimulator: Stimulator, text: str) -> str:
     stimulator
         Connected.
     text
-        Such as ``cof 0.3 0.4``.
+        Such as ``cof 0.3 0.4`` or ``boundary 5000 um``.
 
     Returns
     -------
@@ -39,26 +45,20 @@ def obey(stimulator: Stimulator, text: str) -> str:
     elif name == "reset" and not arguments:
         stimulator.reset_fault()
     elif name == "cof" and 1 <= len(arguments) <= _SIDES:
-        values = [_number(argument) for argument in arguments]
+        values = [_given(argument) for argument in arguments]
         stimulator.cof = values if len(values) == _SIDES else values[0]
-    elif name in _SET_POINTS and len(arguments) == 1:
-        _SET_POINTS[name](stimulator, _number(arguments[0]))
+    elif name in _SET_POINTS and arguments:
+        setattr(stimulator, name, _given(" ".join(arguments)))
+    elif name in _USAGES:
+        raise ValueError(f"{text.strip()!r} is not of the form: {_USAGES[name]}")
     else:
         raise ValueError(f"{text!r} is none of: {HINT}")
     return f"done: {text.strip()}"
 
 
-def _setter(name: str) -> Callable[[Stimulator, float], None]:
-    return lambda stimulator, value: setattr(stimulator, name, value)
-
-
-_SET_POINTS: Final[Mapping[str, Callable[[Stimulator, float], None]]] = {
-    name: _setter(name) for name in ("amplitude", "voltage", "frequency", "boundary")
-}
-
-
-def _number(text: str) -> float:
+def _given(text: str) -> float | str:
+    """Return a number, or what a set-point of the bench takes as a text with its unit."""
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"{text!r} is not a number") from None
+        return text
