@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from smarttac_can.bench.gauge_samples import GAUGES
 from smarttac_can.bench.stimulator import Stimulator
-from smarttac_can.bench.weighings import STANDARD_GRAVITY, Weighing
+from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing
 from smarttac_can.master.errors import BenchError
 
 Floats = npt.NDArray[np.float64]
@@ -78,6 +78,7 @@ class Calibration(NamedTuple):
             raise ValueError("no weighing to fit a calibration to")
         loads = np.array([weighing.placing.load(gravity) for weighing in weighings])
         gauges = np.array([weighing.gauges for weighing in weighings])
+        require_two_directions([weighing.placing for weighing in weighings])
         level = np.array([weighing.placing.level for weighing in weighings])
         x_mm = np.array([weighing.placing.x_mm for weighing in weighings])
         normal = gauges[:, 2:].sum(axis=1)
@@ -195,12 +196,25 @@ def write_calibration(
     return values
 
 
+def require_two_directions(placings: Sequence[Placing]) -> None:
+    """Refuse tilted placings that do not load two directions; none at all is no tilt.
+
+    Raises
+    ------
+    ValueError
+        If they load one.
+    """
+    loads = [placing.load(STANDARD_GRAVITY)[:2] for placing in placings if not placing.level]
+    if not loads:
+        return
+    strengths = np.linalg.svd(loads, compute_uv=False)
+    if len(strengths) < 2 or strengths[1] < _INDEPENDENT * strengths[0]:  # noqa: PLR2004 - x, y
+        raise ValueError("the tilted weighings load one direction only: tilt along x and along y")
+
+
 def _fit_lateral(
     gauges: Floats, loads: Floats
 ) -> tuple[tuple[float, ...], tuple[float, ...] | None]:
-    strengths = np.linalg.svd(loads, compute_uv=False)
-    if len(strengths) < loads.shape[1] or strengths[1] < _INDEPENDENT * strengths[0]:
-        raise ValueError("the tilted weighings load one direction only: tilt along x and along y")
     solution, _, rank, _ = np.linalg.lstsq(gauges, loads, rcond=1e-6)
     if rank < gauges.shape[1]:
         raise ValueError("S1 and S2 do not tell the tilted weighings apart")

@@ -13,11 +13,16 @@ import numpy as np
 
 from smarttac_can import __version__
 from smarttac_can.bench import Stimulator
-from smarttac_can.bench.calibration import POSITIONS, Calibration, write_calibration
+from smarttac_can.bench.calibration import (
+    POSITIONS,
+    Calibration,
+    require_two_directions,
+    write_calibration,
+)
 from smarttac_can.bench.gauge_samples import mean_gauges
 from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
 from smarttac_can.cli.options import OLD_FILE, BusChoice, FiniteRange, stimulator_options
-from smarttac_can.cli.plain_errors import one_line, plain_errors
+from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
 from smarttac_can.cli.result_file import result_file, result_path
 
 
@@ -53,9 +58,13 @@ def calibrate(
     too much ends with 1, and changes nothing in the stimulator; the certificate says what.
     """
     _refuse_the_plan(certificate, plan)
+    if certificate.is_file():
+        raise click.ClickException(f"{certificate} exists: give the certificate another name")
     with plain_errors(), ExitStack() as stack:
         with plain_errors(ValueError):
             placings = read_plan(plan)
+            with naming(plan, ValueError):
+                require_two_directions(placings)
         file = stack.enter_context(result_file(certificate))
         stimulator = stack.enter_context(
             Stimulator.connect(node_id=node_id, plate_node_id=plate_node, **bus.options)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
 from click.core import ParameterSource
@@ -181,12 +181,19 @@ def _verify(log: Path, rows: Path) -> None:
     """Show how many fields of rows a log confirms; the first that it does not is an error."""
     with plain_errors(ValueError, RecursionError):
         with naming(rows, ValueError, RecursionError):
-            said = json.loads(read_bounded(rows, _ROWS_MAX_BYTES))
+            said = _read_rows(rows)
         found = verify_rows(read_candump(log), said, stimulator_od(), plate_od())
     click.echo(
         f"rows: {found.rows}, fields as the log shows them: {found.fields}, "
         f"fields it does not show: {found.not_shown}"
     )
+
+
+def _read_rows(rows: Path) -> Any:
+    try:
+        return json.loads(read_bounded(rows, _ROWS_MAX_BYTES))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"is no --json file ({error}); --verify takes LOG ROWS") from error
 
 
 @click.command(epilog="Example: smarttac soak --hours 0.1 --seed 7 --json soak.json")

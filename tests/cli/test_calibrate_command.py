@@ -159,14 +159,29 @@ def test_a_plan_is_looked_at_before_a_bus_is_opened(
     assert not (tmp_path / "plate.json").exists()
 
 
-def test_tilts_in_one_direction_leave_no_certificate(
+def test_tilts_in_one_direction_are_refused_before_any_weight_is_asked_for(
     laboratory: Laboratory, tmp_path: Path
 ) -> None:
     (tmp_path / "plan.csv").write_text("\n".join(PLAN.splitlines()[:4]) + "\n")
     result = calibrate(tmp_path)
     assert result.exit_code == 1
-    assert "tilt along x and along y" in result.stderr.splitlines()[-1]
+    (line,) = result.stderr.splitlines()
+    assert line == (
+        f"Error: {tmp_path}/plan.csv: the tilted weighings load one direction only: "
+        "tilt along x and along y"
+    )
+    assert laboratory.asked == []
     assert not (tmp_path / "plate.json").exists()
+
+
+def test_a_certificate_that_exists_is_kept(laboratory: Laboratory, tmp_path: Path) -> None:
+    (tmp_path / "plate.json").write_text("of last year")
+    result = calibrate(tmp_path)
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    assert line == f"Error: {tmp_path}/plate.json exists: give the certificate another name"
+    assert (tmp_path / "plate.json").read_text() == "of last year"
+    assert laboratory.asked == []
 
 
 @pytest.mark.parametrize("end", [click.Abort, KeyboardInterrupt])

@@ -115,6 +115,13 @@ def test_falsified_row_is_one_line(
     assert complaint in line
 
 
+def test_log_and_rows_exchanged_are_told_apart(kept: tuple[Path, Path]) -> None:
+    log, rows = kept
+    line = refusal(str(rows), str(log))
+    assert line.startswith(f"{log}: is no --json file (")
+    assert line.endswith("); --verify takes LOG ROWS")
+
+
 @pytest.mark.parametrize(
     ("rows", "complaint"),
     [
