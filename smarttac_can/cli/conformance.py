@@ -31,10 +31,13 @@ def _chosen(
     _ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]
 ) -> Sequence[Case]:
     """Return the cases of numbers such as ``SDO-07`` and groups such as ``SDO``; all if none."""
-    known = {case.number for case in CASES} | {case.group for case in CASES}
+    groups = dict.fromkeys(case.group for case in CASES)
+    known = {case.number for case in CASES} | set(groups)
     for value in values:
         if value.upper() not in known:
-            raise click.BadParameter(f"{value!r} is neither a case nor a group of cases")
+            raise click.BadParameter(
+                f"{value!r} is neither a case nor a group of cases; groups are {', '.join(groups)}"
+            )
     wanted = {value.upper() for value in values} or known
     return [case for case in CASES if case.number in wanted or case.group in wanted]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from difflib import get_close_matches
@@ -152,17 +151,13 @@ def faults(
         log = None
         if log_file is not None:
             log = CandumpWriter(stack.enter_context(result_file(log_file))).write
-        bar = stack.enter_context(
-            click.progressbar(
-                fault_matrix(
-                    chosen, hold=hold, log=log, jobs=jobs or os.cpu_count() or 1, channel=channel
-                ),
-                length=len(chosen),
-                label="faults",
-                file=sys.stderr,
-            )
-        )
-        rows = list(bar)
+        rows = []
+        with progress_bar("faults") as progress:
+            for row in fault_matrix(
+                chosen, hold=hold, log=log, jobs=jobs or os.cpu_count() or 1, channel=channel
+            ):
+                rows.append(row)
+                progress(len(rows) / len(chosen))
         report_results(rows_as_json(rows), map(_line, rows), results)
     failed = [row for row in rows if not row.passed]
     if failed:

@@ -115,7 +115,7 @@ def test_no_device_ends_after_one_probe(conform: Conform, multicast: dict[str, A
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--case", "SDO-99"), "'SDO-99' is neither a case nor a group of cases"),
+        (("--case", "SDO-99"), "'SDO-99' is neither a case nor a group of cases; groups are "),
         (("--timeout", "0"), "0.0 is not in the range"),
         (("--timeout", "nan"), "nan is not a finite number"),
     ],
