@@ -89,7 +89,7 @@ def test_it_drives_and_stops(multicast: dict[str, Any]) -> None:
         await enter("dance")
         await until(pilot, screen, "'dance' is none of: mode NAME")
         await enter("cof x")
-        await until(pilot, screen, "'x' is not a number")
+        await until(pilot, screen, "cof 'x' is no number")
         await enter("cof 0.2 0.3")
         await until(pilot, screen, "COF 0.200 left, 0.300 right")
         await pilot.press("escape")
