@@ -38,7 +38,9 @@ def test_a_texture_is_what_was_set_and_is_played(bench: Stimulator) -> None:
 
 def test_what_cannot_be_played_is_refused_in_one_line(bench: Stimulator) -> None:
     bench.run(0.07)
-    with pytest.raises(RefusedError, match=r"^cannot play: texture slot 1 is empty: set bench"):
+    with pytest.raises(
+        RefusedError, match=r"^cannot play: texture slot 1 is empty: a script sets bench"
+    ):
         bench.mode = "texture"
     bench.texture = GRATING
     with pytest.raises(

@@ -157,7 +157,7 @@ def test_trip_without_a_cause_is_a_violation(monkeypatch: pytest.MonkeyPatch) ->
     def trips(soak: Soak) -> None:
         limit_amplitude(100)(soak._rig)
         soak._cycle(400)
-        assert soak._tripped()
+        assert soak._tripped("set-points")
         limit_amplitude(3200)(soak._rig)
         soak._cycle(300)
 
