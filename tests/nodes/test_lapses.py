@@ -52,3 +52,11 @@ def test_a_fault_that_is_gone_is_forgotten_within_21_sound_cycles(
     for faulty in pattern:
         lapses.count(faulty, most)
     assert not any([lapses.count(False, most) for _ in range(40)][20:])
+
+
+def test_what_is_cleared_is_as_new() -> None:
+    lapses = Lapses()
+    assert [lapses.count(True, 3) for _ in range(3)] == [False, False, True]
+    lapses.clear()
+    assert lapses.share(3) == 0.0
+    assert [lapses.count(True, 3) for _ in range(3)] == [False, False, True]

@@ -122,6 +122,10 @@ def test_a_loop_led_astray_is_found_although_its_phase_is_right_now_and_then(
     assert told_after(100.0, readings, OPEN_LOOP, Watchdog.RESONANCE) == 0
 
 
+def test_a_pickup_that_reads_nothing_from_the_first_cycle_on_is_found_after_ten() -> None:
+    assert told_after(100.0, [0j], OPEN_LOOP, Watchdog.PICKUP) == 10
+
+
 def test_a_loop_that_is_closed_again_has_its_time_to_find_the_resonance() -> None:
     watch = VibrationWatch(stimulator_od(), [])
     nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
