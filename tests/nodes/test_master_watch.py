@@ -318,7 +318,10 @@ GUARD = "guard this node: its life time is set, but no remote frame has come yet
             f"{SEND} 9 or 10 or 11 or 12, {ENTERED}; its entries are all taken: write 0 to one "
             "for another",
         ),
-        ({(0x1401, 5): 10}, "send RPDO 2, which has a deadline but has not come yet"),
+        *(
+            ({(0x1400 + n, 5): 10}, f"send RPDO {n + 1}, which has a deadline but has not come yet")
+            for n in range(4)
+        ),
         ({(0x1017, 0): 0, (0x100C, 0): 100, (0x100D, 0): 2}, GUARD),
         (
             {(0x100C, 0): 100, (0x100D, 0): 2},

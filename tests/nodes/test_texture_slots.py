@@ -106,6 +106,27 @@ def test_a_broken_table_is_refused_and_the_old_one_stays(
     assert 0.3 <= bench.node.block.cascade.mu_ref <= 0.4
 
 
+def test_a_broken_table_is_refused_in_the_last_slot_too(bench: Bench) -> None:
+    with pytest.raises(SdoAbortedError) as refused:
+        bench.download(4, BROKEN["checksum"][0])
+    assert refused.value.code == AbortCode.VALUE
+
+
+def test_slots_that_are_not_played_are_free(bench: Bench) -> None:
+    assert bench.write("Setpoint.Amplitude", Mode.TEXTURE) == 0, "a number like that of the mode"
+    assert bench.write("Texture.Slot", 2) == 0, "empty"
+    assert bench.write("Texture.Slot", 1) == 0
+    for slot in (1, 2):
+        bench.download(slot, GRATING.pack())
+    bench.download(1, b"", block=False)
+    bench.download(1, GRATING.pack())
+    bench.run()
+    bench.line.sync(10)
+    bench.download(2, b"", block=False)
+    assert (bench.upload(1), bench.upload(2)) == (GRATING.pack(), b"")
+    assert bench.node.block.state is State.RUNNING
+
+
 def test_an_empty_slot_is_not_played(bench: Bench) -> None:
     assert bench.write("Mode", Mode.TEXTURE) == AbortCode.NO_DATA
     assert bench.message == "texture slot 1 is empty"
