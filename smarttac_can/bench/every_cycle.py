@@ -17,6 +17,8 @@ from smarttac_can.od.cia import (
     EVENT_MANUFACTURER,
     HEARTBEAT_ID,
     PDO_TRANSMISSION,
+    SDO_RX_ID,
+    SDO_TX_ID,
     TPDO_COMMUNICATION,
 )
 from smarttac_can.od.entry import Entry
@@ -49,6 +51,8 @@ class EveryCycle:
         ]
         self._at = {(entry.index, entry.subindex): entry for entry in self._types}
         self._asked: set[Entry] = set()
+        services = (HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID)
+        self._told = {service + device.od.node_id for service in services}
         self._before: list[int] = []
         self._users = 0
 
@@ -74,6 +78,8 @@ class EveryCycle:
 
     def _keep(self, can_id: int, data: bytes) -> None:
         """Hear what others ask for, and ask again once it is answered."""
+        if can_id not in self._told:
+            return
         node_id, asked = self._device.od.node_id, self._asked
         frame = Frame(can_id, data)
         if can_id == HEARTBEAT_ID + node_id and data == BOOT_UP:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Final
 
 from smarttac_can.host.bounded_file import read_bounded
-from smarttac_can.plant.finger import Trajectory
+from smarttac_can.plant.finger import SAMPLE_RANGES, Trajectory
 from smarttac_can.vocabulary.model import require
 
-_RANGES: Final = {"t_s": (0.0, 1e9), "x_mm": (-38.0, 38.0), "Fn_N": (0.0, 10.0)}
-"""Of a trajectory, in the units of the file."""
-HEADER: Final = list(_RANGES)
+_COLUMNS: Final = {"t_s": 1.0, "x_mm": 1e-3, "Fn_N": 1.0}
+"""Names of the columns, with their units in those of the SI."""
+HEADER: Final = list(_COLUMNS)
 MAX_BYTES: Final = 8 << 20
 MAX_ROWS: Final = 100_000
 """Of a recording: 100 s at 1 kHz."""
@@ -56,11 +56,12 @@ def _samples(text: str) -> list[tuple[float, float, float]]:
             if len(row) != len(HEADER):
                 raise ValueError(f"{len(row)} fields are not the {len(HEADER)} of the header")
             time, x, Fn = numbers = [float(field) for field in row]
-            for number, (name, bounds) in zip(numbers, _RANGES.items(), strict=True):
-                require(name, number, *bounds)
+            columns = zip(numbers, _COLUMNS.items(), SAMPLE_RANGES, strict=True)
+            for number, (name, unit), (_, low, high) in columns:
+                require(name, number, low / unit, high / unit)
             if samples and time <= samples[-1][0]:
                 raise ValueError(f"t_s {time:g} is not after the {samples[-1][0]:g} before it")
-            samples.append((time, x * 1e-3, Fn))
+            samples.append((time, x * _COLUMNS["x_mm"], Fn))
     except (ValueError, csv.Error) as error:
         raise ValueError(f"line {rows.line_num}: {error}") from error
     return samples

@@ -205,11 +205,8 @@ class VibrationWatch:
         silent = E > _LOOKED_FOR and amplitude < _SILENCE * E
         # A pulse that ends dies away sooner than E under a finger: such cycles must not add up.
         self._silent = self._silent + 1 if silent else 0
-        return (
-            excess
-            or self._lacks(amplitude, mode, LACK_CYCLES + late)
-            or self._silent >= SILENT_CYCLES + late
-        )
+        lack = self._lacks(amplitude, mode, LACK_CYCLES + late)
+        return excess or lack or self._silent >= SILENT_CYCLES + late
 
     def _lacks(self, amplitude: float, mode: int, most: int) -> bool:
         """Compare the reading with its bound from below, where that tells anything."""

@@ -15,8 +15,8 @@ _STROKE_STREAM = 0x57
 _LEAST_SAMPLES = 2
 _RAMP_SHARE = 0.2
 """Length of the turning ramp of a pass, as a share of its travel at full speed."""
-_RANGES = (("time", 0.0, 1e9), ("x", -38e-3, 38e-3), ("Fn", 0.0, 10.0))
-"""Of the columns of a recording."""
+SAMPLE_RANGES = (("time", 0.0, 1e9), ("x", -38e-3, 38e-3), ("Fn", 0.0, 10.0))
+"""Bounds of the columns of a recording, in s, m and N."""
 
 
 class FingerState(NamedTuple):
@@ -241,7 +241,7 @@ class Trajectory:
         if len(samples) < _LEAST_SAMPLES:
             raise ValueError(f"{len(samples)} samples of a trajectory are fewer than 2")
         table = np.asarray(samples, dtype=np.float64)
-        for column, (name, low, high) in zip(table.T, _RANGES, strict=True):
+        for column, (name, low, high) in zip(table.T, SAMPLE_RANGES, strict=True):
             sound = (column >= low) & (column <= high)
             if not sound.all():
                 number = int(sound.argmin())
