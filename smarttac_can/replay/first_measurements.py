@@ -62,8 +62,13 @@ class FirstMeasurements:
             self._held.append((time, frame))
         return held
 
+    @property
+    def any(self) -> bool:
+        """Whether one is held back, so that it is not known what the node heard since."""
+        return self.open and bool(self._held)
+
     def heard(self, drive: Frame) -> list[Stamped]:
-        """Return what the node heard before it sent its first drive: from that measurement on.
+        """Return what the node heard of them, from the measurement on that its drive answers.
 
         Empty, and nothing is decided, if there is none that the drive answers.
         """

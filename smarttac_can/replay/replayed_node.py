@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from operator import itemgetter
 from typing import Final
 
 from smarttac_can.device.frame import Frame
@@ -87,7 +88,7 @@ class ReplayedNode:
             self._put(self._node.segments(1))
         end = self._device_time(time + LATE_US)
         if self._first.open and self._first.is_drive(frame):
-            self._hear_first(frame)
+            self._await_first(frame)
         while not queue and not self._timed(frame):
             if self._waiting:
                 self._hear(*self._waiting.popleft())
@@ -146,12 +147,10 @@ class ReplayedNode:
     def _device_time(self, time: int) -> int:
         return round(time - self._offset)
 
-    def _hear_first(self, drive: Frame) -> None:
-        """Hear the first measurement, now that the first drive tells which it was."""
-        while self._waiting:
-            self._hear(*self._waiting.popleft())
-        for time, frame in self._first.heard(drive):
-            self._hear(time, frame)
+    def _await_first(self, drive: Frame) -> None:
+        """Put the first measurement, which the first drive tells, in its place among the rest."""
+        others = [one for one in self._waiting if not self._first.hold(*one)]
+        self._waiting = deque(sorted([*self._first.heard(drive), *others], key=itemgetter(0)))
 
     def _pass_time(self, now: int) -> None:
         """Move device time on, in us, but not beyond the next SYNC of its own."""
@@ -174,7 +173,7 @@ class ReplayedNode:
 
         Its clock slowly follows the SYNCs of the log, which another clock may have stamped.
         """
-        while self._waiting:
+        while self._waiting and not self._first.any:
             self._hear(*self._waiting.popleft())
         due = self._node.device.sync_due
         if due == NEVER:

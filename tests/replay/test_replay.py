@@ -260,6 +260,23 @@ def test_measurements_that_came_before_the_node_listened_are_left_out() -> None:
     assert found.drives == len(places(log, DRIVE))
 
 
+@pytest.mark.parametrize("late", [0, 500])
+def test_a_read_behind_the_first_measurement_is_answered_after_it(late: int) -> None:
+    """Before its SYNC of the next tick or behind it: the first drive may be late by that."""
+    log = clocked_run()
+    measured, drive = places(log, 0x3A1)[0], places(log, DRIVE)[0]
+    status = drive + 1
+    asked = log[measured][0]
+    read = (asked + 1, Frame(SDO_TO, bytes.fromhex("4000200000000000")))
+    live = (log[status][0] + late + 1, Frame(SDO_FROM, bytes.fromhex("4B00200001000000")))
+    moved = [(log[place][0] + late, log[place][1]) for place in (drive, status)]
+    rest = [item for place, item in enumerate(log) if place not in (drive, status)]
+    busy = sorted([*rest, read, *moved, live], key=lambda item: item[0])
+    assert log[status + 1][1].can_id == SYNC
+    assert (busy.index(moved[0]) > busy.index(log[status + 1])) == (late > 0)
+    assert replayed(busy, lockstep=False).drives == len(places(log, DRIVE))
+
+
 def test_a_process_in_lockstep_may_stand_still_for_any_time() -> None:
     log = friction_run()
     place = places(log, DRIVE)[200] - 1
