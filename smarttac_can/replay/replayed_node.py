@@ -16,6 +16,8 @@ from smarttac_can.vocabulary.signals import TICK_US
 
 LATE_US: Final = 20_000
 """A process that runs hears a frame, and acts on what is due, within this time."""
+_STILL_US: Final = 100_000
+"""One that says nothing may be held up for longer."""
 _CREEP_US: Final = 0.1
 """By how much a period of SYNC may differ by two clocks: 100 ppm of a millisecond, more than quartz
 does."""
@@ -25,7 +27,7 @@ class ReplayedNode:
     """A node, and the frames that it computes.
 
     A log does not say when the node heard a frame that another party sent. So each waits until
-    something that the node sent then needs it, or for 20 ms at most.
+    something that the node sent then needs it, or until the node goes on for 20 ms without.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ class ReplayedNode:
         self._clock = node.clock
         self._lockstep = lockstep
         self._offset = float(time)
-        self._time = time
+        self._time = self._said = time
         self._waiting: deque[Stamped] = deque()
         self._computed: dict[int, deque[Stamped]] = {}
         self._first = FirstMeasurements(node.od)
@@ -71,10 +73,11 @@ class ReplayedNode:
     def go_on(self, time: int) -> None:
         """Let time pass, so that nothing is left undone for longer than a process may be late."""
         self._time = time
-        while self._waiting and self._waiting[0][0] < time - LATE_US:
+        done = max(self._said - LATE_US, time - _STILL_US)
+        while self._waiting and self._waiting[0][0] < done:
             self._hear(*self._waiting.popleft())
         if not self._lockstep:
-            self._pass_time(self._device_time(time - LATE_US))
+            self._pass_time(self._device_time(done))
 
     def answer(self, time: int, frame: Frame) -> Frame | None:
         """Return what the node computes for a frame that it sent; None if nothing.
@@ -83,13 +86,14 @@ class ReplayedNode:
         """
         if frame.can_id == SYNC_ID and self._node.device.produces_sync:
             self._produce(time)
+        self._said = time
         queue = self._computed.setdefault(frame.can_id, deque())
         if not queue and frame.can_id == self._sdo:
             self._put(self._node.segments(1))
         end = self._device_time(time + LATE_US)
-        if self._first.open and self._first.is_drive(frame):
-            self._await_first(frame)
         while not queue and not self._timed(frame):
+            if self._first.open and self._first.is_drive(frame):
+                self._await_first(frame)
             if self._waiting:
                 self._hear(*self._waiting.popleft())
             elif self._lockstep or not self._expire(end):

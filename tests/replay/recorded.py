@@ -91,9 +91,9 @@ def _drive(bus: LocalBus, master: LocalMaster, node: StimulatorNode) -> None:
     write("Controlword", 0)
 
 
-def clocked_node() -> StimulatorNode:
+def clocked_node(deadline_ms: int = DEADLINE_MS) -> StimulatorNode:
     return StimulatorNode(
-        stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True, deadline_ms=DEADLINE_MS
+        stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True, deadline_ms=deadline_ms
     )
 
 

@@ -277,6 +277,37 @@ def test_a_read_behind_the_first_measurement_is_answered_after_it(late: int) -> 
     assert replayed(busy, lockstep=False).drives == len(places(log, DRIVE))
 
 
+def test_the_start_may_be_heard_together_with_what_came_behind_it() -> None:
+    """Of the node nothing but its SYNC is between its start and its first drive."""
+    log = clocked_run()
+    drive, start = places(log, DRIVE)[0], places(log, 0)[1]
+    assert log[start][1].data == bytes((1, 32))
+    behind = log[places(log, 0x1A1)[0]][0] - 1
+    late = [(max(time, behind), f) if f is log[start][1] else (time, f) for time, f in log]
+    late.sort(key=lambda item: item[0])
+    written = (log[drive][0] - 1, Frame(SDO_TO, bytes.fromhex("2B102001E8030000")))
+    answer = (log[drive][0] + 1, Frame(SDO_FROM, bytes.fromhex("6010200100000000")))
+    busy = sorted([*late, written, answer], key=lambda item: item[0])
+    assert replayed(busy, lockstep=False).drives == len(places(log, DRIVE))
+
+
+@pytest.mark.parametrize("still_ms", [15, 40, 80])
+def test_a_process_may_stand_still_while_it_says_nothing(still_ms: int) -> None:
+    """It hears what came meanwhile when it goes on, in order: the drive, then the answer."""
+    log = clocked_run()
+    measured, drive = places(log, 0x3A1)[0], places(log, DRIVE)[0]
+    asked = log[measured][0] + 1
+    read = (asked, Frame(SDO_TO, bytes.fromhex("4000200000000000")))
+    live = (log[drive + 1][0] + 1, Frame(SDO_FROM, bytes.fromhex("4B00200001000000")))
+    others = [(asked + 1000 * n, Frame(0x701, b"\5")) for n in range(still_ms)]
+    later = [*log[drive : drive + 2], live, *log[drive + 2 :]]
+    replay = Replay(lambda: clocked_node(deadline_ms=100), STIMULATOR_ID, lockstep=False)
+    late = [(time + 1000 * still_ms, frame) for time, frame in later]
+    for stamped in [*log[:drive], read, *others, *late]:
+        replay.take(*stamped)
+    assert replay.end().drives == len(places(log, DRIVE))
+
+
 def test_a_process_in_lockstep_may_stand_still_for_any_time() -> None:
     log = friction_run()
     place = places(log, DRIVE)[200] - 1
