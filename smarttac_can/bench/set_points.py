@@ -120,8 +120,13 @@ class BothSides(property):
             if len(pair) != _SIDES:
                 raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
             left, right = (in_unit("cof", side, "") for side in pair)
+            before = bench.get("Setpoint.COF left")
             bench.set("Setpoint.COF left", left)
-            bench.set("Setpoint.COF right", right)
+            try:
+                bench.set("Setpoint.COF right", right)
+            except RefusedError:
+                bench.set("Setpoint.COF left", before)
+                raise
 
         super().__init__(read, write)
         self.__doc__ = text

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from smarttac_can.vocabulary.named_number import NamedNumber
 
 
-class Mode(IntEnum):
+class Mode(NamedNumber):
     """What the cascade controls."""
 
     OFF = 0
@@ -24,7 +24,7 @@ class Mode(IntEnum):
     """COF by amplitude as in FRICTION; its reference is played from a table."""
 
 
-class Law(IntEnum):
+class Law(NamedNumber):
     """How the amplitude follows the COF; to what the step dW is added the paper leaves open."""
 
     MEASURED = 0
@@ -37,7 +37,7 @@ class Law(IntEnum):
     """``W_ref`` by the friction map of the finger, which is learned on the way; without dW."""
 
 
-class VibrationLaw(IntEnum):
+class VibrationLaw(NamedNumber):
     """How amplitude and resonance are regulated."""
 
     PI = 0

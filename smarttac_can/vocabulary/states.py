@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from enum import IntEnum, IntFlag
+from enum import IntFlag
 from typing import Final
 
+from smarttac_can.vocabulary.named_number import NamedNumber
 
-class State(IntEnum):
+
+class State(NamedNumber):
     """States of the device; the statusword carries the number in bits 8 to 10."""
 
     NOT_READY = 0
@@ -36,7 +38,7 @@ CONTROL_MASK: Final = int(Control.ARM | Control.RUN | Control.QUICK_STOP | Contr
 """Bits that a controlword may have."""
 
 
-class IdentificationState(IntEnum):
+class IdentificationState(NamedNumber):
     """How far an identification is."""
 
     IDLE = 0

@@ -175,6 +175,23 @@ def test_a_property_of_the_class_is_there_with_its_text_and_type(name: str, kind
     assert shown.fget.__annotations__["return"] == kind
 
 
+@pytest.mark.parametrize("pair", [(0.3, 5), (5, 0.3)])
+def test_a_pair_of_which_one_is_refused_changes_neither(
+    bench: Stimulator, pair: tuple[float, float]
+) -> None:
+    bench.cof = (0.25, 0.45)
+    with pytest.raises(RefusedError, match=r"Setpoint\.COF"):
+        bench.cof = pair
+    assert bench.cof == (0.25, 0.45)
+
+
+def test_state_mode_and_laws_print_their_names(bench: Stimulator) -> None:
+    assert f"{bench.state} {bench.mode}" in ("READY OFF", "NOT_READY OFF")
+    assert (str(bench.law), str(bench.mode)) == ("MEASURED", "OFF")
+    assert (bench.law, bench.mode) == (0, 0)
+    assert f"{bench.mode:>5}" == "  OFF"
+
+
 def test_cof_of_both_sides_or_each(bench: Stimulator) -> None:
     bench.cof = 0.35
     assert bench.cof == pytest.approx((0.35, 0.35))
