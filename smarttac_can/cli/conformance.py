@@ -21,6 +21,7 @@ from smarttac_can.cli.result_file import (
 from smarttac_can.conformance.case import Case, Failure
 from smarttac_can.conformance.description import DeviceDescription
 from smarttac_can.conformance.examiner import Examiner
+from smarttac_can.conformance.identity import differences
 from smarttac_can.conformance.report import as_json, line, markdown, summary
 from smarttac_can.conformance.run import failed, run_cases
 from smarttac_can.conformance.table import CASES
@@ -100,6 +101,9 @@ def conform(
             except Failure as failure:
                 text = f"node {node_id} does not answer on {bus.where}: {failure}"
                 raise click.ClickException(text) from failure
+            if others := differences(examiner):
+                text = f"{eds.name} may be of another device than node {node_id}"
+                click.echo(f"{text}: {', '.join(others)}", err=True)
             results = run_cases(examiner, cases, lambda result: say(line(result)))
         device = f"node {node_id} by {eds.name}"
         say(summary(results))

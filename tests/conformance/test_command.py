@@ -66,6 +66,21 @@ def test_device_on_a_bus_is_judged(conform: Conform, tmp_path: Path) -> None:
     assert [case["id"] for case in data["cases"]] == ["SDO-01", "OD-01", "HB-01"]
 
 
+@pytest.mark.usefixtures("device")
+def test_the_sheet_of_another_device_is_named(conform: Conform, tmp_path: Path) -> None:
+    other = tmp_path / "other.eds"
+    text = EDS.read_text()
+    code = text.split("[1018sub2]")[1].split("DefaultValue=")[1].splitlines()[0]
+    other.write_text(text.replace(f"DefaultValue={code}", "DefaultValue=0x0000ABCD"))
+    status, output = conform("--eds", str(other), "--timeout", "3", "--case", "HB-01")
+    said = (
+        "other.eds may be of another device than node 9: product code is "
+        f"{int(code, 0):08X}h, not 0000ABCDh"
+    )
+    assert (status, output.splitlines()[0]) == (0, said)
+    assert "may be of another" not in conform("--timeout", "3", "--case", "HB-01")[1]
+
+
 def test_a_report_that_cannot_be_written_is_refused_before_a_bus_is_opened(
     conform: Conform, tmp_path: Path
 ) -> None:
