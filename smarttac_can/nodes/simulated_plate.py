@@ -50,7 +50,6 @@ class SimulatedPlate:
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
         self._od = od
         self._recording = recording
-        self._old = self.stage = Drive(0.0, 0.0)
 
     def start_run(self, stage: Drive) -> None:
         """Begin anew: a plate at rest at ambient temperature, with a drive of 0 V."""
@@ -67,7 +66,7 @@ class SimulatedPlate:
         self._fault_in = _NEVER
         self._power_stage = PowerStage()
         self._moving = False
-        self.switch_off(stage)
+        self._old = self.stage = stage
 
     def sample(self) -> Measurement:
         """Step from the tick before with the drive that came since, and sample the sensors."""
