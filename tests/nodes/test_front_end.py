@@ -353,6 +353,21 @@ def test_before_it_was_heard_the_stage_takes_no_voltage() -> None:
     assert trouble == "sample() has nothing new", "the reason, as soon as there is one"
 
 
+@pytest.mark.parametrize(("missing", "sound"), [(0, 1), (1, 1), (2, 20), (5, 20)])
+def test_a_first_measurement_may_come_a_cycle_late(missing: int, sound: int) -> None:
+    fake = Fake()
+    plate = PlateNode(plate_od(), front_end=fake, deadline_ms=3)
+    line = Line(plate)
+    line.nmt(START)
+    good, fake.answer = fake.answer, lambda: None
+    line.sync(missing)
+    fake.answer = good
+    line.sync(sound - 1)
+    assert plate.block.behind.trouble
+    line.sync()
+    assert not plate.block.behind.trouble
+
+
 @pytest.mark.parametrize(
     "answer", [22.01, 19.99, NAN, None, "20", True, 1 + 0j, pytest.param(10**400, id="huge")]
 )
