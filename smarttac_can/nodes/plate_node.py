@@ -83,7 +83,7 @@ class PlateNode(Application):
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_time = MissedTime(clock)
         self._late = od["Cycle.Late drives"]
-        self._ticked = 0
+        self._ticks = od["Cycle.Ticks"]
         self._sender = DriveSender(od)
         self._hardware = HardwareWatch(self.device)
         self._reported = False
@@ -221,10 +221,12 @@ class PlateNode(Application):
             self._protecting.clear()
 
     def _count_late(self, taken: Taken) -> None:
-        """Count a drive that has come after the instant at which it should be in force."""
+        """Count a drive that came after the instant of a tick at which it should be in force."""
         instant = self.block.instant_us
+        if not (instant and self._ticks.value):
+            return
         overdue = taken is Taken.IN_TIME and self.clock.now - self._ticked > instant
-        if instant and (overdue or taken is Taken.LATE):
+        if overdue or taken is Taken.LATE:
             self._late.count()
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:

@@ -304,6 +304,7 @@ def test_a_plate_that_is_not_alone_is_at_0_v_and_barred(frame: Frame) -> None:
         for voltage in (2000, 0):
             line.send(drive(voltage, plate.od["Vibration.Tick"].value))
             assert plate.od["Stage.Voltage"].value == 0
+    assert told(line, EMCY_PLATE)[-1] == emcy.data, "it is not taken back before"
     line.sync()
     line.send(drive(0, plate.od["Vibration.Tick"].value))
     assert told(line, EMCY_PLATE)[-1] == bytes(8)

@@ -243,8 +243,9 @@ def test_a_drive_after_its_instant_is_counted(instant: int, after: int, late: in
     line.sync()
     plate.advance(after)
     # The second answers a tick that was answered, and is none.
-    line.send(drive(2000, 1), drive(2000, 1))
-    assert (stage(plate), plate.od["Cycle.Late drives"].value) == (2000, late)
+    for _ in range(2):
+        line.send(drive(2000, 1))
+        assert (stage(plate), plate.od["Cycle.Late drives"].value) == (2000, late)
     # One that is late by a cycle is late by any instant.
     line.sync()
     line.sync()
@@ -252,6 +253,20 @@ def test_a_drive_after_its_instant_is_counted(instant: int, after: int, late: in
     assert stage(plate) == 2001
     assert plate.od["Cycle.Late drives"].value == late + (instant > 0)
     assert line.write(plate, "Simulation.Start run", 1) == 0
+    assert plate.od["Cycle.Late drives"].value == 0
+
+
+@pytest.mark.parametrize("tick", [255, 99])
+def test_before_the_first_tick_of_a_run_no_drive_is_late(tick: int) -> None:
+    line, plate = plate_alone(presets={"Simulation.Drive instant": 540})
+    line.nmt(START)
+    plate.advance(541)
+    line.send(drive(0, tick))
+    assert plate.od["Cycle.Late drives"].value == 0
+    line.sync()
+    plate.advance(541)
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    line.send(drive(0, tick))
     assert plate.od["Cycle.Late drives"].value == 0
 
 

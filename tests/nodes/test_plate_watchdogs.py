@@ -147,6 +147,18 @@ def test_a_plate_that_cools_down_waits_for_0_v() -> None:
     assert plate.od["Stage.Voltage"].value == 0
 
 
+def test_0_v_that_came_while_it_was_hot_frees_a_plate_that_has_cooled_down() -> None:
+    line, plate = driven_plate()
+    line.write(plate, "Limit.Temperature", 1500)
+    line.sync()
+    line.send(drive(0, tick_of(plate)))
+    line.write(plate, "Limit.Temperature", 7000)
+    line.sync()
+    line.send(drive(2000, tick_of(plate)))
+    assert plate.od["Stage.Voltage"].value == 2000
+    assert emergencies(line) == [FaultCode.TEMPERATURE, 0]
+
+
 @pytest.mark.parametrize("kind", ["corrupt", "out of range", "of an old tick"])
 def test_plate_without_sync_is_not_fed_by_drives_that_do_not_count(kind: str) -> None:
     line, plate = driven_plate()
