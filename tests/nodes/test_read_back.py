@@ -1,6 +1,8 @@
-"""What is read on demand is what an eager publisher would have published of the last cycle."""
+"""What the objects show of a cycle; what is read on demand is as if published in that cycle."""
 
 from contextlib import suppress
+from types import SimpleNamespace
+from typing import Any
 from unittest.mock import patch
 
 import pytest
@@ -20,7 +22,7 @@ from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, ZERO
-from smarttac_can.vocabulary.signals import Measurement
+from smarttac_can.vocabulary.signals import Contact, Drive, Measurement
 from smarttac_can.vocabulary.states import Control, State
 
 CHANNEL_SOURCES = (
@@ -221,3 +223,132 @@ def test_a_plate_inside_goes_on_outside_operational() -> None:
     line.advance(5)
     assert stimulator.od["Cycle.Cycles"].value == cycles + 5
     assert stimulator.od["Statusword"].value & 1 == 1
+
+
+LIVE, DRIVING, TOUCHING, LIMITED, SATURATED, FAULT = (1 << bit for bit in range(6))
+TEXTURE = 6
+
+
+class Shown:
+    """A read-back without a loop, and what its objects show."""
+
+    def __init__(self) -> None:
+        self.od = stimulator_od()
+        self.read_back = ReadBack(self.od)
+
+    def publish(
+        self,
+        tick: int = 0,
+        *,
+        voltage: float = 0.0,
+        touching: bool = False,
+        limited: int = 0,
+        saturation: int = 0,
+    ) -> None:
+        contact = Contact(0.3, -0.4, 1.0, 0.5, 0.01, 0.002, 0.1, touching)
+        cascade: Any = SimpleNamespace(
+            contact=contact,
+            drive=Drive(voltage, 43390.0),
+            amplitude=1e-6,
+            W_ref=1.1e-6,
+            mu_ref=0.4,
+            E=25.0,
+            mode=TEXTURE,
+            limited=limited,
+        )
+        measurement = Measurement(0.6e-6 - 0.8e-6j, (0.0,) * 6, 21.0, saturation)
+        self.read_back.publish(Measured(measurement, (0,) * 9, tick & 0xFF, 0), cascade)
+
+    def read(self, *names: str) -> list[int]:
+        return [self.od[name].read() for name in names]
+
+    @property
+    def status(self) -> int:
+        return int(self.od["Statusword"].value)
+
+
+PLAIN = ("Mode display", "Contact.Touching", "Contact.Tick", "Cycle.Cycles", "Statusword")
+
+
+def test_a_cycle_shows_its_quantities_in_the_units_of_the_objects() -> None:
+    shown = Shown()
+    shown.publish(voltage=20.0)
+    for name, raw in (
+        ("Vibration.W_d", 6000),
+        ("Vibration.W_q", -8000),
+        ("Vibration.Frequency", 4_339_000),
+        ("Vibration.Voltage", 2000),
+        ("Contact.Tangential force", 500),
+        ("Contact.COF", 5000),
+        ("Contact.Friction error", 2500),
+        ("Plate temperature", 2100),
+    ):
+        assert shown.read(name) == [raw], name
+
+
+def test_a_reset_shows_that_nothing_was_measured() -> None:
+    shown = Shown()
+    nothing = [0, 0, 0xFFFF, 0, 0]
+    assert shown.read(*PLAIN) == nothing
+    shown.publish(200, voltage=20.0, touching=True, limited=1, saturation=1)
+    assert shown.read(*PLAIN) == [TEXTURE, 1, 200, 1, 0b11111]
+    shown.read_back.reset()
+    assert shown.read(*PLAIN) == nothing
+    assert shown.read("Vibration.Voltage", "Contact.COF") == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("what", "bits"),
+    [
+        ({}, LIVE),
+        ({"voltage": 0.01}, LIVE | DRIVING),
+        ({"touching": True}, LIVE | TOUCHING),
+        ({"limited": 1}, LIVE | LIMITED),
+        ({"limited": 4}, LIVE | LIMITED),
+        ({"saturation": 1}, LIVE | SATURATED),
+        ({"saturation": 0x40}, LIVE | SATURATED),
+    ],
+)
+def test_status_of_a_cycle_is_its_own_beside_the_state(what: dict[str, Any], bits: int) -> None:
+    shown = Shown()
+    shown.read_back.show_state(State.QUICK_STOP)
+    shown.publish(voltage=20.0, touching=True, limited=1, saturation=1)
+    assert shown.status == 4 << 8 | 0b11111
+    shown.publish(**what)
+    assert shown.status == 4 << 8 | bits
+
+
+@pytest.mark.parametrize("state", State)
+def test_the_state_stands_beside_the_bits_of_the_cycle(state: State) -> None:
+    shown = Shown()
+    shown.publish(voltage=20.0, touching=True, limited=1, saturation=1)
+    for before in State:
+        shown.read_back.show_state(before)
+        shown.read_back.show_state(state)
+        assert shown.status == state << 8 | 0b11111 | (FAULT if state is State.FAULT else 0)
+    shown.read_back.reset()
+    assert shown.status == state << 8 | (FAULT if state is State.FAULT else 0)
+
+
+def test_off_is_no_mode_and_0_v_and_leaves_the_rest() -> None:
+    shown = Shown()
+    shown.publish(voltage=20.0, touching=True, limited=1, saturation=1)
+    before = {name: shown.od[name].read() for name in QUANTITIES}
+    shown.read_back.show_off()
+    assert shown.read("Mode display") == [0]
+    after = {name: shown.od[name].read() for name in QUANTITIES}
+    assert after == before | {"Vibration.Voltage": 0}
+    assert shown.status == LIVE | TOUCHING | LIMITED | SATURATED
+    shown.read_back.show_old()
+    assert shown.status == TOUCHING | LIMITED | SATURATED
+
+
+def test_the_tick_of_8_bits_goes_on_as_one_of_16_and_cycles_are_counted() -> None:
+    shown = Shown()
+    # As many as may be lost: less than 256.
+    for count, tick in enumerate(range(0, 70_000, 201), 1):
+        shown.publish(tick)
+        assert shown.read("Contact.Tick", "Cycle.Cycles") == [tick & 0xFFFF, count]
+    shown.read_back.reset()
+    shown.publish(0)
+    assert shown.read("Contact.Tick", "Cycle.Cycles") == [0, 1]

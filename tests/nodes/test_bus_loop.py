@@ -1,0 +1,109 @@
+"""The loop over the bus without a node: what is answered, and until when."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.device.timer import Clock
+from smarttac_can.nodes.bus_loop import BusLoop
+from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.loop_frames import received_measurement
+from smarttac_can.vocabulary.watchdogs import Watchdog
+
+FIRST, SECOND, LAST = 5, 6, 7
+
+
+class Loop:
+    """A loop whose measurements are due within 3 ms, and how often they were not answered."""
+
+    def __init__(self) -> None:
+        self.od = stimulator_od()
+        self.clock = Clock()
+        self.faults: set[Watchdog] = set()
+        self.unanswered = 0
+        self.deadlines = [self.od.entry(index, 5) for index in (0x1404, 0x1405, 0x1406)]
+        for entry in self.deadlines:
+            entry.value = 3
+        self.loop = BusLoop(
+            self.od, self.clock, self.faults.add, self.faults.discard, self._unanswered
+        )
+        FrameCheck(received_measurement(self.od)).write()
+
+    def _unanswered(self) -> None:
+        self.unanswered += 1
+
+    def sync(self) -> None:
+        device: Any = SimpleNamespace(sync_own=False, produces_sync=False, sync_counter=0)
+        self.loop.sync(device)
+
+    def take(self, *rpdos: int) -> list[bool]:
+        return [self.loop.take(rpdo) for rpdo in rpdos]
+
+    def write(self, at: int, milliseconds: int) -> None:
+        """Write a deadline."""
+        self.loop.on_write(self.deadlines[at], milliseconds)
+        self.deadlines[at].value = milliseconds
+
+    def over_after(self) -> int:
+        """Milliseconds until the deadline is over."""
+        begun = self.clock.now
+        while not self.unanswered:
+            self.clock.advance(1000)
+        return (self.clock.now - begun) // 1000
+
+
+def test_what_completes_a_measurement_is_answered() -> None:
+    loop = Loop()
+    loop.sync()
+    assert loop.take(FIRST, SECOND, LAST) == [False, False, True]
+    assert loop.take(LAST) == [False], "there is nothing before it"
+
+
+def test_a_measurement_without_a_sync_is_not_answered() -> None:
+    loop = Loop()
+    assert loop.take(FIRST, SECOND, LAST) == [False, False, False]
+    assert loop.od["Cycle.Surplus measurements"].value == 1
+
+
+@pytest.mark.parametrize(
+    ("writes", "ms"),
+    [
+        ([(0, 5)], 3),
+        ([(1, 2)], 2),
+        ([(0, 5), (1, 6), (2, 7)], 5),
+        ([(2, 7), (1, 6), (0, 5)], 5),
+        ([(0, 5), (1, 6), (2, 7), (0, 9)], 6),
+    ],
+)
+def test_the_shortest_of_the_deadlines_holds_from_its_write_on(
+    writes: list[tuple[int, int]], ms: int
+) -> None:
+    loop = Loop()
+    loop.loop.answer()
+    for write in writes:
+        loop.write(*write)
+    assert loop.over_after() == ms
+
+
+def test_a_write_to_anything_else_leaves_the_deadline() -> None:
+    loop = Loop()
+    loop.loop.answer()
+    loop.loop.on_write(loop.od["Setpoint.Amplitude"], 1)
+    assert loop.over_after() == 3
+
+
+def test_who_comes_late_finds_it_over_from_the_deadline_on() -> None:
+    loop = Loop()
+    loop.loop.answer()
+    loop.clock.now += 2999
+    loop.loop.overdue()
+    assert loop.unanswered == 0
+    loop.clock.now += 1
+    loop.loop.overdue()
+    assert loop.unanswered == 1
+    loop.loop.overdue()
+    assert loop.unanswered == 1
