@@ -4,12 +4,14 @@ import struct
 
 import pytest
 from driven import MASTER, STATE, driven_within, reset_fault
-from line import START, Line, plate_alone, plate_inside
+from line import START, Line, measurement, plate_alone, plate_inside
 
+from smarttac_can.bench.simulation import PLATE_ID, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.timer import Clock
 from smarttac_can.master import requests
 from smarttac_can.nodes.missed_time import MissedTime
+from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog, sync_drift_tolerance
@@ -58,6 +60,21 @@ def test_what_was_missed_before_the_run_is_no_fault() -> None:
     assert node.block.state is State.RUNNING
 
 
+def test_what_is_missed_while_armed_is_no_fault_then_or_in_the_run() -> None:
+    line, node = plate_inside()
+    line.nmt(START)
+    line.advance(80)
+    assert line.write(node, "Controlword", 1) == 0
+    sleep_through(node, 5, 3)
+    assert node.od["Diagnosis.Latched"].value == 0
+    # The first ends a second, the second is of the one in which the run begins.
+    for _ in range(2):
+        node.advance(400_000)
+    assert line.write(node, "Controlword", 3) == 0
+    line.advance(3000)
+    assert node.block.state is State.RUNNING
+
+
 @pytest.mark.parametrize(("period_us", "missed"), [(800, 0), (1000, 0), (2000, 500)])
 def test_what_a_second_has_missed_is_told_at_its_end(period_us: int, missed: int) -> None:
     clock = Clock()
@@ -92,6 +109,18 @@ def test_a_stimulator_counts_the_ticks_of_another_producer() -> None:
     rig = by_the_clock()
     spaced(rig, 1010, 2000)
     assert 8 <= rig.od["Cycle.Missed deadlines"].value <= 22
+
+
+def test_who_produces_sync_counts_a_tick_once() -> None:
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True)
+    node.start()
+    node.receive(requests.nmt(START))
+    for tick in range(2400):
+        node.advance(1000 if tick % 10 else 2000)
+        for frame in measurement(tick & 0xFF):
+            node.receive(frame)
+    assert node.od["Cycle.Cycles"].value == 2400
+    assert node.od["Cycle.Missed deadlines"].value == 240
 
 
 def by_the_clock(deadline_ms: int = 20) -> Rig:

@@ -4,6 +4,7 @@ import struct
 
 import pytest
 from line import (
+    DRIVE,
     PREOP,
     PUBLIC,
     RESET,
@@ -13,6 +14,7 @@ from line import (
     SYNC,
     Line,
     ids,
+    measurement,
     plate_inside,
 )
 
@@ -20,6 +22,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.vocabulary.states import State
 
 OFF, AMPLITUDE, FRICTION = 0, 2, 4
 STATE = 0x08000022
@@ -204,3 +207,31 @@ def test_lockstep_or_by_the_clock_the_plate_does_the_same() -> None:
         return values
 
     assert vibration(lockstep=True) == vibration(lockstep=False)
+
+
+def test_frames_of_a_plate_node_are_no_measurements() -> None:
+    line, node = driving()
+    line.write(node, "Controlword", 0)
+    for number, frame in zip((5, 6, 7), measurement(0), strict=True):
+        cob_id = node.od.entry(0x1400 + number - 1, 1)
+        assert line.write_entry(node, cob_id, frame.can_id) == 0
+    line.run(node, AMPLITUDE)
+    cycles = node.od["Cycle.Cycles"].value
+    for tick in range(10):
+        first, second, last = measurement(tick)
+        line.send(SYNC, first, second, last, first, last)
+    assert node.block.state is State.RUNNING
+    assert node.od["Cycle.Cycles"].value == cycles
+    assert node.od["Cycle.Lost cycles"].value == 0
+    assert node.od["Cycle.Surplus measurements"].value == 0
+
+
+def test_a_change_of_state_sends_no_drive() -> None:
+    line, node = driving()
+    assert line.write(node, "Controlword", 0) == 0
+    assert line.write_entry(node, node.od.entry(0x1804, 1), DRIVE) == 0
+    line.run(node, AMPLITUDE)
+    line.advance(5)
+    assert line.write(node, "Controlword", 0) == 0
+    assert PUBLIC[0] in ids(line.frames)
+    assert DRIVE not in ids(line.frames)

@@ -29,6 +29,8 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 STATE, VALUE, READ_ONLY = 0x08000022, 0x06090030, 0x06010002
 TOO_HIGH, TOO_LOW = 0x06090031, 0x06090032
@@ -392,3 +394,70 @@ def test_bad_presets_are_refused_at_power_on() -> None:
     )
     with pytest.raises(Abort):
         node.start()
+
+
+def test_what_a_master_has_configured_outlasts_start() -> None:
+    line, node = stimulator_alone()
+    watch, cob_id = node.od.entry(0x1016, 4), node.od.entry(0x1405, 1)
+    assert line.write_entry(node, watch, 0) == 0
+    assert line.write_entry(node, cob_id, cob_id.value | 1 << 31) == 0
+    for command in (START, STOP, PREOP):
+        line.nmt(command)
+        assert watch.value == 0
+        assert cob_id.value == 1 << 31 | MEASUREMENT[1]
+
+
+def test_only_a_new_run_answers_the_tick_that_was_answered_last() -> None:
+    line, node = waiting()
+    assert DRIVE in ids(line.send(SYNC, *measurement(7)))
+    assert line.write(node, "Setpoint.Amplitude", 1000) == 0
+    assert DRIVE not in ids(line.send(SYNC, *measurement(7)))
+    assert line.write(node, "Simulation.Start run", 1) == 0
+    assert DRIVE in ids(line.send(SYNC, *measurement(7)))
+
+
+@pytest.mark.parametrize(
+    ("words", "sent"),
+    [
+        ((0, 1), []),
+        ((0, 1, 4, 0), []),
+        ((0, 1, 3), []),
+        ((0, 1, 3, 1), [0]),
+        ((0, 1, 3, 4), [0]),
+    ],
+)
+def test_a_change_of_state_is_0_v_for_a_plate_that_drives_and_nothing_for_others(
+    words: tuple[int, ...], sent: list[int]
+) -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    before = len(line.frames)
+    for word in words:
+        assert line.write(stimulator, "Controlword", word) == 0
+    assert [voltage for voltage, _, _ in driven(line.frames[before:])] == sent
+
+
+def test_a_reset_of_the_fault_is_0_v_for_a_plate_that_awaits_it() -> None:
+    line, _, stimulator = driving()
+    stimulator.transmit_failed()
+    assert stimulator.block.state is State.FAULT
+    assert line.write(stimulator, "Controlword", 0) == 0
+    before = len(line.frames)
+    assert line.write(stimulator, "Controlword", 0x80) == 0
+    assert [voltage for voltage, _, _ in driven(line.frames[before:])] == [0]
+
+
+def test_setpoints_that_stay_away_are_a_fault_of_their_own() -> None:
+    line, _, stimulator = driving()
+    assert line.write(stimulator, "Controlword", 0) == 0
+    assert line.write_entry(stimulator, stimulator.od.entry(0x1401, 5), 5) == 0
+    setpoint = Frame(0x320, struct.pack("<HI", 2000, 4_339_000))
+    line.send(setpoint)
+    line.run(stimulator, OPEN_LOOP)
+    for _ in range(20):
+        line.sync()
+        line.send(setpoint)
+    assert stimulator.block.state is State.RUNNING
+    line.sync(5)
+    assert stimulator.od["Diagnosis.Latched"].value == 1 << Watchdog.SETPOINT
