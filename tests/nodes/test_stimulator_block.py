@@ -1,0 +1,185 @@
+"""The function block of the stimulator with the plate inside, cycle by cycle, without a node."""
+
+from __future__ import annotations
+
+import pytest
+
+from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.od.cia import Abort
+from smarttac_can.vocabulary.signals import Drive
+from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.watchdogs import Watchdog
+
+OFF, OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY, TEXTURE = range(7)
+STATE, VALUE = 0x08000022, 0x06090030
+ZERO_OF_S3, CALIBRATION = "Gauge zero.Zero of S3", "Calibration.Fx from S1"
+
+
+class Loop:
+    """A stimulator that is ready, with 20 V to put out in open loop."""
+
+    def __init__(self) -> None:
+        self.block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
+        self.tick(70)
+        assert self.block.state is State.READY
+        assert self.write("Setpoint.Voltage", 2000) == 0
+
+    def tick(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.block.tick()
+
+    def write(self, name: str, raw: int | bytes) -> int:
+        """Write as by SDO; return the abort code, 0 for success."""
+        try:
+            self.block.write(name, raw)
+        except Abort as abort:
+            return abort.code
+        return 0
+
+    def run(self, mode: int) -> None:
+        for name, raw in (("Controlword", 0), ("Controlword", 1), ("Mode", mode)):
+            assert self.write(name, raw) == 0
+        assert self.write("Controlword", 3) == 0
+
+    def shown(self, *names: str) -> list[int]:
+        return [int(self.block.od[name].read()) for name in names]
+
+    @property
+    def message(self) -> str:
+        return str(self.block.od["Message"].value)
+
+    @property
+    def latched(self) -> int:
+        return int(self.block.od["Diagnosis.Latched"].value)
+
+
+@pytest.fixture
+def loop() -> Loop:
+    return Loop()
+
+
+@pytest.fixture
+def driving(loop: Loop) -> Loop:
+    loop.run(OPEN_LOOP)
+    loop.tick(20)
+    assert loop.shown("Drive.Voltage") == [2000]
+    return loop
+
+
+@pytest.mark.parametrize(
+    ("voltage", "modes"), [(0, [OPEN_LOOP, OPEN_LOOP]), (50, [OFF, OPEN_LOOP])]
+)
+def test_the_first_drive_of_a_run_is_0_v_and_only_what_asks_for_more_waits(
+    loop: Loop, voltage: int, modes: list[int]
+) -> None:
+    assert loop.write("Setpoint.Voltage", voltage) == 0
+    assert loop.write("Simulation.Start run", 1) == 0
+    loop.run(OPEN_LOOP)
+    for mode, drive in zip(modes, (0, voltage), strict=True):
+        loop.tick()
+        assert loop.shown("Mode display", "Drive.Voltage") == [mode, drive]
+
+
+@pytest.mark.parametrize("name", [ZERO_OF_S3, CALIBRATION])
+def test_zeros_and_calibration_stay_while_a_force_is_latched_and_present(
+    loop: Loop, name: str
+) -> None:
+    (raw,) = loop.shown(name)
+    assert loop.write("Controlword", 1) == 0
+    loop.block.trip(Watchdog.NORMAL_FORCE)
+    assert loop.block.state is State.FAULT
+    assert loop.write(name, raw + 1) == STATE
+    assert loop.write(name, raw) == 0, "what was read may be written back"
+    assert loop.write("Model.Load", 900) == 0, "it hides no force"
+    loop.tick()
+    assert loop.write(name, raw + 1) == 0, "the force is gone"
+
+
+def test_a_zero_is_in_force_from_the_next_cycle(loop: Loop) -> None:
+    (zero,) = loop.shown(ZERO_OF_S3)
+    assert abs(loop.shown("Contact.Normal force")[0]) < 50
+    assert loop.write(ZERO_OF_S3, zero + 10_000) == 0
+    loop.tick()
+    assert abs(loop.shown("Contact.Normal force")[0]) > 500
+
+
+def test_a_limit_is_watched_from_the_next_cycle(driving: Loop) -> None:
+    assert driving.write("Limit.Temperature", 1000) == 0
+    assert driving.block.state is State.RUNNING
+    driving.tick()
+    assert driving.latched == 1 << Watchdog.TEMPERATURE
+
+
+def test_a_plate_inside_leaves_no_time_for_late_drives(driving: Loop) -> None:
+    assert driving.write("Limit.Amplitude by drive", 100) == 0
+    driving.tick(4)
+    assert driving.latched == 0
+    driving.tick()
+    assert driving.latched == 1 << Watchdog.UNSEEN
+
+
+def test_a_model_is_in_force_from_the_next_cycle(loop: Loop) -> None:
+    before = loop.shown("Model.Quality")
+    assert loop.write("Model.Tau", 18_880) == 0
+    assert loop.write("Setpoint.Amplitude", 1000) == 0
+    loop.tick()
+    assert loop.block.cascade.model.tau == pytest.approx(1.888e-3)
+    assert loop.shown("Model.Quality") == [pytest.approx(2 * before[0], abs=1)]
+
+
+def test_a_fault_is_the_message_and_not_why_the_controllers_gave_up(driving: Loop) -> None:
+    # What an RPDO brings is not refused.
+    driving.block.od["Mode"].value = TEXTURE
+    driving.tick()
+    assert driving.latched == 1 << Watchdog.CONTROLLER
+    assert driving.block.cascade.reason == "there is no texture"
+    assert driving.message == "the controllers gave no finite drive"
+
+
+def identified(loop: Loop) -> None:
+    """Identify the plate to the end."""
+    for _ in range(3000):
+        loop.tick()
+        if loop.shown("Model.State") != [1]:
+            break
+    assert loop.shown("Model.State", "Model.Progress", "Mode") == [2, 100, OFF]
+
+
+def test_an_identification_shows_how_far_it_is(loop: Loop) -> None:
+    loop.run(IDENTIFY)
+    loop.tick(5)
+    assert loop.shown("Model.State") == [1]
+    loop.tick(100)
+    assert 1 <= loop.shown("Model.Progress")[0] <= 50
+    identified(loop)
+
+
+def test_an_identification_that_ends_leaves_a_message_about_something_else(loop: Loop) -> None:
+    loop.run(IDENTIFY)
+    loop.tick(5)
+    assert loop.write("Texture table.Table 1", b"no table") == VALUE
+    told = loop.message
+    assert told.startswith("texture refused")
+    identified(loop)
+    assert loop.message == told
+
+
+def test_an_identification_that_is_over_has_no_part_in_what_follows() -> None:
+    drives: list[list[Drive]] = []
+    for forgotten in (False, True):
+        loop = Loop()
+        loop.run(IDENTIFY)
+        identified(loop)
+        cascade = loop.block.cascade
+        if forgotten:
+            cascade.identification = None
+        assert loop.write("Setpoint.Amplitude", 1000) == 0
+        loop.run(AMPLITUDE)
+        drives.append([])
+        for _ in range(50):
+            loop.tick()
+            drives[-1].append(cascade.drive)
+    assert drives[0] == drives[1]
+    assert drives[0][-1].voltage > 10.0
