@@ -76,6 +76,19 @@ def test_time_constant_is_that_of_the_resonator():
     assert rest == pytest.approx(math.exp(-1e-3 / PARAMETERS.resonator.tau), rel=2e-3)
 
 
+@pytest.mark.parametrize("detuning", [-4000.0, 300.0, 4000.0])
+def test_a_plate_that_is_let_go_decays_alike_whatever_frequency_it_is_told(detuning):
+    """W is seen from the frame of the drive: to change the frame alone moves nothing."""
+    kept, changed = make(), make()
+    run(kept, [ON] * 30)
+    run(changed, [ON] * 30)
+    for _ in range(3):
+        kept.step(OFF, OFF)
+        changed.step(OFF._replace(frequency=43390.0 + detuning), Drive(0.0, 43390.0 + detuning))
+        assert abs(changed.W) == pytest.approx(abs(kept.W), rel=1e-9)
+    assert 0.0 < abs(kept.W) < 0.1 * 2e-6
+
+
 def test_touch_takes_vibration_away():
     free, touched = make(), make(PRESSED)
     for plate in (free, touched):

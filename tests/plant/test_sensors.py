@@ -44,7 +44,9 @@ def test_converters_quantise():
     [
         ({"Fx": 4.0}, 1 << 0, ("gauges", 0, 3.2767)),
         ({"Fx": -4.0}, 1 << 0, ("gauges", 0, -3.2767)),
+        ({"Fx": 120.0}, 1 << 0 | 1 << 1, ("gauges", 1, -3.2767)),
         ({"Fn": 8.0, "x": 28e-3}, (1 << 3) | (1 << 5), ("gauges", 3, 3.2767)),
+        ({"Fn": 8.0, "x": -28e-3}, (1 << 2) | (1 << 4), ("gauges", 2, 3.2767)),
         ({"W": 3.3e-6 + 0j}, PICKUP_SATURATED, ("W", None, 3.2767e-6 + 0j)),
         ({"W": 1e-6 - 4e-6j}, PICKUP_SATURATED, ("W", None, 1e-6 - 3.2767e-6j)),
         ({"Fx": 3.2766, "W": 3.2766e-6 + 0j}, 0, ("gauges", 0, 3.2766)),
@@ -74,6 +76,14 @@ def test_noise_is_a_function_of_the_tick():
     assert len({r.gauges for r in reports}) == 600
     for tick in (599, 0, 255, 256):
         assert Sensors(REAL, 5).measure(tick, 0j, 20.0, (0.0, 0.0, 0.0)) == reports[tick]
+
+
+def test_each_channel_has_noise_of_its_own():
+    noisy = dataclasses.replace(IDEAL, gauge_noise=0.1, pickup_noise=1e-7, temperature_noise=5.0)
+    sensors = Sensors(noisy, 3)
+    reports = [sensors.measure(k, 0j, 20.0, (0.0, 0.0, 0.0)) for k in range(2048)]
+    channels = np.array([(*r.gauges, r.W.real, r.W.imag, r.temperature) for r in reports])
+    assert np.all(np.abs(np.corrcoef(channels.T) - np.eye(9)) < 0.1)
 
 
 def test_noise_has_its_standard_deviation_and_is_white():
