@@ -164,3 +164,21 @@ def test_changes(source: str, changes: list[str], mutants: ModuleType, tmp_path:
     path = tmp_path / "module.py"
     path.write_text(source + "\n")
     assert sorted(mutant.change for mutant in mutants.mutants_of(path)) == changes
+
+
+ROOT = TOOL.parents[1]
+NODES = sorted((ROOT / "smarttac_can" / "nodes").glob("*.py"))
+
+
+@pytest.mark.parametrize("module", NODES, ids=[path.stem for path in NODES])
+def test_the_page_has_tried_every_change_of_the_nodes(module: Path, mutants: ModuleType) -> None:
+    """Who adds a threshold to a node runs the tool again, or the page tells of another module."""
+    count = len(mutants.mutants_of(module))
+    page = (ROOT / "docs" / "reference" / "mutants.md").read_text()
+    _, _, section = page.partition(f"\n## {module.relative_to(ROOT).as_posix()}\n\n")
+    said = section.split(", by ")[0]
+    if count:
+        assert said.startswith(f"{count} of {count} changes tried, ")
+        assert said.endswith(" survive, 0 unexplained")
+    else:
+        assert said == ""
