@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Final
+
+_OF_NUMBERS: Final = tuple("bcdnoxXeEfFgG%")
 
 
 class NamedNumber(IntEnum):
@@ -12,4 +15,5 @@ class NamedNumber(IntEnum):
         return self.name
 
     def __format__(self, spec: str) -> str:
-        return format(self.name, spec)
+        """Format the name, or by ``d`` and the like the number."""
+        return format(int(self) if spec.endswith(_OF_NUMBERS) else self.name, spec)

@@ -189,7 +189,7 @@ def test_state_mode_and_laws_print_their_names(bench: Stimulator) -> None:
     assert f"{bench.state} {bench.mode}" in ("READY OFF", "NOT_READY OFF")
     assert (str(bench.law), str(bench.mode)) == ("MEASURED", "OFF")
     assert (bench.law, bench.mode) == (0, 0)
-    assert f"{bench.mode:>5}" == "  OFF"
+    assert f"{bench.mode:>5} {bench.mode:d} {bench.law:02X}" == "  OFF 0 00"
 
 
 def test_cof_of_both_sides_or_each(bench: Stimulator) -> None:
