@@ -96,6 +96,10 @@ class GoodMaster:
         except HeartbeatLostError:
             self.abort_transfers()
 
+    def disarm(self) -> None:
+        """Let the next look configure both nodes and arm anew."""
+        self._rig.write("Controlword", 0)
+
     def abort_transfers(self) -> None:
         """End transfers that are left open: a block download takes all requests for segments."""
         for node_id, _ in self._nodes:

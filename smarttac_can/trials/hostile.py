@@ -195,6 +195,9 @@ class Hostile:
                 rig.master.read(node_id, od.entry(DEVICE_TYPE))
             except (Abort, HeartbeatLostError) as error:
                 self._violate(f"node {node_id} is not alive: {error}")
+                return
+        # A limit that was lowered meanwhile, to 0 V perhaps, is put right before the master arms.
+        self._master.disarm()
         for _ in range(_BACK_CYCLES):
             rig.cycle()
             self._master.act()

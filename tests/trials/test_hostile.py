@@ -9,6 +9,7 @@ import pytest
 from smarttac_can.trials.hostile import Hostile, HostileReport
 from smarttac_can.trials.hostile_node import CALM, OWN
 from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.states import State
 
 ACTIONS = 1500
 
@@ -78,6 +79,20 @@ def test_what_does_not_hold_is_seen(
     report = Hostile(3, 1).run()
     assert not report.passed
     assert any(message in line for line in report.violations)
+
+
+def test_a_limit_that_the_attack_left_at_0_V_is_no_violation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def lower(hostile: Hostile) -> None:
+        rig = hostile._rig
+        while not (rig.state is State.RUNNING and rig.stage.value):
+            rig.cycle()
+            hostile._master.act()
+        rig.write("Limit.Voltage", 0)
+
+    monkeypatch.setattr(Hostile, "_attack", lower)
+    assert Hostile(3, 1).run().violations == []
 
 
 @pytest.mark.parametrize("node", ["stimulator", "plate"])
