@@ -182,7 +182,7 @@ class ParameterStorage(Service):
         self._write(Image(node_id, bit_timing, self._image.values))
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse any value but the signature of store or restore, and the one read there.
+        """Refuse any value but the signature of store or restore, also the one read there.
 
         Raises
         ------
@@ -191,7 +191,7 @@ class ParameterStorage(Service):
             now.
         """
         signature = _SIGNATURES.get(entry.index)
-        if signature is None or value == entry.value:
+        if signature is None:
             return
         if not entry.subindex or value != int.from_bytes(signature, "little"):
             raise Abort(AbortCode.STORE)
