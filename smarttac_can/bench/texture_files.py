@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.file_errors import in_words
 
@@ -91,7 +92,10 @@ def read_grey_row(path: Path, row: int) -> Floats:
         If it is no PNG, not grey, or has no such row.
     OSError
         If it is no regular file, larger than `MAX_BYTES`, or cannot be read.
+    BenchError
+        If matplotlib is missing.
     """
+    require_matplotlib()
     # Who plays textures needs no pictures.
     from matplotlib.image import imread  # noqa: PLC0415
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.bench.texture_files import read_columns, read_grey_row
 from smarttac_can.bench.texture_tables import (
     NM_PER_MM,
@@ -145,7 +146,7 @@ class Texture:
     ) -> Self:
         """Make a texture of a row of a grey picture: black is low, white is high.
 
-        Needs the extra ``report``.
+        Needs the extra ``report``; raises BenchError without it.
 
         Parameters
         ----------
@@ -277,7 +278,8 @@ class Texture:
         return 0.0, table.step * max(1, len(table.values) - 1) / US_PER_S
 
     def figure(self) -> Figure:
-        """Draw the COF over the plate, or over the time. Needs the extra ``report``."""
+        """Draw the COF over the plate or the time; BenchError without the extra ``report``."""
+        require_matplotlib()
         # Who plays textures needs no pictures.
         from smarttac_can.bench.texture_figure import texture_figure  # noqa: PLC0415
 
@@ -285,7 +287,7 @@ class Texture:
 
     @in_words()
     def save_figure(self, path: Path | str) -> None:
-        """Draw it into a file, PNG or SVG by its ending."""
+        """Draw it into a file, PNG or SVG by its ending; needs what `figure` does."""
         self.figure().savefig(Path(path))
 
 

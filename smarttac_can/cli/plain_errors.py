@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 import click
 
+from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.file_errors import trouble
 from smarttac_can.master.errors import BenchError
@@ -56,10 +56,8 @@ def warn(file: str | Path, warnings: Sequence[str]) -> None:
 
 def need_matplotlib() -> None:
     """Refuse a command that draws, before its work begins, if matplotlib is missing."""
-    if find_spec("matplotlib") is None:
-        raise click.ClickException(
-            "the pictures need matplotlib: pip install 'smarttac-can[report]'"
-        )
+    with plain_errors():
+        require_matplotlib()
 
 
 def one_line(text: object) -> str:

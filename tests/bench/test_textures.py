@@ -1,12 +1,13 @@
 """Textures as a person makes them, and over every link into the stimulator."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.image import imsave
 
-from smarttac_can.bench import Mode, RefusedError, Stimulator, Texture
+from smarttac_can.bench import BenchError, Mode, RefusedError, Stimulator, Texture
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 GRATING = Texture.grating(period_mm=2, low=0.25, high=0.4)
@@ -159,6 +160,23 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
     assert path.stat().st_size > 5000
     (line,) = texture.figure().axes[0].lines
     assert line.get_ydata().max() == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda path: GRATING.figure(),
+        GRATING.save_figure,
+        lambda path: Texture.from_png(path, 0, 0.2, 0.3),
+    ],
+)
+def test_pictures_without_matplotlib(
+    use: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("smarttac_can.bench.extras.find_spec", lambda name: None)
+    with pytest.raises(BenchError, match=r"^the pictures need matplotlib: pip install 'smarttac"):
+        use(tmp_path / "wood.png")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
