@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from io import BytesIO, StringIO
+from itertools import islice, takewhile
 from math import isfinite, nan
 from pathlib import Path
 from typing import Final
@@ -17,6 +18,7 @@ from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.file_errors import in_words
 
 Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 MAX_BYTES: Final = 64 << 20
 _GREY_DIMENSIONS: Final = 2
@@ -24,10 +26,16 @@ _SHOWN: Final = 40
 
 
 @in_words()
-def read_columns(path: Path, names: Sequence[str]) -> list[Floats]:
+def read_columns(path: Path, names: Sequence[str]) -> tuple[Integers, list[Floats]]:
     """Read columns of a CSV file by their names.
 
-    Rows in which one of them is empty are left out.
+    Lines before the header that begin with ``#`` are comments. Rows in which one of the columns
+    is empty are left out.
+
+    Returns
+    -------
+    tuple
+        The line that each row ends in, from 1, and the columns.
 
     Raises
     ------
@@ -43,19 +51,29 @@ def read_columns(path: Path, names: Sequence[str]) -> list[Floats]:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise ValueError(f"{path}: line {line} is no UTF-8 text") from error
-    rows = csv.reader(StringIO(text, newline=""))
+    comments = sum(1 for _ in takewhile(_is_comment, StringIO(text, newline="")))
+    rows = csv.reader(islice(StringIO(text, newline=""), comments, None))
     try:
         header = [name.strip() for name in next(rows, [])]
         missing = [name for name in names if name not in header]
         if missing:
             raise ValueError(f"{path}: there is no column {missing[0]!r} among {', '.join(header)}")
         places = [(name, header.index(name)) for name in names]
-        values = [numbers for row in rows if (numbers := _numbers(row, places))]
+        found = [
+            (comments + rows.line_num, numbers)
+            for row in rows
+            if (numbers := _numbers(row, places))
+        ]
     except (csv.Error, _NoNumberError) as error:
-        raise ValueError(f"{path}: line {rows.line_num}: {error}") from error
-    if not values:
+        raise ValueError(f"{path}: line {comments + rows.line_num}: {error}") from error
+    if not found:
         raise ValueError(f"{path}: no row has all of {', '.join(names)}")
-    return list(np.array(values, dtype=np.float64).T)
+    lines, values = zip(*found, strict=True)
+    return np.array(lines), list(np.array(values, dtype=np.float64).T)
+
+
+def _is_comment(line: str) -> bool:
+    return line.startswith("#")
 
 
 class _NoNumberError(ValueError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from math import ceil
 from typing import Final, cast
 
 import numpy as np
@@ -10,12 +11,22 @@ import numpy.typing as npt
 
 from smarttac_can.bench.named_objects import finite
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.vocabulary.textures import COF_COUNT, MAX_VALUES, Axis, TextureTable
+from smarttac_can.vocabulary.textures import (
+    COF_COUNT,
+    MAX_START,
+    MAX_STEP,
+    MAX_VALUES,
+    Axis,
+    TextureTable,
+)
 
 Floats = npt.NDArray[np.float64]
 
 NM_PER_MM: Final = 1e6
 US_PER_S: Final = 1e6
+MOST_MM: Final = MAX_START / NM_PER_MM
+"""Largest distance of a place from the middle of the plate in mm."""
+_MOST_STEP_MM: Final = MAX_STEP / NM_PER_MM
 _MS_US: Final = 1000
 _LEAST_POINTS: Final = 2
 
@@ -31,13 +42,12 @@ def cof_bounds() -> tuple[float, float]:
 def over_position(places: Floats, cof: Floats) -> TextureTable:
     """Return the table through COF at rising places in mm, in as many values as they are."""
     first, last = float(places[0]), float(places[-1])
-    within("position", first, -100.0, 100.0)
-    within("position", last, -100.0, 100.0)
     count = min(max(2, len(places)), MAX_VALUES)
     if count > len(places):
         return table_of(Axis.POSITION, False, round(first * NM_PER_MM), 1, cof)
     nearest = float(np.diff(places).min())
-    count = min(round((last - first) / nearest) + 1, MAX_VALUES)
+    steps = max(round((last - first) / nearest), ceil((last - first) / _MOST_STEP_MM))
+    count = min(steps + 1, MAX_VALUES)
     grid = np.linspace(first, last, count)
     step = round((last - first) / (count - 1) * NM_PER_MM)
     start = round(first * NM_PER_MM)

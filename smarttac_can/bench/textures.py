@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.extras import require_matplotlib
-from smarttac_can.bench.texture_files import read_columns, read_grey_row
+from smarttac_can.bench.texture_files import read_grey_row
+from smarttac_can.bench.texture_samples import Samples
 from smarttac_can.bench.texture_tables import (
     NM_PER_MM,
     US_PER_S,
@@ -194,7 +195,7 @@ class Texture:
         Parameters
         ----------
         path
-            CSV with a header.
+            CSV with a header, before which lines that begin with ``#`` are left out.
         position, time
             Name of the column that it goes over, in mm from the middle of the plate or in s.
         cof
@@ -210,7 +211,8 @@ class Texture:
         Raises
         ------
         ValueError
-            If columns are missing or contradict each other, or a number is none; names the line.
+            If columns are missing or contradict each other, or a number is none or cannot be
+            played; names the line.
         OSError
             If it cannot be read.
         """
@@ -218,30 +220,13 @@ class Texture:
             raise ValueError("give one of position and time, the column that it goes over")
         if bool(cof) == bool(lateral and normal) or bool(lateral) != bool(normal):
             raise ValueError("give cof, or both lateral and normal, the columns of the COF")
-        place, *forces = read_columns(
-            Path(path), [position or time, *([cof] if cof else [lateral, normal])]
-        )
-        if cof:
-            (mu,) = forces
-        else:
-            pressed = forces[1] >= max(least_force, 1e-9)
-            if not pressed.any():
-                raise ValueError(f"{path}: no normal force is {least_force:g} or more")
-            place = place[pressed]
-            mu = np.abs(forces[0][pressed]) / forces[1][pressed]
-        if time:
-            order = np.argsort(place, kind="stable")
-            times = place[order] - place[order][0]
-            return cls(over_time(list(zip(times.tolist(), mu[order].tolist(), strict=True)), False))
         step = within("step_mm", step_mm, 0.01, 10.0)
-        cells = np.round(place / step).astype(np.int64)
-        found, which = np.unique(cells, return_inverse=True)
-        return cls(
-            over_position(
-                np.asarray(found * step, dtype=np.float64),
-                np.bincount(which, mu) / np.bincount(which),
-            )
+        samples = (
+            Samples.of_cof(Path(path), position or time, cof)
+            if cof
+            else Samples.of_forces(Path(path), position or time, lateral, normal, least_force)
         )
+        return cls(samples.over_time() if time else samples.over_position(step))
 
     def __repr__(self) -> str:
         """Return it in one line: a table has up to 4096 values."""

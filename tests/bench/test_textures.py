@@ -124,25 +124,6 @@ def test_a_row_of_a_grey_picture(tmp_path: Path) -> None:
     assert Texture.from_png(path, row=0, low=0.2, high=0.6).cof(0.0) == pytest.approx([0.2])
 
 
-def test_a_recording_with_reversals_and_irregular_positions(tmp_path: Path) -> None:
-    draw = np.random.default_rng(1)
-    x = 10.0 * np.sin(np.cumsum(draw.uniform(0.001, 0.02, 20_000)))
-    lateral = -np.sign(np.gradient(x)) * (0.3 + 0.005 * x) * 0.8
-    rows = [f"{a:.4f};{b:.5f};0.8".replace(";", ",") for a, b in zip(x, lateral, strict=True)]
-    path = tmp_path / "recording.csv"
-    path.write_text("\n".join([" where , Fx,press", *rows, "3.0,,0.8", "4.0,9.0,0.001"]) + "\n")
-    texture = Texture.from_csv(path, position="where", lateral="Fx", normal="press")
-    places = np.linspace(-9.0, 9.0, 50)
-    assert texture.cof(places) == pytest.approx(0.3 + 0.005 * places, abs=1e-3)
-
-
-def test_a_recording_over_time(tmp_path: Path) -> None:
-    path = tmp_path / "profile.csv"
-    path.write_text("t,mu\n5.0,0.3\n6.0,0.4\n5.5,0.35\n")
-    texture = Texture.from_csv(path, time="t", cof="mu")
-    assert texture.cof([0.0, 0.25, 1.0]) == pytest.approx([0.3, 0.325, 0.4], abs=1e-3)
-
-
 def test_it_is_shown_in_one_line() -> None:
     assert repr(Texture.grating(2, 0.2, 0.4)) == (
         "<Texture over position: 500 values, COF 0.2 to 0.4>"
@@ -236,54 +217,10 @@ def test_what_makes_no_texture_is_refused(make, reason: str) -> None:  # type: i
     assert str(refused.value).startswith(reason)
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("", "there is no column 'x' among "),
-        ("t,mu\n1,2\n", "there is no column 'x' among t, mu"),
-        ("x,mu\n", "no row has all of x, mu"),
-        ("x,mu\n1,0.3\n2,many\n", "line 3: column 'mu': 'many' is no finite number"),
-        ("x,mu\n1,inf\n", "line 2: column 'mu': 'inf' is no finite number"),
-        ('x,mu\n1,0.3\n2,"a\nb"\n', "line 4: column 'mu': 'a\\nb' is no finite number"),
-    ],
-)
-def test_what_is_no_recording_is_refused(text: str, reason: str, tmp_path: Path) -> None:
-    path = tmp_path / "recording.csv"
-    path.write_text(text)
-    with pytest.raises(ValueError) as refused:
-        Texture.from_csv(path, position="x", cof="mu")
-    assert str(refused.value) == f"{path}: {reason}"
-
-
-@pytest.mark.parametrize(
-    ("columns", "reason"),
-    [
-        ({"position": "x", "cof": "mu"}, "COF 0.01 is outside 0.05..2"),
-        ({"time": "x", "cof": "mu"}, "COF 0.01 is outside 0.05..2"),
-        ({"position": "x", "lateral": "Fx", "normal": "Fz"}, "COF 3 is outside 0.05..2"),
-    ],
-)
-def test_a_recording_beyond_what_is_played_is_refused(
-    columns: dict[str, str], reason: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "recording.csv"
-    path.write_text("x,mu,Fx,Fz\n1,0.3,0.3,1\n2,0.01,3,1\n")
-    with pytest.raises(ValueError) as refused:
-        Texture.from_csv(path, **columns)
-    assert str(refused.value) == reason
-
-
 def test_the_bounds_are_what_the_stimulator_takes(bench: Stimulator) -> None:
     widest = Texture.profile([(0, 0.05), (1, 2.0)])
     bench.texture = widest
     assert bench.texture == widest
-
-
-def test_a_recording_in_another_encoding_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "recording.csv"
-    path.write_bytes("x,mu\n1,0.3\n2,0.3 µ\n".encode("latin-1"))
-    with pytest.raises(ValueError, match=r"recording\.csv: line 3 is no UTF-8 text$"):
-        Texture.from_csv(path, position="x", cof="mu")
 
 
 def test_what_is_no_grey_picture_is_refused(tmp_path: Path) -> None:
