@@ -123,7 +123,7 @@ def command_line() -> str:
         "",
     ]
     for name, command in _commands(smarttac, "smarttac"):
-        text = " ".join((command.help or "").split()).replace("``", "`")
+        text = " ".join((command.help or "").split())
         parameters = [_parameter(click.Context(command), each) for each in command.params]
         example = (command.epilog or "").replace("\b", "").partition(":")[2]
         lines += [

@@ -92,7 +92,8 @@ def campaign(
     """Regulate the friction of many random fingers, and show how it went for all of them.
 
     Each finger is a function of the seed and its number, so the results are the same to the bit
-    whoever shares the work. True figures come first; `measured_` ones are what the gauges show.
+    whoever shares the work. True figures come first; those that begin with measured_ are what the
+    gauges show.
     """
     if (
         cluster is not None

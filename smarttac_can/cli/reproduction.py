@@ -174,7 +174,7 @@ def reproduce(
 @click.command(epilog="Example: smarttac reproduce all --output run && smarttac report run")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 def report(folder: Path) -> None:
-    """Draw the figures and index.html of a folder that ``reproduce --output`` wrote."""
+    """Draw the figures and index.html of a folder that reproduce --output wrote."""
     with plain_errors():
         need_matplotlib()
         page = _write_report(folder, *_read_run(folder))

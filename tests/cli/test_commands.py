@@ -68,8 +68,9 @@ def test_the_commands() -> None:
 @pytest.mark.parametrize("command", [(), *paths(main)], ids=" ".join)
 @pytest.mark.parametrize("flag", ["-h", "--help"])
 def test_help_shows_an_example(command: tuple[str, ...], flag: str) -> None:
-    _, example, shown = succeed(*command, flag).partition("Example")
+    text, example, shown = succeed(*command, flag).partition("Example")
     assert example
+    assert "`" not in text
     assert " ".join(("smarttac", *command)) in shown
 
 
