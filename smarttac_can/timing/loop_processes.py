@@ -20,15 +20,19 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.kernel_filter import hear_only
-from smarttac_can.host.python_can import to_frame
+from smarttac_can.host.python_can import to_frame, to_message
 from smarttac_can.master.errors import BenchError
-from smarttac_can.od.cia import SYNC_ID
+from smarttac_can.master.requests import upload
+from smarttac_can.od.cia import DEVICE_TYPE, HEARTBEAT_ID, SDO_TX_ID, SYNC_ID
+from smarttac_can.od.dictionary import ObjectDictionary
 
 _OWN_OPTIONS: Final = ("interface", "channel", "bitrate")
 _BUFFER: Final = 1 << 24
 _WORDS: Final = 4096
 _SO_RCVBUFFORCE: Final = 33
 _QUIET_S: Final = 0.2
+_ANSWER_S: Final = 0.6
+"""For an answer, or the heartbeat of a node that is stopped: one comes every 500 ms."""
 _PARTING_S: Final = 5.0
 _POLL_S: Final = 0.1
 _READY_POLL_S: Final = 0.02
@@ -197,3 +201,30 @@ def require_quiet(bus: Mapping[str, Any]) -> None:
             message = opened.recv(left)
             if message is not None and message.arbitration_id == SYNC_ID:
                 raise BenchError("somebody produces SYNC on this bus: end that loop first")
+
+
+def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
+    """Raise BenchError if a node is on the bus with the node-ID of one of these.
+
+    Raises
+    ------
+    BenchError
+        If one answers, or its heartbeat comes.
+    BusError
+        If the bus cannot be timed, or carries no frames.
+    """
+    ids = {base + od.node_id: od.node_id for od in ods for base in (SDO_TX_ID, HEARTBEAT_ID)}
+    with _stamped(bus) as opened:
+        try:
+            for od in ods:
+                opened.send(to_message(upload(od.node_id, od.entry(DEVICE_TYPE))))
+            end = monotonic() + _ANSWER_S
+            while (left := end - monotonic()) > 0:
+                message = opened.recv(left)
+                if message is not None and message.arbitration_id in ids:
+                    raise BenchError(
+                        f"a node {ids[message.arbitration_id]} is on this bus already, and two "
+                        "would have one node-ID: end it, or give it another by LSS or --node-id"
+                    )
+        except can.CanError as error:
+            raise BusError(f"the bus carries no frames: {error}") from error

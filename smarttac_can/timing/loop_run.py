@@ -8,10 +8,15 @@ from dataclasses import dataclass
 from time import monotonic, sleep
 from typing import Any, Final
 
-from smarttac_can.bench.simulation import PLATE_ID, plate_od
+from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.master.errors import BenchError
-from smarttac_can.timing.loop_processes import listening, node_process, require_quiet
+from smarttac_can.timing.loop_processes import (
+    listening,
+    node_process,
+    require_free,
+    require_quiet,
+)
 from smarttac_can.timing.loop_timing import LoopTiming
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State
@@ -76,10 +81,12 @@ def measure_loop(
     Raises
     ------
     BenchError
-        If a process ends, a node does not answer, or another loop runs on the bus.
+        If a process ends, a node does not answer, or another loop runs on the bus, or a node with
+        the node-ID of one that would be started.
     BusError
         If the bus cannot be opened, or has no time stamps.
     """
+    require_free(bus, stimulator_od(), *([plate_od()] if plate_node is None else []))
     require_quiet(bus)
     plate_id = PLATE_ID if plate_node is None else plate_node
     commands: list[tuple[str, ...]] = [("node", "--plate-node", str(plate_id), "--produce-sync")]

@@ -150,6 +150,34 @@ def test_a_loop_that_is_there_already(multicast: dict[str, Any]) -> None:
     assert line == "Error: somebody produces SYNC on this bus: end that loop first"
 
 
+@pytest.mark.parametrize(
+    ("command", "others", "node_id"),
+    [
+        ("node --lockstep", (), 32),
+        ("plate", (), 33),
+        ("node --lockstep", ("--plate-node", "44"), 32),
+        ("node --plate-node 44 --produce-sync", (), 32),
+    ],
+)
+def test_a_node_that_is_there_already(
+    command: str, others: tuple[str, ...], node_id: int, multicast: dict[str, Any]
+) -> None:
+    with processes(multicast, command) as (node,):
+        line = refusal(*options(multicast), *others)
+        assert len(children()) == 1
+        assert node.process.poll() is None
+    assert line == (
+        f"Error: a node {node_id} is on this bus already, and two would have one node-ID: "
+        "end it, or give it another by LSS or --node-id"
+    )
+
+
+def test_a_node_that_is_stopped_is_known_by_its_heartbeat(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "node"), can.Bus(**multicast) as bus:
+        bus.send(can.Message(arbitration_id=0, data=[2, 32], is_extended_id=False))
+        assert refusal(*options(multicast)).startswith("Error: a node 32 is on this bus already")
+
+
 def test_a_bus_without_time_stamps_of_the_kernel() -> None:
     line = refusal("--interface", "virtual", "--channel", "test_jitter")
     assert line.startswith("Error: the loop is timed by the kernel's time stamps")
