@@ -20,6 +20,7 @@ _HINTS: Final = 3
 _LEFT_OF_ZERO: Final = 1e-9
 """What floats may leave of a 0, as in steps of 0.1 from -38 to 38."""
 _MESSAGE: Final = "Message"
+DISARM_FIRST: Final = "it is armed or running, disarm() first"
 _SHARP: Final = (State.ARMED, State.RUNNING)
 
 
@@ -170,10 +171,13 @@ class NamedObjects:
             self.link.write(name, raw)
         except RefusedError as error:
             simulated = name.partition(".")[0] in SIMULATION
-            if error.code == AbortCode.STATE and not simulated and self.state in _SHARP:
-                text = f"{error}: it is armed or running, disarm() first"
-                raise RefusedError(text, error.code) from error
+            if not simulated and self.is_too_sharp(error):
+                raise RefusedError(f"{error}: {DISARM_FIRST}", error.code) from error
             raise
+
+    def is_too_sharp(self, error: RefusedError) -> bool:
+        """Whether the device refused something for being armed or running."""
+        return error.code == AbortCode.STATE and self.state in _SHARP
 
     def _number(self, name: str) -> Entry:
         entry = find_object(self.od, name)

@@ -7,7 +7,7 @@ from typing import Final
 
 from smarttac_can.bench.errors import FaultError, NotReadyError
 from smarttac_can.bench.link import Link
-from smarttac_can.bench.named_objects import NamedObjects
+from smarttac_can.bench.named_objects import DISARM_FIRST, NamedObjects
 from smarttac_can.bench.set_points import by_name
 from smarttac_can.bench.traces import Trace
 from smarttac_can.master.errors import BenchError, RefusedError
@@ -156,15 +156,20 @@ class StateControl:
         RefusedError
             While armed or running: `disarm` first. If a gauge is further from its null than
             ``Gauge null.Window``: something rests on the plate.
+        FaultError
+            If a latched fault bars it, as too large a force does while it is there.
         """
         self._link.drive()
         self._link.run(TARE_SAMPLES, [])
         try:
-            self._objects.write(AUTO_ZERO[0], ZERO)
+            self._link.write(AUTO_ZERO[0], ZERO)
         except RefusedError as error:
+            if self._objects.is_too_sharp(error):
+                raise RefusedError(f"cannot tare: {DISARM_FIRST}", error.code) from error
             message = self._objects.message
             if message.startswith(NOT_TARED):
                 raise RefusedError(message, error.code) from error
+            self.require_no_fault(self.state)
             raise
 
     def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:

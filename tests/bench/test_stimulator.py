@@ -383,11 +383,33 @@ def test_what_is_refused_while_armed_says_what_to_do(
     bench.arm()
     with pytest.raises(RefusedError, match=rf"to {name}: abort 08000022: .*{DISARM}"):
         bench.set(name, value)
-    with pytest.raises(RefusedError, match=f"abort 08000022: .*{DISARM}"):
-        bench.tare()
     bench.disarm()
     bench.set(name, value)
+
+
+@pytest.mark.parametrize("mode", ["off", "open_loop"])
+def test_a_tare_while_armed_or_running_says_what_to_do(bench: Stimulator, mode: str) -> None:
+    bench.arm()
+    if mode != "off":
+        bench.mode = mode
+    with pytest.raises(RefusedError, match=f"^cannot tare{DISARM}") as refusal:
+        bench.tare()
+    assert refusal.value.code == 0x08000022
+    bench.disarm()
     bench.tare()
+
+
+def test_a_tare_under_a_force_that_has_latched_a_fault_names_the_fault(bench: Stimulator) -> None:
+    bench.set("Limit.Normal force", "1 N")
+    bench.tare()
+    bench.finger.stroke(2, force=1.5, speed=50.0)
+    bench.start_run()
+    bench.voltage = 20
+    bench.mode = "open_loop"
+    with pytest.raises(FaultError):
+        bench.run(0.5)
+    with pytest.raises(FaultError, match=r"^a fault is latched \(the normal force is above"):
+        bench.tare()
 
 
 def test_what_is_refused_for_another_reason_asks_for_no_disarm(bench: Stimulator) -> None:
