@@ -44,8 +44,11 @@ _NO_ROUTE: Final = (
 )
 _NO_GROUP: Final = "name the group as the channel, such as --channel 239.74.163.2"
 """Where none is given, python-can takes a group of IPv6, which many a computer has no route to."""
+_NO_SOCKETCAN: Final = (
+    "this kernel has no SocketCAN; udp_multicast needs none, and tools/with-vcan has its own"
+)
 _BY_NUMBER: Final[dict[tuple[str | None, int | None], str]] = {
-    ("socketcan", errno.EAFNOSUPPORT): "this kernel has no SocketCAN; udp_multicast needs none",
+    ("socketcan", errno.EAFNOSUPPORT): _NO_SOCKETCAN,
     ("socketcan", errno.ENODEV): "there is no such interface; ip link lists those there are",
     ("udp_multicast", errno.ENODEV): _NO_ROUTE,
     ("udp_multicast", errno.ENETUNREACH): _NO_ROUTE,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import select
 import socket
 from typing import Self
@@ -9,6 +11,7 @@ from typing import Self
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.can_socket import SocketCan
+from smarttac_can.host.drivers import opening
 from smarttac_can.host.local_bus import Connection
 
 _GUARD_S = 1.0
@@ -100,16 +103,14 @@ class SocketCanWire:
         return self._frame
 
     def _open(self) -> socket.socket:
-        if not hasattr(socket, "CAN_RAW"):
-            raise BusError(f"cannot open {self._channel}: this system has no SocketCAN")
-        try:
+        with opening("socketcan", self._channel, BusError):
+            if not hasattr(socket, "CAN_RAW"):
+                raise OSError(errno.EAFNOSUPPORT, os.strerror(errno.EAFNOSUPPORT))
             party = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-        except OSError as error:
-            raise BusError(f"cannot open {self._channel}: {error}") from error
-        try:
-            party.bind((self._channel,))
-        except OSError as error:
-            party.close()
-            raise BusError(f"cannot open {self._channel}: {error}") from error
+            try:
+                party.bind((self._channel,))
+            except OSError:
+                party.close()
+                raise
         party.setblocking(False)
         return party

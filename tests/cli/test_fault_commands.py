@@ -1,5 +1,6 @@
 """The commands ``faults`` and ``soak``: results, files, and exit codes."""
 
+import errno
 import json
 import os
 import subprocess
@@ -249,7 +250,31 @@ def test_results_may_go_to_a_device() -> None:
 def test_channel_that_is_not_there_is_one_clear_line() -> None:
     result = run(*ONE, "--channel", "vcan9")
     assert result.exit_code == 1
-    assert result.stderr.splitlines()[-1].startswith("Error: cannot open vcan9: ")
+    line = result.stderr.splitlines()[-1]
+    assert line.startswith("Error: cannot open the socketcan bus, channel vcan9: [Errno ")
+
+
+@pytest.mark.parametrize(
+    ("number", "cure"),
+    [
+        (errno.EAFNOSUPPORT, "no SocketCAN; udp_multicast needs none, and tools/with-vcan has its"),
+        (errno.ENODEV, "there is no such interface; ip link lists those there are"),
+    ],
+)
+def test_channel_that_is_not_there_has_its_cure_as_elsewhere(
+    number: int, cure: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_arguments: object) -> None:
+        raise OSError(number, "no")
+
+    monkeypatch.setattr("smarttac_can.host.socketcan_wire.socket.socket", refuse)
+    assert cure in run(*ONE, "--channel", "vcan9").stderr.splitlines()[-1]
+
+
+def test_channel_of_a_python_without_socketcan(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("socket.CAN_RAW", raising=False)
+    line = run(*ONE, "--channel", "vcan9").stderr.splitlines()[-1]
+    assert "this kernel has no SocketCAN" in line
 
 
 def test_row_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -145,7 +145,7 @@ def test_a_configuration_that_is_wrong_is_told_in_one_line(monkeypatch: pytest.M
 @pytest.mark.parametrize(
     ("number", "cured"),
     [
-        (errno.EAFNOSUPPORT, "; this kernel has no SocketCAN; udp_multicast needs none"),
+        (errno.EAFNOSUPPORT, "; udp_multicast needs none, and tools/with-vcan has its own"),
         (errno.ENODEV, "; there is no such interface; ip link lists those there are"),
         (errno.EACCES, "no"),
     ],
