@@ -144,6 +144,7 @@ def command_line() -> str:
             ("Code", "Meaning"),
             ("0", "done; a node was ended by Ctrl-C or SIGTERM and left the plate at 0 V"),
             ("1", "bus, device, EDS or file: one line on stderr says what"),
+            ("1", "`Aborted!`: ended by Ctrl-C or SIGTERM before it was done, without its files"),
             ("2", "a wrong option or argument: usage and one line on stderr"),
         ),
     ]

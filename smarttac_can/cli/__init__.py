@@ -21,6 +21,7 @@ from smarttac_can.cli.reproduction import demo, report, reproduce
 from smarttac_can.cli.scan import scan
 from smarttac_can.cli.selftest import selftest
 from smarttac_can.cli.watch import watch
+from smarttac_can.host.process_signals import sigterm_interrupts
 
 EXAMPLE = """\b
 Examples:
@@ -31,8 +32,10 @@ Examples:
 
 @click.group(epilog=EXAMPLE, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__)
-def main() -> None:
+@click.pass_context
+def main(context: click.Context) -> None:
     """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""
+    context.with_resource(sigterm_interrupts())
 
 
 for command in (

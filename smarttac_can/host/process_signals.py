@@ -39,6 +39,23 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
+def sigterm_interrupts() -> Iterator[None]:
+    """Have SIGTERM end the block as Ctrl-C does, by `KeyboardInterrupt`, so that it is cleaned up.
+
+    Outside of the main thread, or where somebody else handles SIGTERM, it does nothing.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
 def interrupt_waits() -> Iterator[Callable[[], bool]]:
     """Have Ctrl-C wait until the block asks for it, so that nothing is torn; a second one acts.
 

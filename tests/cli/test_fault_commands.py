@@ -3,13 +3,16 @@
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.cli import main
 from smarttac_can.host.candump import read_candump
@@ -240,6 +243,40 @@ def test_old_files_stay_when_a_run_fails(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert table.read_text() == "old"
     assert list(tmp_path.iterdir()) == [table]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("soak", "--hours", "3", "--jobs", "1"),
+        ("faults", "--jobs", "1", "--log", "faults.log"),
+        ("reproduce",),
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_signal_leaves_nothing_half_written(
+    command: tuple[str, ...], number: int, tmp_path: Path
+) -> None:
+    part = tmp_path / "results.json.part"
+    # A shell starts what runs in the background deaf to Ctrl-C, and so it would these tests.
+    start = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can"]
+    with subprocess.Popen(
+        [*start, *command, "--json", "results.json"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as begun:
+        end = time.monotonic() + GUARD_S
+        while not part.exists():
+            assert begun.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        begun.send_signal(number)
+        _, complaints = begun.communicate(timeout=GUARD_S)
+    assert (begun.returncode, complaints.split()) == (1, ["Aborted!"])
+    assert not list(tmp_path.iterdir())
 
 
 def test_results_may_go_to_a_device() -> None:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
 from nodes_on_a_bus import GUARD_S, multicast_options, processes
 
 from smarttac_can.bench import Stimulator
@@ -50,7 +51,8 @@ def test_a_sound_plate_and_a_broken_one(multicast: dict[str, Any], tmp_path: Pat
     assert 90 < bad[0]["value"] < 110
 
 
-def test_ctrl_c_leaves_0_v(multicast: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_0_v(number: int, multicast: dict[str, Any], tmp_path: Path) -> None:
     path = tmp_path / "selftest.json"
     with processes(multicast, "node --finger none") as (node,):
         test = subprocess.Popen(
@@ -60,13 +62,13 @@ def test_ctrl_c_leaves_0_v(multicast: dict[str, Any], tmp_path: Path) -> None:
             text=True,
         )
         node.wait_for("stimulator 32 mode open_loop")
-        test.send_signal(signal.SIGINT)
+        test.send_signal(number)
         _, complaints = test.communicate(timeout=GUARD_S)
         node.wait_for("stimulator 32 mode off")
     assert test.returncode == 1
     assert complaints.splitlines()[-1] == "Aborted!"
     assert "Traceback" not in complaints
-    assert not path.exists()
+    assert not list(tmp_path.iterdir())
 
 
 def test_nobody_there(multicast: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from conftest import GUARD_S
 from toy_node import BOOT_UP, OFF
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.host.process_signals import sigterm_interrupts, stop_on_signals
 from smarttac_can.host.python_can import PythonCanBus
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
@@ -34,6 +35,31 @@ def test_handlers_come_back_after_an_error() -> None:
     with pytest.raises(ZeroDivisionError), stop_on_signals():
         raise ZeroDivisionError
     assert [signal.getsignal(n) for n in SIGNALS] == before
+
+
+def test_sigterm_interrupts_and_its_handler_comes_back() -> None:
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    with pytest.raises(KeyboardInterrupt), sigterm_interrupts():
+        signal.raise_signal(signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_sigterm_is_left_to_who_handles_it() -> None:
+    with sigterm_interrupts(), stop_on_signals() as stop:
+        signal.raise_signal(signal.SIGTERM)
+        assert stop()
+    with stop_on_signals() as stop, sigterm_interrupts():
+        signal.raise_signal(signal.SIGTERM)
+        assert stop()
+
+
+def test_sigterm_is_left_alone_outside_of_the_main_thread() -> None:
+    def look() -> object:
+        with sigterm_interrupts():
+            return signal.getsignal(signal.SIGTERM)
+
+    with ThreadPoolExecutor(1) as executor:
+        assert executor.submit(look).result(GUARD_S) is signal.SIG_DFL
 
 
 @pytest.mark.parametrize("number", SIGNALS)
