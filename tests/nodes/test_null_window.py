@@ -123,6 +123,6 @@ def test_a_fault_keeps_its_message(bench: Stimulator) -> None:
         bench.run(0.1)
     assert bench.message == "a sensor is stuck"
     bench.set("Fault.Kind", FaultKind.OFFSET)
-    with pytest.raises(RefusedError):
+    with pytest.raises(FaultError, match="a sensor is stuck"):
         bench.tare()
     assert bench.message == "a sensor is stuck"
