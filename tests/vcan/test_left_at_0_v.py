@@ -49,8 +49,9 @@ def stage_voltage() -> int:
 
 
 def connect() -> Stimulator:
+    """Connect with patience: a process that was paused has much to hear."""
     return Stimulator.connect(
-        interface="socketcan", channel=CHANNEL, plate_node_id=PLATE_ID, lockstep=True
+        interface="socketcan", channel=CHANNEL, plate_node_id=PLATE_ID, lockstep=True, timeout=10.0
     )
 
 
