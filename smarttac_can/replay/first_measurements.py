@@ -63,7 +63,7 @@ class FirstMeasurements:
         return held
 
     @property
-    def any(self) -> bool:
+    def undecided(self) -> bool:
         """Whether one is held back, so that it is not known what the node heard since."""
         return self.open and bool(self._held)
 

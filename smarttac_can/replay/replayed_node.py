@@ -177,7 +177,7 @@ class ReplayedNode:
 
         Its clock slowly follows the SYNCs of the log, which another clock may have stamped.
         """
-        while self._waiting and not self._first.any:
+        while self._waiting and not self._first.undecided:
             self._hear(*self._waiting.popleft())
         due = self._node.device.sync_due
         if due == NEVER:

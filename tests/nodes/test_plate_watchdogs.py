@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from line import DRIVE, PREOP, START, Line, drive, ready_plate
 
@@ -136,27 +138,26 @@ def test_a_first_drive_above_the_limit_bars_as_well() -> None:
     assert_barred_until_0_v(line, plate)
 
 
-def test_a_plate_that_cools_down_waits_for_0_v() -> None:
-    line, plate = ready_plate()
+@pytest.mark.parametrize(
+    ("begun", "meanwhile", "after", "codes"),
+    [
+        (ready_plate, 2000, 0, [FaultCode.TEMPERATURE]),
+        (driven_plate, 2000, 0, [FaultCode.TEMPERATURE]),
+        (driven_plate, 0, 2000, [FaultCode.TEMPERATURE, 0]),
+    ],
+)
+def test_a_plate_that_cools_down_waits_for_0_v_which_may_come_while_it_is_hot(
+    begun: Callable[[], tuple[Line, PlateNode]], meanwhile: int, after: int, codes: list[int]
+) -> None:
+    line, plate = begun()
     line.write(plate, "Limit.Temperature", 1500)
     line.sync()
-    line.send(drive(2000, tick_of(plate)))
+    line.send(drive(meanwhile, tick_of(plate)))
     line.write(plate, "Limit.Temperature", 7000)
     line.sync()
     line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].value == 0
-
-
-def test_0_v_that_came_while_it_was_hot_frees_a_plate_that_has_cooled_down() -> None:
-    line, plate = driven_plate()
-    line.write(plate, "Limit.Temperature", 1500)
-    line.sync()
-    line.send(drive(0, tick_of(plate)))
-    line.write(plate, "Limit.Temperature", 7000)
-    line.sync()
-    line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].value == 2000
-    assert emergencies(line) == [FaultCode.TEMPERATURE, 0]
+    assert plate.od["Stage.Voltage"].value == after
+    assert emergencies(line) == codes
 
 
 @pytest.mark.parametrize("kind", ["corrupt", "out of range", "of an old tick"])

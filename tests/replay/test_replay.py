@@ -24,6 +24,11 @@ from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.replay import Difference, DifferenceError, Replay
 
+READ = Frame(SDO_TO, bytes.fromhex("4000200000000000"))
+"""Of the Statusword."""
+LIVE = Frame(SDO_FROM, bytes.fromhex("4B00200001000000"))
+"""Its answer, after the first cycle."""
+
 
 def first_difference(log: Log, *, lockstep: bool = True) -> Difference:
     with pytest.raises(DifferenceError) as caught:
@@ -267,8 +272,8 @@ def test_a_read_behind_the_first_measurement_is_answered_after_it(late: int) -> 
     measured, drive = places(log, 0x3A1)[0], places(log, DRIVE)[0]
     status = drive + 1
     asked = log[measured][0]
-    read = (asked + 1, Frame(SDO_TO, bytes.fromhex("4000200000000000")))
-    live = (log[status][0] + late + 1, Frame(SDO_FROM, bytes.fromhex("4B00200001000000")))
+    read = (asked + 1, READ)
+    live = (log[status][0] + late + 1, LIVE)
     moved = [(log[place][0] + late, log[place][1]) for place in (drive, status)]
     rest = [item for place, item in enumerate(log) if place not in (drive, status)]
     busy = sorted([*rest, read, *moved, live], key=lambda item: item[0])
@@ -297,8 +302,8 @@ def test_a_process_may_stand_still_while_it_says_nothing(still_ms: int) -> None:
     log = clocked_run()
     measured, drive = places(log, 0x3A1)[0], places(log, DRIVE)[0]
     asked = log[measured][0] + 1
-    read = (asked, Frame(SDO_TO, bytes.fromhex("4000200000000000")))
-    live = (log[drive + 1][0] + 1, Frame(SDO_FROM, bytes.fromhex("4B00200001000000")))
+    read = (asked, READ)
+    live = (log[drive + 1][0] + 1, LIVE)
     others = [(asked + 1000 * n, Frame(0x701, b"\5")) for n in range(still_ms)]
     later = [*log[drive : drive + 2], live, *log[drive + 2 :]]
     replay = Replay(lambda: clocked_node(deadline_ms=100), STIMULATOR_ID, lockstep=False)
