@@ -100,6 +100,8 @@ class WatchScreen(App[None]):
             event.input.value = ""
 
     def _tick(self) -> None:
+        if not self.is_running:
+            return
         now = monotonic()
         self._watcher.lost = self._listener.lost
         for at, frame in self._listener.heard():

@@ -182,6 +182,22 @@ def test_a_bus_that_is_unplugged_is_told_and_comes_back(
         asyncio.run(run(WatchScreen(Watcher(stimulator_od()), listener, "a bus")))
 
 
+def test_it_ends_without_a_last_look(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take_down = WatchScreen._close_all
+
+    async def slowly(screen: WatchScreen) -> None:
+        await take_down(screen)
+        await asyncio.sleep(0.3)  # while the next look falls due
+
+    async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
+        await until(pilot, screen, "state -")
+
+    monkeypatch.setattr(WatchScreen, "_close_all", slowly)
+    play(virtual, script)
+
+
 def test_a_small_terminal_is_told(virtual: dict[str, Any]) -> None:
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         await until(pilot, screen, "the terminal has 50 x 12 characters")
