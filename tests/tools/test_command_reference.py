@@ -22,7 +22,9 @@ def commands(group: click.Group, path: str) -> Iterator[tuple[str, click.Command
 
 @pytest.mark.parametrize(("path", "command"), list(commands(smarttac, "smarttac")))
 def test_arguments_are_named_as_in_the_usage_line(path: str, command: click.Command) -> None:
-    usage = command.get_usage(click.Context(command, info_name=path))
+    # Under the settings of the whole: a command keeps the names of its help from its first usage.
+    whole = click.Context(smarttac, **smarttac.context_settings)
+    usage = command.get_usage(click.Context(command, whole, info_name=path))
     _, wanted = usage.replace("\n", " ").split("[OPTIONS]")
     section = PAGE.split(f"\n## `{path}`\n")[1].split("\n## ")[0]
     named = [name.replace("\\|", "|") for name in re.findall(r"^\| `([^-].*?)`", section, re.M)]
