@@ -82,6 +82,10 @@ class StateLines:
         """Let so many us pass for the node, say what changed, and return the frames due."""
         return self._followed(self._node.advance(microseconds))
 
+    def overtaken(self, frame: Frame) -> list[Frame]:
+        """Hand a frame that newer ones wait behind to the node; otherwise as `receive`."""
+        return self._followed(self._node.overtaken(frame))
+
     def overdue(self) -> list[Frame]:
         """Let the node act on deadlines that have passed, before it hears the frames that wait."""
         return self._followed(self._node.overdue())

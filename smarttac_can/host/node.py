@@ -42,6 +42,12 @@ class HostedNode(Node, Protocol):
     def ids(self) -> Identifiers:
         """CAN-IDs that the node hears, and of its urgent frames; a new object if they change."""
 
+    def overtaken(self, frame: Frame) -> list[Frame]:
+        """Take a frame that a newer one of its identifier waits behind; return the answers.
+
+        The host calls it instead of `receive` when it comes late.
+        """
+
     def overdue(self) -> list[Frame]:
         """Act on deadlines that have passed, before the frames that wait are heard.
 

@@ -18,6 +18,7 @@ from smarttac_can.device.port import Identifiers
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
 from smarttac_can.host.node import HostedNode
 from smarttac_can.host.outbox import Outbox
+from smarttac_can.host.read_ahead import ReadAhead
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.vocabulary.signals import TICK_US
 
@@ -121,6 +122,7 @@ class _Run:
         self._node = node
         self._bus = bus
         self._outbox = Outbox(node, bus, full)
+        self._inbox = ReadAhead(bus, clock)
         self._clock = clock
         self._rest = rest
         self._ids: Identifiers | None = None
@@ -208,7 +210,7 @@ class _Run:
         """Hear the next frame, or wait until something is due."""
         # Frames that come before the wait is over do not tell whether there was one.
         busy = now - self._rested > _BUSY_US
-        frame = self._bus.receive(0.0 if busy else wait_us * 1e-6)
+        frame = self._inbox.receive(0.0 if busy else wait_us * 1e-6)
         if frame is None:
             self._silent()
             return
@@ -231,7 +233,8 @@ class _Run:
         timers.now = now
         if timers.next_due <= now:
             self.say(self._node.overdue())
-        self.say(self._node.receive(frame))
+        overtaken = self._inbox.overtaken(frame)
+        self.say(self._node.overtaken(frame) if overtaken else self._node.receive(frame))
 
     def _catch_up(self) -> None:
         """Hear what came meanwhile before what is due without it."""
@@ -245,7 +248,7 @@ class _Run:
         end = now + budget_us
         longest = 0
         while now + longest <= end:
-            frame = self._bus.receive(0.0, (end - now) * 1e-6)
+            frame = self._inbox.receive(0.0, (end - now) * 1e-6)
             if frame is None:
                 self._silent()
                 return

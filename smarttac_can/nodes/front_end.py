@@ -101,6 +101,9 @@ class FrontEnd:
             self.trouble = self.trouble if self._sound_missing else ""
         return sound
 
+    def move(self) -> None:
+        """Do nothing: hardware moves by itself."""
+
     def put_out(self, drive: Drive) -> float:
         """Tell the stage a drive; return the voltage in V that it reads back, `UNKNOWN` if none."""
         told = f"put_out() of {drive.voltage:g} V"

@@ -20,7 +20,7 @@ class PlainNode:
         self.device = device
         self.clock = device.clock
         self.start = device.start
-        self.receive = device.receive
+        self.receive = self.overtaken = device.receive
         self.advance = device.advance
         self.segments = device.segments
         self.bus_off = device.bus_off

@@ -116,8 +116,13 @@ class PlateBlock:
             count.value = 0
         self._show_stage()
 
-    def cycle(self) -> bool:
+    def cycle(self, *, overtaken: bool = False) -> bool:
         """Step to the next tick with the drive that arrived, and sample the sensors there.
+
+        Parameters
+        ----------
+        overtaken
+            Whether nothing is to be sampled, as the next tick waits already.
 
         Returns
         -------
@@ -132,7 +137,11 @@ class PlateBlock:
         self.tick.value = (self.tick.value + 1) & TICK_MASK
         self._gauge_tick.value = (self.tick.value + self.session) & TICK_MASK
         self._ticks.count()
-        measured = self.behind.sample()
+        measured = None
+        if overtaken:
+            self.behind.move()
+        else:
+            measured = self.behind.sample()
         if self.behind.stage is not self._stage:
             self._stage = self.behind.stage
             self._show_stage()

@@ -82,6 +82,7 @@ class PlateNode(Application):
         self._sent = FrameCheck(sent_measurement(od))
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_time = MissedTime(clock)
+        self._overtaken = False
         self._late = od["Cycle.Late drives"]
         self._ticks = od["Cycle.Ticks"]
         self._sender = DriveSender(od)
@@ -106,6 +107,14 @@ class PlateNode(Application):
     def ids(self) -> Identifiers:
         """CAN-IDs that the node listens to, and those of its urgent frames, now."""
         return self.device.ids
+
+    def overtaken(self, frame: Frame) -> list[Frame]:
+        """Take a frame that waited; a SYNC is a tick that is over, and not measured."""
+        self._overtaken = True
+        try:
+            return self.device.receive(frame)
+        finally:
+            self._overtaken = False
 
     def overdue(self) -> list[Frame]:
         """Go to 0 V if no drive came in time, before frames are heard that waited."""
@@ -155,7 +164,7 @@ class PlateNode(Application):
             self._hardware.configure()
 
     def on_sync(self) -> bool:
-        """Step to this tick; while there is no loop, or nothing measured, nothing goes out."""
+        """Step to this tick; without a loop, a measurement, or use for one, nothing goes out."""
         self.block.behind.insist()
         if self.device.nmt_state is not NMTState.OPERATIONAL:
             return False
@@ -168,7 +177,7 @@ class PlateNode(Application):
             self._hardware.cycle(self.block.told)
             if self._hardware.cause is FaultCode.STAGE:
                 self._protect(FaultCode.STAGE)
-        measured = self.block.cycle()
+        measured = self.block.cycle(overtaken=self._overtaken)
         self._sender.follow(self.block.tick.value)
         self._heed_front_end()
         if measured:

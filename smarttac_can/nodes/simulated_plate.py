@@ -70,14 +70,17 @@ class SimulatedPlate:
 
     def sample(self) -> Measurement:
         """Step from the tick before with the drive that came since, and sample the sensors."""
-        plate = self.plate
+        self.move()
+        return self.plate.sample()
+
+    def move(self) -> None:
+        """Step from the tick before with the drive that came since."""
         if self._fault_in >= 0:
             self._approach_fault()
         if self._moving:
-            plate.step(self._old, self.stage)
+            self.plate.step(self._old, self.stage)
             self._old = self.stage
         self._moving = True
-        return plate.sample()
 
     def put_out(self, drive: Drive) -> float:
         """Put a drive out from the end of the dead time on; return the voltage read back in V."""

@@ -107,7 +107,7 @@ class StimulatorNode(Application):
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
         self.start = self.device.start
-        self.receive = self.device.receive
+        self.receive = self.overtaken = self.device.receive
         self.advance = self.device.advance
         self.segments = self.device.segments
 

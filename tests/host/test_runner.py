@@ -270,6 +270,15 @@ def test_what_waited_is_heard_before_its_deadline_is_looked_at() -> None:
     assert after[:2] == [("late", 500_020), ("heard", 500_020)], "what must not wait comes before"
 
 
+def test_after_a_pause_the_node_knows_which_frames_are_overtaken() -> None:
+    host = Host(every(1000, SYNC), until=60_000, frame_cost=20, pauses=((20_001, 14_000),))
+    node = ToyNode()
+    run(node, host)
+    syncs = [frame for frame in node.heard if frame == SYNC]
+    assert len(syncs) == 75, "each is heard"
+    assert node.passed == [SYNC] * 14
+
+
 def test_but_not_for_longer_than_10_ms() -> None:
     def frames() -> Iterator[tuple[int, Frame]]:
         yield 0, REQUESTED

@@ -30,6 +30,7 @@ class ToyNode:
         self.advances: list[int] = []
         self.failures = 0
         self.late: list[int] = []
+        self.passed: list[Frame] = []
         self.clock = Clock()
         self._ticker = self.clock.timer(self._tick)
         self._out: list[Frame] = []
@@ -67,6 +68,10 @@ class ToyNode:
         self.clock.advance(microseconds)
         out, self._out = self._out, []
         return out
+
+    def overtaken(self, frame: Frame) -> list[Frame]:
+        self.passed.append(frame)
+        return self.receive(frame)
 
     def overdue(self) -> list[Frame]:
         self.late.append(self.time)

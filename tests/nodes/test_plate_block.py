@@ -35,6 +35,9 @@ class Behind:
     def sample(self) -> Measurement | None:
         return self.measured
 
+    def move(self) -> None:
+        self.stage = Drive(3.0, 43390.0)
+
     def put_out(self, drive: Drive) -> float:
         self.stage = Drive(drive.voltage + self.excess, drive.frequency)
         return self.stage.voltage
@@ -140,6 +143,16 @@ def test_a_stage_that_changes_by_itself_is_shown() -> None:
     behind.stage = Drive(3.0, 43390.0)
     block.cycle()
     assert shown(block) == 300
+
+
+def test_a_tick_that_is_overtaken_moves_the_plate_and_samples_nothing() -> None:
+    block, behind = in_use()
+    tick = block.tick.value
+    behind.measured = Measurement(5e-6j, (0.0,) * 6, 30.0, 0)
+    assert not block.cycle(overtaken=True)
+    assert block.tick.value == tick + 1
+    assert shown(block) == 300
+    assert block.od["Vibration.Temperature"].value == 2100
 
 
 def test_a_run_begins_at_0_v_and_barred() -> None:

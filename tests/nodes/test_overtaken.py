@@ -1,0 +1,71 @@
+"""A plate that comes late passes over the ticks that are over, and answers the newest."""
+
+from __future__ import annotations
+
+from line import MEASUREMENT, START, drive
+from test_front_end import Fake
+
+from smarttac_can.bench.simulation import plate_od
+from smarttac_can.device.frame import Frame
+from smarttac_can.master import requests
+from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.vocabulary.signals import Measurement
+
+FIRST = 30
+
+
+def driven(plate: PlateNode) -> PlateNode:
+    plate.start()
+    plate.receive(requests.nmt(START))
+    for tick in range(FIRST):
+        plate.advance(1000)
+        plate.receive(requests.sync())
+        plate.receive(drive(2000 if tick > 25 else 0, tick))
+    assert plate.od["Stage.Voltage"].value == 2000
+    return plate
+
+
+def paused(plate: PlateNode, ms: int) -> list[Frame]:
+    """What is measured by a plate that stands still, and then finds all SYNCs of that time."""
+    plate.advance(1000 * ms)
+    frames = [frame for _ in range(ms - 1) for frame in plate.overtaken(requests.sync())]
+    frames += plate.receive(requests.sync())
+    return [frame for frame in frames if frame.can_id in MEASUREMENT]
+
+
+def test_it_moves_by_all_ticks_and_measures_at_the_newest() -> None:
+    plate, punctual = driven(PlateNode(plate_od())), driven(PlateNode(plate_od()))
+    ticks = plate.od["Cycle.Ticks"].value
+    for _ in range(14):
+        newest = [
+            frame for frame in punctual.receive(requests.sync()) if frame.can_id in MEASUREMENT
+        ]
+    assert paused(plate, 14) == newest, "as if it had been there all the time"
+    assert plate.od["Cycle.Ticks"].value == ticks + 14
+
+
+def test_its_deadline_begins_anew_with_the_drive_for_the_newest() -> None:
+    plate = driven(PlateNode(plate_od()))
+    paused(plate, 19)
+    plate.receive(drive(3000, FIRST + 18))
+    plate.advance(19_999)
+    assert plate.od["Stage.Voltage"].value == 3000
+    plate.advance(1)
+    assert plate.od["Stage.Voltage"].value == 0
+
+
+def test_frames_other_than_sync_are_heard_as_ever() -> None:
+    plate = driven(PlateNode(plate_od()))
+    plate.receive(requests.sync())
+    plate.overtaken(drive(0, FIRST))
+    assert plate.od["Stage.Voltage"].value == 0
+    assert len(plate.receive(requests.sync())) == len(MEASUREMENT), "and the next SYNC, too"
+
+
+def test_hardware_is_asked_for_no_more_than_it_has() -> None:
+    fake = Fake()
+    plate = driven(PlateNode(plate_od(), front_end=fake))
+    new = iter([Measurement(0j, (0.0,) * 6, 20.0, 0)])
+    fake.answer = lambda: next(new, None)
+    assert len(paused(plate, 14)) == len(MEASUREMENT)
+    assert plate.od["Stage.Voltage"].value == 2000
