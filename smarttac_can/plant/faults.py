@@ -6,7 +6,7 @@ from dataclasses import replace
 from math import floor
 from typing import Final, NamedTuple
 
-import numpy as np
+from numpy.random import default_rng
 
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters, require
@@ -120,7 +120,7 @@ class SensorFault:
             return sound * value * 1e-3
         size = value * (1e-3 if sensor <= GAUGES else 1e-9 if sensor < THERMOMETER else 1e-2)
         if kind is FaultKind.NOISE:
-            rng = np.random.default_rng([self._seed, _FAULT_STREAM, tick])
+            rng = default_rng([self._seed, _FAULT_STREAM, tick])
             return sound + size * float(rng.standard_normal())
         return sound + (size if kind is FaultKind.OFFSET or tick == self._tick else 0.0)
 

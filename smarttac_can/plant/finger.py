@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.random import default_rng
 
 from smarttac_can.plant.parameters import TWO_PI, require
 
@@ -159,7 +160,7 @@ class Stroke:
         self._speed = speed
         self._path = Path(travel, rest, press)
         self._variation = (force_variation, speed_variation)
-        self._rng = np.random.default_rng([seed, _STROKE_STREAM])
+        self._rng = default_rng([seed, _STROKE_STREAM])
         self._passes = [self._draw(rest + press)]
 
     def _draw(self, start: float) -> Pass:

@@ -7,6 +7,7 @@ from math import floor
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import default_rng  # here: its import swallows a Ctrl-C
 from numpy.typing import NDArray
 
 from smarttac_can.plant.parameters import SensorParameters, require
@@ -55,7 +56,7 @@ Readings = tuple[complex, tuple[float, float, float, float, float, float], float
 def sensing(parameters: SensorParameters) -> Sensing:
     """Return the sensors with these parameters: their serial number draws what the gauges have."""
     p = parameters
-    draws = np.random.default_rng([p.serial, _SERIAL_STREAM]).uniform(-1.0, 1.0, (3, 6))
+    draws = default_rng([p.serial, _SERIAL_STREAM]).uniform(-1.0, 1.0, (3, 6))
     curvature = 4.0 * p.linearity / (p.span * p.span) if p.span else 0.0
     s1, s2, s3, s4, s5, s6 = (
         Gauge(p.null * null, p.drift * drift, curvature * bow)
@@ -79,7 +80,7 @@ def noise_block(parameters: SensorParameters, seed: int, block: int) -> NDArray[
     """Return the noise of ticks ``256 block`` to ``256 block + 255``, one row of 9 a tick, SI."""
     p = parameters
     scale = np.array([p.gauge_noise] * 6 + [p.pickup_noise] * 2 + [p.temperature_noise])
-    rng = np.random.default_rng([seed, _NOISE_STREAM, block])
+    rng = default_rng([seed, _NOISE_STREAM, block])
     noise: NDArray[np.float64] = rng.standard_normal((NOISE_BLOCK, CHANNELS)) * scale
     return noise
 

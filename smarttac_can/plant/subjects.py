@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.random import default_rng
 
 from smarttac_can.plant.parameters import require
 
@@ -120,7 +121,7 @@ def random_subjects(count: int, seed: int) -> list[Subject]:
     """
     require("count", count, 1, 1_000_000)
     require("seed", seed, 0, 2**63 - 1)
-    rng = np.random.default_rng([seed, 0x5B])
+    rng = default_rng([seed, 0x5B])
     low = np.array([0.30, 0.15, 0.8e-6, 1.0, 5.0, 0.70])
     high = np.array([0.90, 0.50, 3.0e-6, 2.0, 14.0, 1.00])
     subjects = []

@@ -279,6 +279,12 @@ def test_a_signal_leaves_nothing_half_written(
     assert not list(tmp_path.iterdir())
 
 
+def test_no_import_that_swallows_an_interrupt_is_left_for_a_run() -> None:
+    look = "import smarttac_can.cli, sys; print('numpy.random' in sys.modules)"
+    said = subprocess.run([sys.executable, "-c", look], stdout=subprocess.PIPE, check=True).stdout
+    assert said == b"True\n"
+
+
 def test_results_may_go_to_a_device() -> None:
     assert run(*ONE, "--json", "/dev/null").exit_code == 0
     assert not Path("/dev/null").is_file()

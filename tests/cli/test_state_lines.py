@@ -25,6 +25,17 @@ def test_a_line_names_the_double_and_another_its_end() -> None:
     assert said[1:] == ["plate 33 alone again with its identifiers"]
 
 
+def test_an_overtaken_frame_is_handed_on_as_such_and_what_changes_is_said() -> None:
+    said: list[str] = []
+    node = StateLines("plate", "here", PlateNode(plate_od()), said.append)
+    node.start()
+    said.clear()
+    node.overtaken(requests.nmt(1))
+    assert said == ["plate 33 operational"]
+    assert node.receive(requests.sync())
+    assert not node.overtaken(requests.sync()), "a tick that is over is not measured"
+
+
 @pytest.mark.parametrize(
     ("stored", "said"),
     [
