@@ -10,6 +10,7 @@ from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.frame_faults import FrameFault
 from smarttac_can.host.node import ConnectedNode, HostedNode, without_queue
 from smarttac_can.host.outbox import Outbox
+from smarttac_can.host.read_ahead import kind
 
 if TYPE_CHECKING:
     from smarttac_can.host.faulty_bus import FaultyBus
@@ -194,9 +195,21 @@ class Station:
         if not self._lockstep:
             self.node.clock.now += sum(item for item in missed if isinstance(item, int))
             out += self._sent(self.node.overdue())
-            missed = [*(item for item in missed if isinstance(item, Frame)), 0]
+            out += self._hear_what_waits([item for item in missed if isinstance(item, Frame)])
+            missed = [0]
         for item in missed:
             out += self.advance(item) if isinstance(item, int) else self.receive(item)
+        return out
+
+    def _hear_what_waits(self, frames: list[Frame]) -> list[Frame]:
+        """Take frames of which it is known what newer ones wait behind them."""
+        out: list[Frame] = []
+        if not (self.powered and self.connected):
+            return out
+        newest = {kind(frame): at for at, frame in enumerate(frames)}
+        for at, frame in enumerate(frames):
+            hear = self._receive if at == newest[kind(frame)] else self.node.overtaken
+            out += self._sent(hear(frame))
         return out
 
     def clog(self, until: int) -> None:

@@ -12,11 +12,18 @@ from smarttac_can.host.bus import Bus
 _LATE_NS: Final = 2_000_000
 """A bus that nobody looked at for so long may have several frames waiting."""
 _READING_NS: Final = 1_000_000
-"""For how long they are read ahead."""
+"""For how long they are read ahead, but for the last one."""
+
+
+def kind(frame: Frame) -> tuple[int, bool, int]:
+    """Return what two frames have in common of which the newer one overtakes the other."""
+    return frame.can_id, frame.rtr, len(frame.data)
 
 
 class ReadAhead:
     """Takes frames of a bus one by one, as they came.
+
+    Frames that were read ahead passed the `Bus.listen_to` of that time.
 
     Parameters
     ----------
@@ -24,6 +31,11 @@ class ReadAhead:
         The bus.
     clock
         Monotonic time in ns.
+
+    Attributes
+    ----------
+    late
+        Whether more frames may wait: nobody has looked for 2 ms, be it that none came.
     """
 
     def __init__(self, bus: Bus, clock: Callable[[], int]) -> None:
@@ -31,28 +43,34 @@ class ReadAhead:
         self._clock = clock
         self._ahead: deque[Frame] = deque()
         self._looked = clock()
-        self._late = False
+        self.late = False
 
     def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
         """Return the next frame, as `Bus.receive` does."""
         if self._ahead:
+            self.late = False
             return self._ahead.popleft()
         frame = self._bus.receive(timeout, patience)
         before, self._looked = self._looked, self._clock()
-        self._late = self._looked - before >= _LATE_NS
+        self.late = self._looked - before >= _LATE_NS
         return frame
 
-    def overtaken(self, frame: Frame) -> bool:
-        """Whether a newer frame of its identifier waits behind the one that was received last.
+    def put_back(self, frame: Frame) -> None:
+        """Have the frame that was received last come again."""
+        self._ahead.appendleft(frame)
 
-        After a pause the frames that wait are read for it.
-        """
-        if self._late:
-            self._late = False
-            self._read()
-        return any(newer.can_id == frame.can_id for newer in self._ahead)
-
-    def _read(self) -> None:
-        end = self._clock() + _READING_NS
-        while self._clock() < end and (frame := self._bus.receive(0.0)) is not None:
+    def read(self) -> int:
+        """Read what waits, behind what was read before; return the longest time for one in ns."""
+        now = self._clock()
+        end = now + _READING_NS
+        longest = 0
+        while now < end and (frame := self._bus.receive(0.0, (end - now) * 1e-9)) is not None:
             self._ahead.append(frame)
+            before, now = now, self._clock()
+            longest = max(longest, now - before)
+        self._looked = now
+        return longest
+
+    def overtaken(self, frame: Frame) -> bool:
+        """Whether a newer frame of its kind was read behind the one that was received last."""
+        return any(kind(newer) == kind(frame) for newer in self._ahead)

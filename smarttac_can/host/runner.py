@@ -123,12 +123,14 @@ class _Run:
         self._bus = bus
         self._outbox = Outbox(node, bus, full)
         self._inbox = ReadAhead(bus, clock)
+        self._hear_overtaken = node.overtaken
         self._clock = clock
         self._rest = rest
         self._ids: Identifiers | None = None
         self._epoch = clock() // 1000 - node.clock.now
         self._rested = self._now()
         self._flooded = False
+        self._slow = 0
 
     def say(self, frames: list[Frame]) -> None:
         """Put frames of the node on the bus, and listen to what it listens to from now on."""
@@ -153,7 +155,7 @@ class _Run:
                 timers.now = now
                 self.say(self._node.advance(0))
                 if timers.next_due <= self._now():
-                    self._hear(_HEARD_US)
+                    self._hear(self._now() + _HEARD_US)
                     if self._flooded:
                         self._rest_if_busy(now)
             else:
@@ -213,9 +215,13 @@ class _Run:
         frame = self._inbox.receive(0.0 if busy else wait_us * 1e-6)
         if frame is None:
             self._silent()
-            return
-        self._take(frame, self._now())
-        self._rest_if_busy(now)
+        elif self._inbox.late:
+            self._act_overdue(self._now())
+            self._inbox.put_back(frame)
+            self._read_ahead()
+        else:
+            self._take(frame, self._now())
+            self._rest_if_busy(now)
 
     def _silent(self) -> None:
         """Note that the bus has nothing to hear, so that others have the processor."""
@@ -227,27 +233,38 @@ class _Run:
             self._rest(_REST_US * 1e-6)
             self._rested = self._now()
 
-    def _take(self, frame: Frame, now: int) -> None:
-        """Have the node hear a frame; what must not wait for one comes before it."""
+    def _act_overdue(self, now: int) -> None:
+        """Have the node act on what must not wait for a frame."""
         timers = self._node.clock
         timers.now = now
         if timers.next_due <= now:
             self.say(self._node.overdue())
+
+    def _take(self, frame: Frame, now: int) -> None:
+        """Have the node hear a frame; what must not wait for one comes before it."""
+        self._act_overdue(now)
         overtaken = self._inbox.overtaken(frame)
-        self.say(self._node.overtaken(frame) if overtaken else self._node.receive(frame))
+        self.say(self._hear_overtaken(frame) if overtaken else self._node.receive(frame))
+
+    def _read_ahead(self) -> None:
+        self._slow = self._inbox.read() // 1000
 
     def _catch_up(self) -> None:
         """Hear what came meanwhile before what is due without it."""
-        self._hear(_CATCH_UP_US)
+        now = self._now()
+        self._act_overdue(now)
+        self._read_ahead()
+        self._hear(now + _CATCH_UP_US)
         self._node.clock.now = self._now()
         self.say(self._node.advance(0))
 
-    def _hear(self, budget_us: int) -> None:
+    def _hear(self, end: int) -> None:
         """Hear frames that are there, one at least, and no longer than that."""
         now = self._now()
-        end = now + budget_us
+        # What was read ahead comes at once, and does not tell what those behind it take.
+        slow, self._slow = self._slow, 0
         longest = 0
-        while now + longest <= end:
+        while True:
             frame = self._inbox.receive(0.0, (end - now) * 1e-6)
             if frame is None:
                 self._silent()
@@ -256,5 +273,7 @@ class _Run:
             self._take(frame, self._now())
             now = self._now()
             longest = max(longest, now - before)
+            if now + longest + slow > end:
+                break
         # Without an end to the frames it is not a pause that makes it late, and time comes first.
         self._flooded = True

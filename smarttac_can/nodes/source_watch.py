@@ -63,6 +63,7 @@ class SourceWatch:
         if self._syncs >= sync_window(deadline_ms):
             if self._measured == self._syncs:
                 self._owed = 0
+                self._credits = min(self._credits, 1)
             self._begin_window()
 
     def may_answer(self) -> bool:

@@ -135,6 +135,7 @@ class LoopTiming:
         self._doubtful: deque[float] = deque(maxlen=_WAITING_MAX)
         self._unmeasured: deque[_Cycle] = deque(maxlen=_WAITING_MAX)
         self._unanswered: dict[int, _Cycle] = {}
+        self._unmatched = 0
         self._first_tick: int | None = None
         self._session = 0
         self._tick: int | None = None
@@ -246,27 +247,37 @@ class LoopTiming:
         self.measurement.add(time - cycle.sync)
 
     def _forget_unheard(self, tick: int) -> None:
-        """See by the tick count whether cycles seem to be missed that were only not heard."""
+        """See by the tick count whether cycles seem to be missed that were only not heard.
+
+        A SYNC without measurement and drive is missed: a plate that came late passes over it.
+        """
         assert self._cycle is not None
         unheard = 0 if self._tick is None else (tick - self._tick - 1) % _TICKS
         most = round((self._cycle.sync - self._tick_time) / TICK) - 1
         # A run that starts anew jumps as well, but seldom by no more than the time allows.
         if 0 < unheard <= most:
             unheard += (most - unheard) // _TICKS * _TICKS
+            waiting = min(unheard, len(self._unmeasured) - 1)
+            for _ in range(waiting):
+                self._unmeasured.popleft()
+            unheard -= max(0, waiting - self._unmatched)
+        else:
+            unheard = 0
+        if unheard:
             self.lost += unheard
             self._drive_time = None
-            for _ in range(min(unheard, len(self._unmeasured) - 1)):
-                self._unmeasured.popleft()
         else:
             for late in self._doubtful:
                 self.sync.add(late)
         self._doubtful.clear()
+        self._unmatched = 0
 
     def _on_drive(self, time: float, data: bytes) -> None:
         if len(data) <= self._driven_at:
             return
         cycle = self._unanswered.pop(data[self._driven_at], None)
         if cycle is None:
+            self._unmatched += 1
             return
         cycle.driven = True
         self.drive.add(time - cycle.sync)

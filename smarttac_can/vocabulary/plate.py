@@ -35,7 +35,7 @@ class Plate(Protocol):
         ...
 
     def sample(self) -> Measurement | None:
-        """Return what is measured at this tick, once a millisecond.
+        """Return what is measured at this tick, once a millisecond at most.
 
         Returns
         -------

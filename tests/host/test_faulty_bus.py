@@ -180,6 +180,7 @@ def test_paused_process_in_real_time_has_the_time_first() -> None:
     bus.resume(port)
     assert node.late == [300_000], "before it hears a frame"
     assert len(node.heard) == 256, "a queue is full some time"
+    assert node.passed == [SYNC] * 255, "all but the newest are overtaken"
     assert node.time == 300_000
 
 

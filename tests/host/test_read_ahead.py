@@ -12,7 +12,7 @@ from smarttac_can.host.read_ahead import ReadAhead
 REQUESTED = Frame(REQUEST + 1)
 
 
-def taken(host: Host, inbox: ReadAhead, number: int) -> list[tuple[Frame | None, bool]]:
+def taken(inbox: ReadAhead, number: int) -> list[tuple[Frame | None, bool]]:
     frames = []
     for _ in range(number):
         frame = inbox.receive(0.0)
@@ -20,42 +20,75 @@ def taken(host: Host, inbox: ReadAhead, number: int) -> list[tuple[Frame | None,
     return frames
 
 
-@pytest.mark.parametrize(("late_us", "known"), [(1999, False), (2000, True)])
-def test_what_newer_ones_wait_behind_is_known_after_2_ms(late_us: int, known: bool) -> None:
+def test_of_what_was_read_it_is_known_what_newer_ones_wait_behind() -> None:
     waiting = [SYNC, REQUESTED, SYNC, OTHER, SYNC]
     host = Host([(1, frame) for frame in waiting], until=0)
     inbox = ReadAhead(host, host.clock)
-    host.now = late_us
-    assert taken(host, inbox, 6) == [
-        (SYNC, known),
+    host.now = 5000
+    assert inbox.receive(0.0) == SYNC
+    inbox.put_back(SYNC)
+    inbox.read()
+    assert taken(inbox, 6) == [
+        (SYNC, True),
         (REQUESTED, False),
-        (SYNC, known),
+        (SYNC, True),
         (OTHER, False),
         (SYNC, False),
         (None, False),
     ]
 
 
-def test_they_are_read_ahead_for_no_longer_than_a_ms() -> None:
-    host = Host([(1, SYNC)] * 40, until=0, frame_cost=100)
+@pytest.mark.parametrize(
+    "other", [Frame(SYNC.can_id, b"\1"), Frame(SYNC.can_id, rtr=True), REQUESTED]
+)
+def test_what_is_of_another_kind_overtakes_nothing(other: Frame) -> None:
+    host = Host([(1, SYNC), (1, other)], until=0)
+    inbox = ReadAhead(host, host.clock)
+    host.now = 1
+    inbox.read()
+    assert taken(inbox, 2) == [(SYNC, False), (other, False)]
+
+
+def test_it_is_late_when_nobody_looked_for_2_ms() -> None:
+    host = Host([(at, SYNC) for at in (1999, 3999, 3999, 5000)], until=0)
+    inbox = ReadAhead(host, host.clock)
+    told = []
+    for now in (1999, 3999, 3999, 5999):
+        host.now = now
+        assert inbox.receive(0.0) == SYNC
+        told.append(inbox.late)
+    assert told == [False, True, False, True]
+    inbox.put_back(SYNC)
+    assert inbox.receive(0.0) == SYNC
+    assert not inbox.late, "what comes again is told once"
+
+
+def test_they_are_read_for_no_longer_than_a_ms() -> None:
+    host = Host([(1, SYNC)] * 40, until=0, frame_cost=300)
     inbox = ReadAhead(host, host.clock)
     host.now = 5000
-    assert inbox.receive(0.0) == SYNC
-    assert host.now == 5100, "not before the node was asked what must not wait"
-    assert inbox.overtaken(SYNC)
-    assert host.now == 6100
-    # What was read is taken before the bus is asked again, and at once.
-    assert [known for _, known in taken(host, inbox, 10)] == [True] * 9 + [False]
-    assert host.now == 6100
+    inbox.read()
+    assert host.now == 5000 + 1200, "but for the last one"
+    # What was read is taken before the bus is asked again, at once as that took its time.
+    assert [known for _, known in taken(inbox, 4)] == [True] * 3 + [False]
+    assert host.now == 6200
+    inbox.receive(0.0)
+    assert (host.now, inbox.late) == (6500, False), "reading is looking"
 
 
-def test_after_work_of_2_ms_it_looks_ahead_again() -> None:
-    host = Host([(at, SYNC) for at in (1, 2, 5001, 5002)], until=0)
+def test_frames_that_nobody_listens_to_do_not_end_the_reading() -> None:
+    patience: list[float] = []
+
+    class Filtering(Host):
+        def receive(self, timeout: float, patience_s: float = 0.0) -> Frame | None:
+            patience.append(patience_s)
+            return super().receive(timeout)
+
+    host = Filtering([(1, SYNC)] * 4, until=0, frame_cost=300)
     inbox = ReadAhead(host, host.clock)
-    host.now = 3000
-    assert taken(host, inbox, 2) == [(SYNC, True), (SYNC, False)]
-    host.now = 6000
-    assert taken(host, inbox, 2) == [(SYNC, True), (SYNC, False)]
+    host.now = 1
+    inbox.read()
+    assert patience == pytest.approx([1e-3, 0.7e-3, 0.4e-3, 0.1e-3])
 
 
 def test_on_a_silent_bus_it_waits_as_the_bus_does() -> None:
@@ -64,5 +97,4 @@ def test_on_a_silent_bus_it_waits_as_the_bus_does() -> None:
     assert inbox.receive(0.005) is None
     assert host.now == 5000
     assert inbox.receive(0.005) == SYNC
-    assert not inbox.overtaken(SYNC)
     assert host.now == 9000

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import count
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from toy_node import AT_SYNC, BOOT_UP, EMERGENCY, OFF, REPLY, REQUEST, SYNC, TICKER, ToyNode
 
@@ -210,6 +210,9 @@ def test_a_node_whose_cycles_take_too_long_still_hears_the_bus(cost: int) -> Non
 
 
 @settings(deadline=None, max_examples=150)
+@example(frame_cost=3500, send_cost=2500, bursts=[], pauses=[], period=1000)
+@example(frame_cost=5000, send_cost=4000, bursts=[(9_990, 8)], pauses=[], period=10_000)
+@example(frame_cost=900, send_cost=4000, bursts=[(9_990, 8)], pauses=[], period=10_000)
 @given(
     frame_cost=st.integers(0, 5000),
     send_cost=st.integers(0, 4000),
@@ -267,7 +270,9 @@ def test_what_waited_is_heard_before_its_deadline_is_looked_at() -> None:
     run(node, host)
     assert node.lost == [], "the bus was never silent: the process was not run"
     after = [event for event in node.order if event[1] > 300_000]
-    assert after[:2] == [("late", 500_020), ("heard", 500_020)], "what must not wait comes before"
+    assert after[0] == ("late", 500_020), "what must not wait comes before what waited"
+    heard = after.index(("heard", 500_620))
+    assert after[heard - 1] == ("late", 500_620), "also after 30 more are read"
 
 
 def test_after_a_pause_the_node_knows_which_frames_are_overtaken() -> None:

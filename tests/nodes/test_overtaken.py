@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+from driven import driven_within, write
 from line import MEASUREMENT, START, drive
 from test_front_end import Fake
 
@@ -9,7 +11,10 @@ from smarttac_can.bench.simulation import plate_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.trials.rig import Rig
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Measurement
+from smarttac_can.vocabulary.states import State
 
 FIRST = 30
 
@@ -33,6 +38,15 @@ def paused(plate: PlateNode, ms: int) -> list[Frame]:
     return [frame for frame in frames if frame.can_id in MEASUREMENT]
 
 
+def highest(rig: Rig, cycles: int) -> float:
+    """Highest true amplitude in m within so many cycles."""
+    amplitudes = []
+    for _ in range(cycles):
+        rig.cycle()
+        amplitudes.append(abs(rig.plate.block.plate.W))
+    return max(amplitudes)
+
+
 def test_it_moves_by_all_ticks_and_measures_at_the_newest() -> None:
     plate, punctual = driven(PlateNode(plate_od())), driven(PlateNode(plate_od()))
     ticks = plate.od["Cycle.Ticks"].value
@@ -46,7 +60,7 @@ def test_it_moves_by_all_ticks_and_measures_at_the_newest() -> None:
 
 def test_its_deadline_begins_anew_with_the_drive_for_the_newest() -> None:
     plate = driven(PlateNode(plate_od()))
-    paused(plate, 19)
+    assert len(paused(plate, 19)) == len(MEASUREMENT), "one measurement, so one drive is in time"
     plate.receive(drive(3000, FIRST + 18))
     plate.advance(19_999)
     assert plate.od["Stage.Voltage"].value == 3000
@@ -69,3 +83,37 @@ def test_hardware_is_asked_for_no_more_than_it_has() -> None:
     fake.answer = lambda: next(new, None)
     assert len(paused(plate, 14)) == len(MEASUREMENT)
     assert plate.od["Stage.Voltage"].value == 2000
+
+
+@pytest.mark.parametrize(
+    ("mode", "laws"),
+    [
+        (Mode.AMPLITUDE, {"Controller.Vibration law": law} | {"Friction law": Law.MEASURED})
+        for law in VibrationLaw
+    ]
+    + [
+        (Mode.FRICTION, {"Friction law": law, "Controller.Vibration law": vibration})
+        for law in Law
+        for vibration in (VibrationLaw.PI, VibrationLaw.PREDICTIVE)
+    ],
+)
+def test_the_loop_bears_a_gap_of_14_ticks_under_every_law(mode: Mode, laws: dict[str, int]) -> None:
+    rig = driven_within(20, mode)
+    assert write(rig, "Controlword", 0) == 0
+    for name, law in laws.items():
+        assert write(rig, name, law) == 0
+    rig.cycle(5)
+    rig.drive(mode)
+    rig.cycle(300)
+    assert rig.state is State.RUNNING, rig.od["Message"].value
+    before = highest(rig, 200)
+    assert rig.plate_port is not None
+    for _ in range(20):
+        ticks = rig.plate.od["Cycle.Ticks"].value
+        rig.bus.pause(rig.plate_port)
+        rig.cycle(14)
+        rig.bus.resume(rig.plate_port)
+        after = highest(rig, 40)
+        assert rig.state is State.RUNNING, rig.od["Message"].value
+        assert rig.plate.od["Cycle.Ticks"].value - ticks == 54
+        assert after < before + 0.7e-6

@@ -100,6 +100,10 @@ def test_a_window_with_a_measurement_a_sync_says_that_none_waits_any_more() -> N
     assert watch.level == THIRD
 
 
+def test_after_such_a_window_no_answer_is_left_for_what_never_came() -> None:
+    assert settled().answers(3) == [True, True, False], "that of the last SYNC, and one ahead"
+
+
 def test_a_window_that_lacks_some_says_nothing() -> None:
     watch = Watch()
     watch.sync(7)

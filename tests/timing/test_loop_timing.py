@@ -206,6 +206,19 @@ def test_measurements_that_were_not_heard(loop: Loop) -> None:
     assert timing.measurement.counts == {200: 19}
 
 
+def test_ticks_that_a_late_plate_passes_over_are_missed(loop: Loop) -> None:
+    loop.cycles(0, 10)
+    for n in range(10, 25):
+        loop.feed(n, sync())
+    loop.feed(24.2, measurement(24))
+    loop.feed(24.45, drive(24))
+    loop.cycles(25, 31)
+    timing = loop.timing
+    assert (timing.ticks, timing.missed, timing.lost) == (30, 14, 0)
+    assert timing.gap_s == pytest.approx(15 * MS, abs=1e-6)
+    assert timing.measurement.counts == {200: 17}
+
+
 def test_a_sync_that_the_plate_has_not_heard_shifts_nothing_for_long(loop: Loop) -> None:
     loop.cycles(0, 10)
     loop.feed(10, sync())

@@ -1,6 +1,7 @@
 """The fault matrix: a share of its rows, its log, and what a row that fails looks like."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,7 +75,9 @@ def test_a_fault_that_outlasts_the_heartbeat_of_the_plate_ends_with_the_next_one
 
 
 @pytest.mark.parametrize("mode", DRIVING)
-def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(mode: Mode) -> None:
+def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(
+    mode: Mode, monkeypatch: pytest.MonkeyPatch
+) -> None:
     case = next(case for case in CASES if case.name == "plate paused for 2 s")
     rig = driving_rig(case, mode)
     port = rig.plate_port
@@ -84,13 +87,16 @@ def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(mo
     assert rig.stage.value > 0, "nothing puts the stage at 0 V while it stands"
     seen: list[tuple[int, bool]] = []
     station = rig.bus._stations[port]
-    receive = station._receive
 
-    def note(frame: Frame) -> list[Frame]:
-        seen.append((rig.stage.value, rig.plate_block.barred))
-        return receive(frame)
+    def noting(hear: Callable[[Frame], list[Frame]]) -> Callable[[Frame], list[Frame]]:
+        def note(frame: Frame) -> list[Frame]:
+            seen.append((rig.stage.value, rig.plate_block.barred))
+            return hear(frame)
 
-    station._receive = note
+        return note
+
+    station._receive = noting(station._receive)
+    monkeypatch.setattr(station.node, "overtaken", noting(station.node.overtaken))
     rig.bus.resume(port)
     assert len(seen) > 200
     assert set(seen) == {(0, True)}
