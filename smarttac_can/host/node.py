@@ -43,7 +43,7 @@ class HostedNode(Node, Protocol):
         """CAN-IDs that the node hears, and of its urgent frames; a new object if they change."""
 
     def overtaken(self, frame: Frame) -> list[Frame]:
-        """Take a frame that a newer one of its identifier waits behind; return the answers.
+        """Take a frame that a newer one of its kind waits behind; return the answers.
 
         The host calls it instead of `receive` when it comes late.
         """

@@ -9,8 +9,8 @@ from typing import Final
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import Bus
 
-_LATE_NS: Final = 2_000_000
-"""A bus that nobody looked at for so long may have several frames waiting."""
+LATE_US: Final = 2000
+"""From here on a process came late: what waits on the bus may be older than what is due."""
 _READING_NS: Final = 1_000_000
 """For how long they are read ahead, but for the last one."""
 
@@ -52,7 +52,7 @@ class ReadAhead:
             return self._ahead.popleft()
         frame = self._bus.receive(timeout, patience)
         before, self._looked = self._looked, self._clock()
-        self.late = self._looked - before >= _LATE_NS
+        self.late = self._looked - before >= 1000 * LATE_US
         return frame
 
     def put_back(self, frame: Frame) -> None:

@@ -18,12 +18,10 @@ from smarttac_can.device.port import Identifiers
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
 from smarttac_can.host.node import HostedNode
 from smarttac_can.host.outbox import Outbox
-from smarttac_can.host.read_ahead import ReadAhead
+from smarttac_can.host.read_ahead import LATE_US, ReadAhead
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.vocabulary.signals import TICK_US
 
-_LATE_US: Final = 2000
-"""From here on a process came late: what waits on the bus may be older than what is due."""
 _CATCH_UP_US: Final = 9000
 """For how long in us such a process hears frames before it acts on what is due."""
 _HEARD_US: Final = 1000
@@ -149,7 +147,7 @@ class _Run:
         while not stop():
             now = self._now()
             left = timers.next_due - now
-            if left <= -_LATE_US and not self._flooded:
+            if left <= -LATE_US and not self._flooded:
                 self._catch_up()
             elif left <= 0:
                 timers.now = now
@@ -247,6 +245,7 @@ class _Run:
         self.say(self._hear_overtaken(frame) if overtaken else self._node.receive(frame))
 
     def _read_ahead(self) -> None:
+        """Read the frames that wait, and note what the bus took for one at most."""
         self._slow = self._inbox.read() // 1000
 
     def _catch_up(self) -> None:
@@ -259,7 +258,7 @@ class _Run:
         self.say(self._node.advance(0))
 
     def _hear(self, end: int) -> None:
-        """Hear frames that are there, one at least, and no longer than that."""
+        """Hear frames that are there, one at least, and not beyond a time in us."""
         now = self._now()
         # What was read ahead comes at once, and does not tell what those behind it take.
         slow, self._slow = self._slow, 0

@@ -7,7 +7,7 @@ from math import floor
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import default_rng  # here: its import swallows a Ctrl-C
+from numpy.random import default_rng  # not in a run: its import loses a Ctrl-C
 from numpy.typing import NDArray
 
 from smarttac_can.plant.parameters import SensorParameters, require

@@ -254,17 +254,17 @@ class LoopTiming:
         assert self._cycle is not None
         unheard = 0 if self._tick is None else (tick - self._tick - 1) % _TICKS
         most = round((self._cycle.sync - self._tick_time) / TICK) - 1
+        lost = 0
         # A run that starts anew jumps as well, but seldom by no more than the time allows.
         if 0 < unheard <= most:
             unheard += (most - unheard) // _TICKS * _TICKS
             waiting = min(unheard, len(self._unmeasured) - 1)
             for _ in range(waiting):
                 self._unmeasured.popleft()
-            unheard -= max(0, waiting - self._unmatched)
-        else:
-            unheard = 0
-        if unheard:
-            self.lost += unheard
+            passed_over = max(0, waiting - self._unmatched)
+            lost = unheard - passed_over
+        if lost:
+            self.lost += lost
             self._drive_time = None
         else:
             for late in self._doubtful:
