@@ -14,9 +14,11 @@ from smarttac_can.plant.parameters import SensorParameters, require
 from smarttac_can.vocabulary.signals import Measurement
 
 NOISE_BLOCK = 256
-"""Ticks whose noise is drawn together."""
+"""Ticks whose noise comes from a generator of their own."""
 CHANNELS = 9
 """Noisy channels: S1..S6, the two axes of the pick-up, the thermometer."""
+_DRAW = 16
+"""Ticks whose noise is drawn together: all of a block at once would make its first cycle late."""
 _NOISE_STREAM = 0x4E
 _SERIAL_STREAM = 0x53
 PICKUP_SATURATED = 1 << 6
@@ -78,11 +80,23 @@ def sensing(parameters: SensorParameters) -> Sensing:
 
 def noise_block(parameters: SensorParameters, seed: int, block: int) -> NDArray[np.float64]:
     """Return the noise of ticks ``256 block`` to ``256 block + 255``, one row of 9 a tick, SI."""
-    p = parameters
-    scale = np.array([p.gauge_noise] * 6 + [p.pickup_noise] * 2 + [p.temperature_noise])
-    rng = default_rng([seed, _NOISE_STREAM, block])
-    noise: NDArray[np.float64] = rng.standard_normal((NOISE_BLOCK, CHANNELS)) * scale
-    return noise
+    return _Noise(parameters, seed, block).draw(NOISE_BLOCK)
+
+
+class _Noise:
+    """Noise of a block of ticks; how many are drawn together makes no difference to them."""
+
+    __slots__ = ("_rng", "_scale")
+
+    def __init__(self, parameters: SensorParameters, seed: int, block: int) -> None:
+        p = parameters
+        self._scale = np.array([p.gauge_noise] * 6 + [p.pickup_noise] * 2 + [p.temperature_noise])
+        self._rng = default_rng([seed, _NOISE_STREAM, block])
+
+    def draw(self, ticks: int) -> NDArray[np.float64]:
+        """Return the next rows, one of 9 a tick, SI."""
+        noise: NDArray[np.float64] = self._rng.standard_normal((ticks, CHANNELS)) * self._scale
+        return noise
 
 
 def readings(
@@ -174,7 +188,7 @@ class Sensors:
         Seed of the noise, 0 or more.
     """
 
-    __slots__ = ("_block", "_noise", "_parameters", "_seed", "_sensing")
+    __slots__ = ("_block", "_drawn", "_noise", "_parameters", "_rows", "_seed", "_sensing")
 
     def __init__(self, parameters: SensorParameters, seed: int) -> None:
         require("seed", seed, 0, 2**63 - 1)
@@ -182,7 +196,9 @@ class Sensors:
         self._sensing = sensing(parameters)
         self._seed = seed
         self._block = -1
-        self._noise: list[list[float]] = []
+        self._noise = _Noise(parameters, seed, 0)
+        self._rows: list[list[float]] = []
+        self._drawn = 0
 
     @property
     def nulls(self) -> tuple[float, ...]:
@@ -193,12 +209,19 @@ class Sensors:
         self, tick: int, W: complex, temperature: float, forces: tuple[float, float, float]
     ) -> Measurement:
         """Return what is reported at a tick, 0 or more; the others are those of `readings`."""
-        block, row = divmod(tick, NOISE_BLOCK)
-        if block != self._block:
-            self._noise = noise_block(self._parameters, self._seed, block).tolist()
-            self._block = block
         # A named tuple's own constructor costs twice this.
         return tuple.__new__(
             Measurement,
-            readings(self._sensing, self._noise[row], W, temperature, forces),
+            readings(self._sensing, self._noise_at(tick), W, temperature, forces),
         )
+
+    def _noise_at(self, tick: int) -> Sequence[float]:
+        block, row = divmod(tick, NOISE_BLOCK)
+        if block != self._block or row < self._drawn - _DRAW:
+            self._noise = _Noise(self._parameters, self._seed, block)
+            self._block = block
+            self._drawn = 0
+        while row >= self._drawn:
+            self._rows = self._noise.draw(_DRAW).tolist()
+            self._drawn += _DRAW
+        return self._rows[row % _DRAW]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from smarttac_can.plant.parameters import SensorParameters
-from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors
+from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors, noise_block
 
 REAL = SensorParameters()
 IDEAL = SensorParameters(
@@ -74,8 +74,18 @@ def test_noise_is_a_function_of_the_tick():
     forward = Sensors(REAL, 5)
     reports = [forward.measure(k, 0j, 20.0, (0.0, 0.0, 0.0)) for k in range(600)]
     assert len({r.gauges for r in reports}) == 600
-    for tick in (599, 0, 255, 256):
-        assert Sensors(REAL, 5).measure(tick, 0j, 20.0, (0.0, 0.0, 0.0)) == reports[tick]
+    leaping = Sensors(REAL, 5)
+    for tick in (599, 0, 255, 256, 300, 299, 270, 271, 511, 256, 0, 16, 15):
+        for sensors in (leaping, Sensors(REAL, 5)):
+            assert sensors.measure(tick, 0j, 20.0, (0.0, 0.0, 0.0)) == reports[tick]
+
+
+def test_noise_is_that_of_the_blocks_of_256_ticks():
+    noisy = dataclasses.replace(IDEAL, temperature_noise=1.0, temperature_resolution=1e-9)
+    sensors = Sensors(noisy, 5)
+    read = [sensors.measure(k, 0j, 0.0, (0.0, 0.0, 0.0)).temperature for k in range(700)]
+    drawn = np.concatenate([noise_block(noisy, 5, block) for block in range(3)])[:700, 8]
+    assert read == pytest.approx(drawn, abs=1e-9)
 
 
 def test_each_channel_has_noise_of_its_own():
