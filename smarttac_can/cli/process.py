@@ -16,6 +16,7 @@ from smarttac_can.host.line_writer import LineWriter
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.realtime import (
     collecting_between_cycles,
+    keep_processors_awake,
     request_real_time,
     request_short_slices,
 )
@@ -49,7 +50,7 @@ class Pace(NamedTuple):
             request_short_slices()
             return None
         refused = request_real_time(self.priority, self.cpu)
-        for line in refused:
+        for line in refused or keep_processors_awake():
             click.echo(line, err=True)
         if refused:
             request_short_slices()

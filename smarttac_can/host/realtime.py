@@ -7,9 +7,11 @@ import errno
 import gc
 import os
 import platform
+import struct
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from time import monotonic
 from typing import Final
 
@@ -21,6 +23,7 @@ _KILLED_S: Final = 3.0
 _COLLECT_S: Final = 1.0
 _SLICE_NS: Final = 100_000
 """The shortest that Linux takes."""
+_LATENCY_REQUEST: Final = Path("/dev/cpu_dma_latency")
 _SCHED_SETATTR: Final = {"x86_64": 314, "aarch64": 274}
 """Numbers of that system call, which Python does not have."""
 
@@ -132,6 +135,31 @@ def request_real_time(priority: int, cpu: int | None) -> list[str]:
         _limit_time_without_sleep()
     refused += _lock_memory()
     return refused
+
+
+def keep_processors_awake() -> list[str]:
+    """Ask that no processor goes to sleep from now on, while this process lives.
+
+    One that sleeps is woken late: by some us on bare metal, by more on a virtual machine, whose
+    host gives a processor that rests to others. It takes power.
+
+    Returns
+    -------
+    list of str
+        What the system has refused, with the cure: at most one line.
+    """
+    if sys.platform != "linux":
+        return []
+    try:
+        # The request holds for as long as the file is open, which nobody closes.
+        request = os.open(_LATENCY_REQUEST, os.O_WRONLY)
+        os.write(request, struct.pack("=i", 0))
+    except OSError as error:
+        return [
+            f"real time: processors that sleep are woken late, and {_LATENCY_REQUEST} is refused "
+            f"({error.strerror}): let this user write it, by udev, or give it to the container"
+        ]
+    return []
 
 
 def _limit_time_without_sleep() -> None:

@@ -15,7 +15,11 @@ import pytest
 
 import smarttac_can
 from smarttac_can.host import realtime
-from smarttac_can.host.realtime import collecting_between_cycles, request_real_time
+from smarttac_can.host.realtime import (
+    collecting_between_cycles,
+    keep_processors_awake,
+    request_real_time,
+)
 
 NOBODY = 65534
 MEGABYTE = 1 << 20
@@ -258,6 +262,43 @@ def test_a_system_without_that_policy(monkeypatch: pytest.MonkeyPatch) -> None:
     refused = request_real_time(10, 0)
     assert refused == ["real time: win32 has no SCHED_FIFO for us, going on without"]
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def test_processors_are_kept_awake_while_the_process_lives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = tmp_path / "cpu_dma_latency"
+    asked.write_bytes(b"....")
+    monkeypatch.setattr(realtime, "_LATENCY_REQUEST", asked)
+    before = open_files()
+    assert keep_processors_awake() == []
+    assert asked.read_bytes() == bytes(4), "0 us, as the kernel takes it"
+    (request,) = open_files() - before
+    assert os.path.samestat(os.fstat(request), asked.stat())
+    os.close(request)
+
+
+def open_files() -> set[int]:
+    # The listing has one for itself, which is closed by now.
+    return {int(file.name) for file in Path("/proc/self/fd").iterdir() if file.exists()}
+
+
+def test_processors_that_may_sleep_are_told_with_the_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = tmp_path / "cpu_dma_latency"
+    monkeypatch.setattr(realtime, "_LATENCY_REQUEST", missing)
+    assert keep_processors_awake() == [
+        f"real time: processors that sleep are woken late, and {missing} is refused "
+        "(No such file or directory): let this user write it, by udev, or give it to the container"
+    ]
+
+
+def test_no_processor_is_kept_awake_on_another_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "win32")
+    before = open_files()
+    assert keep_processors_awake() == []
+    assert open_files() == before
 
 
 LIMITED = """
