@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Self, cast
+from typing import Any, Self
 
 import can
 import canopen
-from can.util import load_config
 
 from smarttac_can.bench.link import Hear
+from smarttac_can.host.bus_options import configured, kept_here
 from smarttac_can.host.drivers import opening
 from smarttac_can.master.errors import BenchError
 
@@ -37,9 +37,9 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
 
     def connect(self, **options: Any) -> Self:
         """Connect to a bus of python-can, by its options."""
-        self.hears_itself = bool(_configured(options).get("receive_own_messages"))
-        super().connect(**options)
-        self._options = options
+        self._options = kept_here(options)
+        self.hears_itself = bool(configured(options).get("receive_own_messages"))
+        super().connect(**self._options)
         return self
 
     def second_bus(self) -> can.BusABC:
@@ -66,14 +66,3 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         for tap in self.taps:
             tap(can_id, bytes(data))
         super().notify(can_id, data, timestamp)
-
-
-def _configured(options: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the options that `can.Bus` makes of these: with its files, and texts understood."""
-    if options.get("ignore_config"):
-        return options
-    # Which bus it is comes from the configuration if it is not given.
-    left = [key for key in ("interface", "channel") if options.get(key) is None]
-    given = {key: value for key, value in options.items() if key not in left}
-    context = options.get("config_context")
-    return cast("Mapping[str, Any]", load_config(config=given, context=context))

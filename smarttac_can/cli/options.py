@@ -19,6 +19,7 @@ from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.device.stored_image import begins_as_image
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
@@ -197,7 +198,7 @@ class BusChoice(NamedTuple):
         """
         network = canopen.Network()
         with opening(self.interface, self.channel, BusError):
-            network.connect(**self.options)
+            network.connect(**kept_here(self.options))
         return network
 
 

@@ -18,6 +18,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.kernel_filter import hear_only
 from smarttac_can.host.python_can import to_frame, to_message
@@ -161,7 +162,7 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
         If it cannot be opened, or is of an interface without such time stamps.
     """
     with opening(bus.get("interface"), bus.get("channel"), BusError):
-        opened = can.Bus(**bus)
+        opened = can.Bus(**kept_here(bus))
     with opened:
         if not isinstance(opened, SocketcanBus | UdpMulticastBus):
             raise BusError(

@@ -113,7 +113,6 @@ def test_a_group_without_a_route_has_its_cure(number: int, monkeypatch: pytest.M
         ("udp_multicast", "ff15::7", ", channel ff15::7 of python-can's configuration", ""),
         ("socketcan", "", ", which has no channel", "; "),
         ("kvaser", "", ", which has no channel", "; is the library"),
-        ("nonsense", "", ", which has no channel", "; there are "),
     ],
 )
 def test_a_channel_that_is_missing_or_configured_is_told_so(

@@ -1,0 +1,103 @@
+"""Frames of udp_multicast stay on this computer unless somebody wants them out."""
+
+import socket
+import struct
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from smarttac_can.bench.tapped_network import TappedNetwork
+from smarttac_can.cli.options import BusChoice
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus_options import kept_here
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.timing.loop_processes import require_quiet
+
+GROUP = {"interface": "udp_multicast", "channel": "239.74.163.3"}
+
+
+def test_hop_limit_of_multicast_is_0() -> None:
+    assert kept_here(GROUP) == {**GROUP, "hop_limit": 0}
+
+
+@pytest.mark.parametrize("hops", [0, 1, "1", 7])
+def test_hop_limit_that_is_given_stays(hops: object) -> None:
+    assert kept_here({**GROUP, "hop_limit": hops}) == {**GROUP, "hop_limit": hops}
+
+
+@pytest.mark.parametrize("interface", ["virtual", "socketcan", "pcan"])
+def test_options_of_other_interfaces_stay(interface: str) -> None:
+    options = {"interface": interface, "channel": "7", "bitrate": 125_000}
+    assert kept_here(options) == options
+
+
+@pytest.fixture
+def configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """python-can's file, not there as yet."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path / ".canrc"
+
+
+def test_interface_of_the_configuration(configuration: Path) -> None:
+    configuration.write_text("[default]\ninterface = udp_multicast\nchannel = 239.74.163.3\n")
+    asked = {"interface": None, "channel": None}
+    assert kept_here(asked) == {**asked, "hop_limit": 0}
+
+
+def test_hop_limit_of_the_configuration(configuration: Path) -> None:
+    configuration.write_text("[default]\nhop_limit = 3\n")
+    assert kept_here(GROUP) == GROUP
+    ignoring = {**GROUP, "ignore_config": True}
+    assert kept_here(ignoring) == {**ignoring, "hop_limit": 0}
+
+
+@pytest.fixture
+def hops(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How far each bus of udp_multicast lets its packets go, as its socket was told."""
+    told: list[int] = []
+    setsockopt = socket.socket.setsockopt
+
+    def listen(self: socket.socket, level: int, option: int, *value: Any) -> None:
+        if (level, option) == (socket.IPPROTO_IP, socket.IP_MULTICAST_TTL):
+            told.extend(struct.unpack("@I", value[0]))
+        setsockopt(self, level, option, *value)
+
+    class Listening(socket.socket):
+        setsockopt = listen
+
+    monkeypatch.setattr(socket, "socket", Listening)
+    return told
+
+
+def test_nobody_of_us_sends_out_of_this_computer(
+    hops: list[int], multicast: dict[str, Any]
+) -> None:
+    PythonCanBus(**multicast).close()
+    network = TappedNetwork().connect(**multicast)
+    network.second_bus().shutdown()
+    network.disconnect()
+    own = ("interface", "channel")
+    others = {key: value for key, value in multicast.items() if key not in own}
+    BusChoice(*(multicast[key] for key in own), None, others).open_network().disconnect()
+    require_quiet(multicast)
+    assert hops == [0] * 5
+
+
+def test_who_wants_out_gets_out(hops: list[int], multicast: dict[str, Any]) -> None:
+    PythonCanBus(**multicast, hop_limit=1).close()
+    assert hops == [1]
+
+
+def test_plain_python_can_on_this_computer_hears_us(multicast: dict[str, Any]) -> None:
+    with can.Bus(**multicast) as plain:
+        ours = PythonCanBus(**multicast)
+        ours.send(Frame(0x123, b"here"))
+        message = plain.recv(5.0)
+        assert message is not None
+        assert (message.arbitration_id, message.data) == (0x123, b"here")
+        plain.send(can.Message(arbitration_id=0x321, data=b"there", is_extended_id=False))
+        heard = ours.receive(5.0)
+        ours.close()
+    assert heard == Frame(0x321, b"there")
