@@ -241,6 +241,7 @@ packed = pack_message(read)
 print("ready", flush=True)
 input()
 with socket.socket(type=socket.SOCK_DGRAM) as sender:
+    sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
     while True:
         sender.sendto(packed, (channel, int(port)))
 """
