@@ -86,8 +86,9 @@ def pace_options(command: Command) -> Command:
             "--realtime",
             type=click.IntRange(1, 99),
             metavar="PRIORITY",
-            help="Run at this priority of SCHED_FIFO, 1..99, with the memory locked and deadlines"
-            f" of {SHORT_DEADLINE_MS} ms. Needs CAP_SYS_NICE, or rtprio in limits.conf.",
+            help="Run at this priority of SCHED_FIFO, 1..99, with the memory locked, processors"
+            f" kept awake and deadlines of {SHORT_DEADLINE_MS} ms. Needs CAP_SYS_NICE, or rtprio in"
+            " limits.conf.",
         ),
         click.option(
             "--cpu",

@@ -8,7 +8,7 @@ from typing import Any, Final, cast
 from can.util import load_config
 
 _THIS_COMPUTER: Final = 0
-"""Routers a packet may pass is 1 less; one that may pass none, and not the network either, is 0."""
+"""Hop limit of IP; 1 is the network that the computer is in."""
 
 
 def configured(options: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -18,7 +18,7 @@ def configured(options: Mapping[str, Any]) -> Mapping[str, Any]:
     # Which bus it is comes from the configuration if it is not given.
     left = [key for key in ("interface", "channel") if options.get(key) is None]
     given = {key: value for key, value in options.items() if key not in left}
-    context = options.get("config_context")
+    context = options.get("config_context", options.get("context"))  # its older name
     return cast("Mapping[str, Any]", load_config(config=given, context=context))
 
 

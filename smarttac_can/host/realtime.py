@@ -151,9 +151,13 @@ def keep_processors_awake() -> list[str]:
     if sys.platform != "linux":
         return []
     try:
-        # The request holds for as long as the file is open, which nobody closes.
         request = os.open(_LATENCY_REQUEST, os.O_WRONLY)
-        os.write(request, struct.pack("=i", 0))
+        try:
+            os.write(request, struct.pack("=i", 0))
+        except OSError:
+            os.close(request)
+            raise
+        # The request holds for as long as the file is open, which nobody closes.
     except OSError as error:
         return [
             f"real time: processors that sleep are woken late, and {_LATENCY_REQUEST} is refused "

@@ -195,7 +195,7 @@ class Sensors:
         self._parameters = parameters
         self._sensing = sensing(parameters)
         self._seed = seed
-        self._block = -1
+        self._block = 0
         self._noise = _Noise(parameters, seed, 0)
         self._rows: list[list[float]] = []
         self._drawn = 0

@@ -9,6 +9,7 @@ from smarttac_can.cli.process import Pace
 
 VIRTUAL = ("--interface", "virtual", "--channel", "pace")
 CURES = ["real time: one thing is refused", "real time: another is refused"]
+SLEEPY = "real time: processors sleep"
 
 
 @pytest.mark.parametrize("command", ["node", "plate"])
@@ -50,29 +51,36 @@ def test_lockstep_is_the_only_pace_of_a_device_without_a_loop() -> None:
 
 @pytest.mark.parametrize("refused", [[], CURES[:1], CURES])
 @pytest.mark.parametrize("command", ["node --plate-node 33", "plate"])
+@pytest.mark.parametrize("sleepy", [[], [SLEEPY]])
 def test_what_is_refused_is_said_and_the_deadline_stays_that_of_the_eds(
-    command: str, refused: list[str], monkeypatch: pytest.MonkeyPatch
+    command: str, refused: list[str], sleepy: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[tuple[int, int | None]] = []
+    asked: list[tuple[int, int | None] | str] = []
     deadlines: list[list[int]] = []
 
     def request(priority: int, cpu: int | None) -> list[str]:
         asked.append((priority, cpu))
         return refused
 
+    def keep_awake() -> list[str]:
+        asked.append("awake")
+        return sleepy
+
     def run(name: str, node: object, *_: object) -> None:
         entries = node._loop._deadlines if name == "stimulator" else [node._deadline]
         deadlines.append([entry.value for entry in entries])
 
     monkeypatch.setattr(process, "request_real_time", request)
+    monkeypatch.setattr(process, "keep_processors_awake", keep_awake)
     monkeypatch.setattr(process, "SHORT_DEADLINE_MS", 7)
     monkeypatch.setattr("smarttac_can.cli.nodes.run_in_process", run)
     for options in ("", "--realtime 42", "--realtime 42 --cpu 1", "--lockstep"):
         result = CliRunner().invoke(main, [*command.split(), *VIRTUAL, *options.split()])
         assert (result.exit_code, result.stdout) == (0, "")
-        said = refused if "--realtime" in options else []
+        said = (refused or sleepy) if "--realtime" in options else []
         assert result.stderr.splitlines() == said
-    assert asked == [(42, None), (42, 1)]
+    awake = [] if refused else ["awake"]
+    assert asked == [(42, None), *awake, (42, 1), *awake]
     ordinary, *real_time, lockstep = deadlines
     assert set(lockstep) == {7}
     assert 7 not in ordinary
@@ -81,6 +89,7 @@ def test_what_is_refused_is_said_and_the_deadline_stays_that_of_the_eds(
 
 def test_pace_of_an_ordinary_process_asks_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(process, "request_real_time")
+    monkeypatch.delattr(process, "keep_processors_awake")
     assert Pace().begin() is None
     assert Pace(lockstep=True).begin() == 3
 

@@ -5,12 +5,10 @@ import struct
 from pathlib import Path
 from typing import Any
 
-import can
 import pytest
 
 from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.cli.options import BusChoice
-from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.timing.loop_processes import require_quiet
@@ -18,8 +16,19 @@ from smarttac_can.timing.loop_processes import require_quiet
 GROUP = {"interface": "udp_multicast", "channel": "239.74.163.3"}
 
 
-def test_hop_limit_of_multicast_is_0() -> None:
-    assert kept_here(GROUP) == {**GROUP, "hop_limit": 0}
+@pytest.fixture(autouse=True)
+def configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """python-can's file, not there as yet; nothing else of this user's counts."""
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path / ".canrc"
+
+
+@pytest.mark.parametrize("channel", ["239.74.163.3", "ff15:7079:7468:6f6e:6465:6d6f:6d63:6173"])
+def test_hop_limit_of_multicast_is_0(channel: str) -> None:
+    group = {"interface": "udp_multicast", "channel": channel}
+    assert kept_here(group) == {**group, "hop_limit": 0}
 
 
 @pytest.mark.parametrize("hops", [0, 1, "1", 7])
@@ -33,13 +42,6 @@ def test_options_of_other_interfaces_stay(interface: str) -> None:
     assert kept_here(options) == options
 
 
-@pytest.fixture
-def configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """python-can's file, not there as yet."""
-    monkeypatch.setenv("HOME", str(tmp_path))
-    return tmp_path / ".canrc"
-
-
 def test_interface_of_the_configuration(configuration: Path) -> None:
     configuration.write_text("[default]\ninterface = udp_multicast\nchannel = 239.74.163.3\n")
     asked = {"interface": None, "channel": None}
@@ -51,6 +53,22 @@ def test_hop_limit_of_the_configuration(configuration: Path) -> None:
     assert kept_here(GROUP) == GROUP
     ignoring = {**GROUP, "ignore_config": True}
     assert kept_here(ignoring) == {**ignoring, "hop_limit": 0}
+
+
+def test_hop_limit_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAN_CONFIG", '{"hop_limit": 2}')
+    assert kept_here(GROUP) == GROUP
+
+
+@pytest.mark.parametrize("name", ["config_context", "context"])
+def test_section_of_the_configuration(name: str, configuration: Path) -> None:
+    configuration.write_text("[LAB]\ninterface = udp_multicast\nhop_limit = 3\n[default]\n")
+    asked = {"interface": None, "channel": "239.74.163.3", name: "LAB"}
+    assert kept_here(asked) == asked
+    configuration.write_text("[LAB]\ninterface = udp_multicast\n[default]\nhop_limit = 3\n")
+    assert kept_here(asked) == asked
+    configuration.write_text("[LAB]\ninterface = udp_multicast\n")
+    assert kept_here(asked) == {**asked, "hop_limit": 0}
 
 
 @pytest.fixture
@@ -88,16 +106,3 @@ def test_nobody_of_us_sends_out_of_this_computer(
 def test_who_wants_out_gets_out(hops: list[int], multicast: dict[str, Any]) -> None:
     PythonCanBus(**multicast, hop_limit=1).close()
     assert hops == [1]
-
-
-def test_plain_python_can_on_this_computer_hears_us(multicast: dict[str, Any]) -> None:
-    with can.Bus(**multicast) as plain:
-        ours = PythonCanBus(**multicast)
-        ours.send(Frame(0x123, b"here"))
-        message = plain.recv(5.0)
-        assert message is not None
-        assert (message.arbitration_id, message.data) == (0x123, b"here")
-        plain.send(can.Message(arbitration_id=0x321, data=b"there", is_extended_id=False))
-        heard = ours.receive(5.0)
-        ours.close()
-    assert heard == Frame(0x321, b"there")

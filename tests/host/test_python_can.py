@@ -65,12 +65,13 @@ def test_receive_without_waiting(bus: PythonCanBus) -> None:
     ("interface", "channel", "says"),
     [
         ("carrier_pigeon", "coop", "carrier_pigeon bus, channel coop"),
+        ("carrier_pigeon", None, "carrier_pigeon bus, which has no channel"),
         ("udp_multicast", "10.0.0.1", "udp_multicast bus, channel 10.0.0.1"),
         ("socketcan", "nosuchcan0", "socketcan bus, channel nosuchcan0"),
     ],
 )
 def test_bus_that_cannot_be_opened_is_one_clear_error(
-    interface: str, channel: str, says: str
+    interface: str, channel: str | None, says: str
 ) -> None:
     with pytest.raises(BusError, match=f"cannot open the {says}: .") as refusal:
         PythonCanBus(interface, channel)
