@@ -156,6 +156,7 @@ class Stimulator:
         ----------
         interface, channel, options
             As python-can has them; what is not given comes from python-can's configuration.
+            Frames of udp_multicast stay on this computer unless ``hop_limit`` is given there.
         node_id
             Node-ID of the stimulator, 1..127.
         plate_node_id

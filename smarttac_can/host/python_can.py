@@ -56,7 +56,8 @@ class PythonCanBus:
         Called with the time since the epoch in us and the frame, for every frame sent or received;
         `listen_to` is then for nothing.
     options
-        Anything else the interface takes, e.g. ``port=`` for udp_multicast.
+        Anything else the interface takes, e.g. ``port=`` for udp_multicast, whose frames stay on
+        this computer unless ``hop_limit=`` is given, or configured.
 
     Raises
     ------
