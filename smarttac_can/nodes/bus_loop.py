@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.timer import Clock
+from smarttac_can.nodes.late_answers import LateAnswers
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.nodes.loop_period import deadlines, shortest_ms
 from smarttac_can.nodes.pairing import Pairing
@@ -39,6 +40,8 @@ class BusLoop:
     ----------
     source
         Watch over who else sends.
+    late_answers
+        Watch over what is answered behind the next SYNC.
     """
 
     def __init__(
@@ -58,14 +61,18 @@ class BusLoop:
         self._unanswered = clock.timer(unanswered)
         self._pairing = Pairing(od, lambda: trip(Watchdog.MEASUREMENT), self.source.strange)
         self._missed = od["Cycle.Missed deadlines"]
+        self._tick = od["Plate input.Tick"]
+        self.late_answers = LateAnswers()
 
     def start_run(self) -> None:
         """Accept any tick as the next one."""
         self._pairing.start_run()
+        self.late_answers.restart()
 
     def leave(self) -> None:
         """Follow NMT out of OPERATIONAL: wait for a first SYNC and a first measurement."""
         self._pairing.forget()
+        self.late_answers.restart()
         self._sync.restart()
         self.source.restart()
         self._settle(Watchdog.MEASUREMENT)
@@ -80,16 +87,18 @@ class BusLoop:
         else:
             self._sync.heard(device.sync_counter)
         self.source.sync()
+        self.late_answers.sync()
 
     def take(self, rpdo: int) -> bool:
         """Take a PDO; tell whether it completes a measurement that is to be answered."""
         return self._pairing.take(rpdo) and self.source.may_answer()
 
-    def answer(self) -> None:
-        """Take note that the measurement gets its drive."""
+    def answer(self) -> bool:
+        """Take note that the measurement gets its drive; tell whether that is late."""
         self._pairing.answered()
         self._unanswered.start(shortest_ms(self._deadlines) * TICK_US)
         self._settle(Watchdog.MEASUREMENT)
+        return self.late_answers.late(self._tick.value)
 
     @property
     def session(self) -> int:

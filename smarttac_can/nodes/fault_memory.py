@@ -7,7 +7,6 @@ from typing import Final
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 _PLACES: Final = range(1, 9)
 _SETPOINTS: Final = ("Voltage", "Frequency", "Amplitude", "COF left", "COF right")
@@ -47,10 +46,9 @@ class FaultMemory:
         for place, line in zip(self._places, self.lines, strict=False):
             place.value = line
 
-    def note(self, watchdog: Watchdog, circumstances: str = "") -> None:
+    def note(self, code: int, text: str, circumstances: str = "") -> None:
         """Keep a fault, with mode and set-points unless there is something else to say."""
-        row = WATCHDOGS[watchdog]
-        line = f"{row.code:04X}h {row.text}; {circumstances or self._asked()}"
+        line = f"{code:04X}h {text}; {circumstances or self._asked()}"
         self.recall((line, *self.lines))
 
     def _asked(self) -> str:

@@ -13,6 +13,7 @@ from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import DETERMINANT_MIN
 from smarttac_can.nodes.cycle_input import SENSORS, Measured
 from smarttac_can.nodes.lapses import Lapses
+from smarttac_can.nodes.plate_block import TICK_MASK
 from smarttac_can.nodes.settings import lateral_calibration
 from smarttac_can.nodes.vibration_watch import VibrationWatch
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -76,6 +77,7 @@ class LoopWatchdogs:
         "_serial",
         "_temperature",
         "_temperature_max",
+        "_tick",
         "vibration",
     )
 
@@ -103,6 +105,7 @@ class LoopWatchdogs:
         """Forget what was seen: the plate is at rest."""
         self.vibration.reset()
         self._last: tuple[int, ...] = ()
+        self._tick = TICK_MASK
         self._repeats: dict[int, int] = {}
         self._saturated = Lapses()
         self._odd = 0
@@ -145,7 +148,10 @@ class LoopWatchdogs:
             faults |= _STUCK
         if cascade.tribometer.tared:
             faults |= self._forces(gauges, cascade)
-        return faults | self.vibration.look(W, cascade.contact, mode)
+        # A measurement that is lost or passed over is time for the vibration all the same.
+        ticks = measured.tick - self._tick & TICK_MASK
+        self._tick = measured.tick
+        return faults | self.vibration.look(W, cascade.contact, mode, ticks)
 
     def levels(self, cascade: Cascade) -> tuple[float, float, float, float, float, float, float]:
         """How near to a fault the loop is after a cycle, of 1.0.

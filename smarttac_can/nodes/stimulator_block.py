@@ -136,14 +136,21 @@ class StimulatorBlock:
         self.cycle()
         inside.drive()
 
-    def cycle(self) -> None:
-        """Compute the drive that answers the measurement in the object dictionary."""
+    def cycle(self, *, late: bool = False) -> None:
+        """Compute the drive that answers the measurement in the object dictionary.
+
+        Parameters
+        ----------
+        late
+            Whether the plate gets it too late for the cycle that begins with that measurement.
+        """
         measured = self._inbox.read()
         mode = self._prepare()
         asked = self.cascade.update(measured.si, self._setpoints.read())
         mode, asked = self._begin_at_zero(mode, asked)
         self._taring.tare_when_due(self.cascade.tribometer)
         drive = self.supervisor.permit(asked, measured, mode, self.cascade)
+        self.supervisor.watchdogs.vibration.note_voltage(drive.voltage, late=late)
         self._follow()
         self.cascade.realised(drive)
         self._outbox.write(drive, measured.tick)

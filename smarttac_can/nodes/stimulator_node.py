@@ -98,6 +98,7 @@ class StimulatorNode(Application):
         self._period = LoopPeriod(self.device)
         self._arming = ArmingWatch(self.device, plate_node_id, lockstep)
         self.block.supervisor.advice = self._arming.advice
+        self.block.supervisor.late_drives = self._loop.late_answers.told
         self._publishing = Publishing(self.device, self.block.supervisor)
         self._tell = self._publishing.tell
         self._publish = self._publishing.cycle
@@ -243,8 +244,7 @@ class StimulatorNode(Application):
             if not self._period.agrees():
                 self._trip(Watchdog.MEASUREMENT)
                 return
-            self._loop.answer()
-            self.block.cycle()
+            self.block.cycle(late=self._loop.answer())
             self._judge_time()
             self._tell()
             self._publishing.drive(self._loop.session)

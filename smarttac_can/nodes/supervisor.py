@@ -17,7 +17,13 @@ from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import UNWATCHED
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import CONTROL_MASK, State
-from smarttac_can.vocabulary.watchdogs import CYCLIC, WATCHDOGS, Watchdog, watchdogs_in
+from smarttac_can.vocabulary.watchdogs import (
+    CYCLIC,
+    OF_LATE_DRIVES,
+    WATCHDOGS,
+    Watchdog,
+    watchdogs_in,
+)
 
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _ARMED: Final = State.ARMED
@@ -57,6 +63,8 @@ class Supervisor:
         Whether who drives would be missed, or need not be; True without CANopen.
     advice
         Says what to do to be watched; called when an arming is refused for want of it.
+    late_drives
+        Says how many of the last drives were late; called when that may be the cause of a fault.
     present, latched
         Faults as bits, 1 << `Watchdog`.
     """
@@ -77,6 +85,7 @@ class Supervisor:
         self.tared = False
         self.watched = True
         self.advice: Callable[[], str] = str
+        self.late_drives: Callable[[], str] = str
         self.present = self.latched = 0
         self._seen = 0
         self._stands = False
@@ -164,11 +173,9 @@ class Supervisor:
             # The cascade leaves a mode by itself at the end of an identification, or in doubt.
             faults |= 1 << Watchdog.CONTROLLER
         self._observe(faults)
-        drive = asked
-        if self.machine.state is not _RUNNING:
-            drive = Drive(0.0, self._safe_frequency(asked.frequency, cascade))
-        watchdogs.vibration.note_voltage(drive.voltage)
-        return drive
+        if self.machine.state is _RUNNING:
+            return asked
+        return Drive(0.0, self._safe_frequency(asked.frequency, cascade))
 
     def trip(self, watchdog: Watchdog) -> None:
         """Take note of a fault; it is latched if the device is armed, running or in FAULT."""
@@ -281,9 +288,12 @@ class Supervisor:
         if self.latched & bit:
             return
         if not self.latched:
-            self._code.value = WATCHDOGS[watchdog].code
-            self._message.value = WATCHDOGS[watchdog].text
-            self.memory.note(watchdog, circumstances)
+            row = WATCHDOGS[watchdog]
+            late = self.late_drives() if watchdog in OF_LATE_DRIVES else ""
+            text = f"{row.text}; {late}" if late else row.text
+            self._code.value = row.code
+            self._message.value = text
+            self.memory.note(row.code, text, circumstances)
         self.latched |= bit
         self._latched_entry.value = self.latched
 

@@ -80,13 +80,17 @@ class VibrationWatch:
     ``K V cos(phi)/(1 + c Fn^(2/3))``, where c is the finger's. The least c gives a bound from
     above, whatever the pick-up reads, the largest one from below. Neither waits until the vibration
     has settled: a friction loop may drive in pulses that are shorter. The one from below takes the
-    lesser of two voltages in turn, so that a drive may take effect within its cycle.
+    lesser of two voltages in turn, so that a drive may take effect within its cycle. Where drives
+    were late, the bounds take the largest and the least of those that may be in force.
     """
 
     __slots__ = (
         "_E",
+        "_E_least",
         "_V",
-        "_V_before",
+        "_V_least",
+        "_V_least_before",
+        "_V_most",
         "_W_trip",
         "_above",
         "_bound",
@@ -98,6 +102,7 @@ class VibrationWatch:
         "_gain",
         "_gain_bound",
         "_lack",
+        "_late",
         "_least",
         "_od",
         "_silent",
@@ -129,8 +134,9 @@ class VibrationWatch:
 
     def reset(self) -> None:
         """Forget what was seen: the plate is at rest."""
-        self._E = self._bound = self._least = 0.0
-        self._V = self._V_before = 0.0
+        self._E = self._E_least = self._bound = self._least = 0.0
+        self._V = self._V_most = self._V_least = self._V_least_before = 0.0
+        self._late = False
         self._above = Lapses()
         self._excess = Lapses()
         self._unseen = Lapses()
@@ -138,11 +144,20 @@ class VibrationWatch:
         self._detuned = Lapses()
         self._silent = 0
 
-    def note_voltage(self, voltage: float) -> None:
-        """Remember the voltage in V that is in force until the next measurement."""
-        self._V = voltage
+    def note_voltage(self, voltage: float, *, late: bool = False) -> None:
+        """Remember the voltage in V that is in force until the next measurement.
 
-    def look(self, W: complex, contact: Contact, mode: int) -> int:
+        A late one is so some time in the cycle after that, if at all: until one in time has lasted
+        for a cycle, any of those before may be.
+        """
+        self._V = voltage
+        most = least = voltage
+        if late or self._late:
+            most, least = max(voltage, self._V_most), min(voltage, self._V_least)
+        self._V_most, self._V_least = most, least
+        self._late = late
+
+    def look(self, W: complex, contact: Contact, mode: int, ticks: int = 1) -> int:
         """Look at a cycle; return the faults that are present, as bits.
 
         Parameters
@@ -153,16 +168,22 @@ class VibrationWatch:
             The finger in this cycle.
         mode
             Mode in which the controllers were asked.
+        ticks
+            Since the cycle before.
         """
         amplitude = abs(W)
-        driven = self._gain * self._V
         # No detuning and no finger makes the plate vibrate more than at its bare resonance.
-        self._E = driven + (self._E - driven) * self._decay
+        decay = self._decay**ticks
+        driven = self._gain * self._V_most
+        self._E = driven + (self._E - driven) * decay
+        driven = self._gain * self._V_least
+        self._E_least = driven + (self._E_least - driven) * decay
+        self._follow(W, amplitude, contact, ticks * TICK)
         late = self._late_cycles()
         faults = 0
         if self._above.count(amplitude > self._W_trip, AMPLITUDE_CYCLES):
             faults = _AMPLITUDE
-        if self._implausible(W, amplitude, contact, mode, late):
+        if self._implausible(amplitude, mode, late):
             faults |= _PICKUP
         if self._unseen.count(self._bound > self._bound_trip, UNSEEN_CYCLES + late):
             faults |= _UNSEEN
@@ -194,15 +215,12 @@ class VibrationWatch:
         """Voltage in V that is in force until the next measurement."""
         return self._V
 
-    def _implausible(
-        self, W: complex, amplitude: float, contact: Contact, mode: int, late: int
-    ) -> bool:
-        """Compare the reading with the model, and bring its bounds up to date."""
-        E = self._E
-        self._follow(W, amplitude, contact)
+    def _implausible(self, amplitude: float, mode: int, late: int) -> bool:
+        """Compare the reading with the model."""
+        E, E_least = self._E, self._E_least
         most = _EXCESS_UNIDENTIFIED if mode == _IDENTIFY else _EXCESS
         excess = self._excess.count(amplitude > most * E + _EXCESS_OFFSET, EXCESS_CYCLES + late)
-        silent = E > _LOOKED_FOR and amplitude < _SILENCE * E
+        silent = E_least > _LOOKED_FOR and amplitude < _SILENCE * E_least
         # A pulse that ends dies away sooner than E under a finger: such cycles must not add up.
         self._silent = self._silent + 1 if silent else 0
         lack = self._lacks(amplitude, mode, LACK_CYCLES + late)
@@ -218,21 +236,21 @@ class VibrationWatch:
             lack.count(amplitude < _LACK * least, most)
         return lack.share(most) >= 1.0
 
-    def _follow(self, W: complex, amplitude: float, contact: Contact) -> None:
-        """Bring the bounds from above and from below up to date."""
+    def _follow(self, W: complex, amplitude: float, contact: Contact, time: float) -> None:
+        """Bring the bounds from above and from below up to date, over a time in s."""
         cosine = 1.0
         if amplitude > _PHASE_FROM and W.real > _PHASE_MIN * amplitude:
             cosine = W.real / amplitude
         Fn = contact.Fn if contact.Fn > 0.0 else 0.0
         pressing = (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY if contact.touching else 0.0
-        V, before, tau = self._V, self._V_before, self._tau
+        tau = self._tau
         damping = 1.0 + LEAST_LOAD * contact_load(pressing)
-        driven = self._gain_bound * V * cosine / damping
-        self._bound = driven + (self._bound - driven) * exp(-TICK * damping / tau)
+        driven = self._gain_bound * self._V_most * cosine / damping
+        self._bound = driven + (self._bound - driven) * exp(-time * damping / tau)
         damping = 1.0 + MOST_LOAD * contact_load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
-        driven = self._gain * min(V, before) * cosine / damping
-        self._least = driven + (self._least - driven) * exp(-TICK * damping / tau)
-        self._V_before = V
+        driven = self._gain * min(self._V_least, self._V_least_before) * cosine / damping
+        self._least = driven + (self._least - driven) * exp(-time * damping / tau)
+        self._V_least_before = self._V_least
 
     def _late_cycles(self) -> int:
         if not self._deadlines:

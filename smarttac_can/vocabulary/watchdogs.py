@@ -273,6 +273,16 @@ REPORTED_BY_PLATE: Final[dict[int, Watchdog]] = {
     )
 }
 """Those that a plate node trips itself, by the codes of its emergency messages."""
+OF_LATE_DRIVES: Final = frozenset(
+    (
+        Watchdog.AMPLITUDE,
+        Watchdog.SATURATED,
+        Watchdog.PICKUP,
+        Watchdog.RESONANCE,
+        Watchdog.UNSEEN,
+    )
+)
+"""Those that trip when the plate goes on with an older drive; the Message then says so."""
 
 _EVENT_DRIVEN: Final = frozenset(
     (

@@ -273,3 +273,88 @@ def test_100_nm_are_no_vibration_yet(um: float, cycles: int) -> None:
     watch = watch_of()
     found = [watch.look(1e-6j * um, pressing(0.0), TRACKED) & RESONANCE for _ in range(150)]
     assert (found.index(RESONANCE) + 1 if any(found) else 0) == cycles
+
+
+def after(watch: VibrationWatch, *drives: tuple[float, bool], um: float = 5.0) -> VibrationWatch:
+    """A watch after drives, of which some were late, and readings in the air that may be any."""
+    for volts, late in drives:
+        watch.note_voltage(volts, late=late)
+        watch.look(um * 1e-6, pressing(0.0), AMPLITUDE_MODE)
+    return watch
+
+
+def most_and_least(watch: VibrationWatch) -> tuple[float, float]:
+    """Where the bounds go, in V: those of the voltages that may be in force."""
+    return watch._V_most, watch._V_least
+
+
+@pytest.mark.parametrize(
+    ("drives", "most", "least"),
+    [
+        ([(20.0, False)], 20.0, 20.0),
+        # Until a late one comes the plate has the one before, and then it has that.
+        ([(20.0, True)], 100.0, 20.0),
+        ([(150.0, True)], 150.0, 100.0),
+        ([(20.0, True), (30.0, False)], 100.0, 20.0),
+        ([(20.0, True), (30.0, False), (40.0, False)], 40.0, 40.0),
+        ([(20.0, True), (150.0, True), (60.0, True)], 150.0, 20.0),
+        ([(20.0, True), (150.0, True), (60.0, False), (50.0, True)], 150.0, 20.0),
+        ([(20.0, True), (60.0, False), (50.0, False), (40.0, True)], 50.0, 40.0),
+    ],
+)
+def test_a_late_drive_leaves_the_ones_before_in_force_perhaps(
+    drives: list[tuple[float, bool]], most: float, least: float
+) -> None:
+    assert most_and_least(after(settled(watch_of(), 5.0), *drives)) == (most, least)
+
+
+@pytest.mark.parametrize(("late", "fault"), [(False, PICKUP), (True, 0)])
+def test_a_vibration_that_goes_on_as_a_lower_drive_is_late_is_no_excess(
+    late: bool, fault: int
+) -> None:
+    watch = settled(watch_of(), 5.0)
+    found = 0
+    for _ in range(18):
+        watch.note_voltage(10.0, late=late)
+        found |= watch.look(5e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP
+    assert found == fault
+
+
+@pytest.mark.parametrize(("um", "late", "fault"), [
+    (0.0, False, PICKUP), (0.0, True, 0), (0.05, False, PICKUP), (0.05, True, 0),
+])  # fmt: skip
+def test_a_vibration_that_stays_away_as_the_drive_is_late_is_not_missed(
+    um: float, late: bool, fault: int
+) -> None:
+    watch = settled(watch_of(), um, volts=1.0)
+    found = 0
+    for _ in range(25):
+        watch.note_voltage(100.0, late=late)
+        found |= watch.look(um * 1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP
+    assert found == fault
+
+
+@pytest.mark.parametrize("um", [0.0, 1.0, 12.0])
+def test_a_pickup_that_reads_wrong_is_found_although_each_second_drive_is_late(um: float) -> None:
+    watch = settled(watch_of((20, 20, 20)), 5.0)
+    found = []
+    for at in range(80):
+        watch.note_voltage(100.0 + at % 3, late=at % 2 == 0)
+        found.append(watch.look(um * 1e-6, pressing(0.0), AMPLITUDE_MODE) & PICKUP)
+    assert PICKUP in found
+    assert found.index(PICKUP) < 40
+
+
+def test_the_bound_from_above_is_that_of_the_largest_voltage_that_may_be_in_force() -> None:
+    watch = settled(watch_of(limit=4900), 5.0)
+    after(watch, *[(10.0, True)] * 3)
+    assert watch.bound * 1e6 == pytest.approx(5.0, abs=1e-4)
+    after(watch, *[(10.0, False)] * 20)
+    assert watch.bound * 1e6 == pytest.approx(0.5, abs=1e-4)
+
+
+def test_a_watch_that_was_reset_knows_of_no_late_drive() -> None:
+    watch = after(settled(watch_of(), 5.0), (20.0, True))
+    watch.reset()
+    assert most_and_least(watch) == (0.0, 0.0)
+    assert most_and_least(after(watch, (30.0, False))) == (30.0, 30.0)

@@ -1,0 +1,114 @@
+"""Answers behind the next SYNC, told from the ticks alone."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from smarttac_can.nodes.late_answers import LateAnswers
+
+
+class Queue:
+    """Ticks of a plate that hears all SYNCs but those told, and a stimulator that answers them."""
+
+    def __init__(self, first: int = 0, before: int = 0) -> None:
+        self.answers = LateAnswers()
+        for _ in range(before):
+            self.answers.sync()
+        self.tick = first
+        self.waiting: list[int] = []
+
+    def period(self, answered: int, *, heard: bool = True) -> list[bool]:
+        """Send a SYNC and answer so many measurements before the next; tell which were late."""
+        self.answers.sync()
+        if heard:
+            self.waiting.append(self.tick)
+            self.tick = self.tick + 1 & 0xFF
+        now, self.waiting = self.waiting[:answered], self.waiting[answered:]
+        return [self.answers.late(tick) for tick in now]
+
+    def periods(self, count: int, *, heard: bool = True) -> list[bool]:
+        return [late for _ in range(count) for late in self.period(99, heard=heard)]
+
+
+@pytest.mark.parametrize(("first", "before"), [(0, 0), (0, 1), (7, 0), (200, 300), (255, 255)])
+def test_no_answer_is_late_before_the_next_sync(first: int, before: int) -> None:
+    queue = Queue(first, before)
+    assert queue.periods(600) == [False] * 600
+    assert queue.answers.told() == ""
+
+
+@pytest.mark.parametrize("behind", [1, 2, 18])
+def test_an_answer_behind_the_next_sync_is_late(behind: int) -> None:
+    queue = Queue()
+    queue.periods(50)
+    for _ in range(behind):
+        assert queue.period(0) == []
+    assert queue.period(99) == [True] * behind + [False]
+    assert queue.answers.told() == f"{behind} of the last 20 drives late"
+    queue.periods(19 - behind)
+    assert queue.answers.told() == f"{behind} of the last 20 drives late"
+    queue.periods(behind - 1)
+    assert queue.answers.told() == "1 of the last 20 drives late"
+    queue.periods(1)
+    assert queue.answers.told() == ""
+
+
+def test_one_behind_stays_late_until_it_has_caught_up() -> None:
+    queue = Queue()
+    queue.periods(5)
+    assert queue.period(0) == []
+    assert [queue.period(1) for _ in range(10)] == [[True]] * 10
+    assert queue.period(2) == [True, False]
+
+
+def test_a_sync_that_the_plate_lost_makes_20_answers_late() -> None:
+    queue = Queue()
+    queue.periods(5)
+    queue.period(99, heard=False)
+    assert queue.periods(40) == [True] * 20 + [False] * 20
+    assert queue.period(0) == []
+    assert queue.period(99) == [True, False], "and what is late then is"
+
+
+def test_the_first_answer_may_have_been_late_itself() -> None:
+    queue = Queue()
+    queue.period(0)
+    assert queue.period(1) == [False], "nobody knows yet"
+    assert queue.period(2) == [False, False]
+    assert queue.period(0) == []
+    assert queue.period(2) == [True, False]
+
+
+def test_a_new_run_begins_anew() -> None:
+    queue = Queue()
+    queue.periods(5)
+    queue.period(0)
+    queue.period(1)
+    queue.answers.restart()
+    queue.tick, queue.waiting = 0, []
+    assert queue.periods(3) == [False] * 3
+    assert queue.answers.told() == ""
+
+
+@given(
+    st.integers(0, 255),
+    st.integers(0, 600),
+    st.lists(st.integers(0, 4) | st.just(99), min_size=1, max_size=200),
+)
+def test_late_is_what_is_answered_after_the_next_sync(
+    first: int, before: int, periods: list[int]
+) -> None:
+    queue = Queue(first, before)
+    queue.periods(3)
+    in_a_row = 0
+    for answered in periods:
+        waiting = len(queue.waiting)
+        for at, late in enumerate(queue.period(answered)):
+            was = at < waiting
+            in_a_row = in_a_row + 1 if was else 0
+            # What never is in time is taken for the rule, and the plate has ended the run by then.
+            if in_a_row > 20 or len(queue.waiting) > 100:
+                return
+            assert late == was
