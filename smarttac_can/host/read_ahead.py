@@ -71,6 +71,11 @@ class ReadAhead:
         self._looked = now
         return longest
 
+    def look_behind(self) -> None:
+        """Read what waits behind the frame that was received last, unless that was done."""
+        if not self._ahead:
+            self.read()
+
     def overtaken(self, frame: Frame) -> bool:
         """Whether a newer frame of its kind was read behind the one that was received last."""
         return any(kind(newer) == kind(frame) for newer in self._ahead)

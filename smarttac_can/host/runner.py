@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing, suppress
+from sys import maxsize
 from time import monotonic_ns, sleep
 from typing import Final
 
@@ -24,8 +25,11 @@ from smarttac_can.vocabulary.signals import TICK_US
 
 _CATCH_UP_US: Final = 9000
 """For how long in us such a process hears frames before it acts on what is due."""
+_BEFORE: Final = 4
+"""Frames that wait and are heard before what is due, at most, since a punctual process has heard
+what came before it: those of a measurement, and another."""
 _HEARD_US: Final = 1000
-"""For how long in us a node hears frames between two cycles, if these take longer than a tick."""
+"""For how long in us they are, and others between two cycles that take longer than a tick."""
 _SENDING_US: Final = 2000
 """Longest time in us for which frames are handed over in a row."""
 _SEGMENTS: Final = 8
@@ -122,6 +126,7 @@ class _Run:
         self._outbox = Outbox(node, bus, full)
         self._inbox = ReadAhead(bus, clock)
         self._hear_overtaken = node.overtaken
+        self._passes_over = node.overtaken != node.receive
         self._clock = clock
         self._rest = rest
         self._ids: Identifiers | None = None
@@ -150,7 +155,9 @@ class _Run:
             if left <= -LATE_US and not self._flooded:
                 self._catch_up()
             elif left <= 0:
-                timers.now = now
+                if not self._flooded:
+                    self._hear(now + _HEARD_US, _BEFORE)
+                timers.now = self._now()
                 self.say(self._node.advance(0))
                 if timers.next_due <= self._now():
                     self._hear(self._now() + _HEARD_US)
@@ -208,9 +215,12 @@ class _Run:
 
     def _listen(self, now: int, wait_us: int) -> None:
         """Hear the next frame, or wait until something is due."""
-        # Frames that come before the wait is over do not tell whether there was one.
         busy = now - self._rested > _BUSY_US
-        frame = self._inbox.receive(0.0 if busy else wait_us * 1e-6)
+        frame = self._inbox.receive(0.0)
+        if frame is None and not busy:
+            self._flooded = False
+            # A frame that comes before the wait is over does not tell whether there was one.
+            frame = self._inbox.receive(wait_us * 1e-6)
         if frame is None:
             self._silent()
         elif self._inbox.late:
@@ -218,7 +228,7 @@ class _Run:
             self._inbox.put_back(frame)
             self._read_ahead()
         else:
-            self._take(frame, self._now())
+            self._take(frame)
             self._rest_if_busy(now)
 
     def _silent(self) -> None:
@@ -238,9 +248,11 @@ class _Run:
         if timers.next_due <= now:
             self.say(self._node.overdue())
 
-    def _take(self, frame: Frame, now: int) -> None:
+    def _take(self, frame: Frame) -> None:
         """Have the node hear a frame; what must not wait for one comes before it."""
-        self._act_overdue(now)
+        if self._passes_over:
+            self._inbox.look_behind()
+        self._act_overdue(self._now())
         overtaken = self._inbox.overtaken(frame)
         self.say(self._hear_overtaken(frame) if overtaken else self._node.receive(frame))
 
@@ -257,19 +269,19 @@ class _Run:
         self._node.clock.now = self._now()
         self.say(self._node.advance(0))
 
-    def _hear(self, end: int) -> None:
-        """Hear frames that are there, one at least, and not beyond a time in us."""
+    def _hear(self, end: int, most: int = maxsize) -> None:
+        """Hear frames that are there, one at least and so many at most, not beyond a time in us."""
         now = self._now()
         # What was read ahead comes at once, and does not tell what those behind it take.
         slow, self._slow = self._slow, 0
         longest = 0
-        while True:
+        for _ in range(most):
             frame = self._inbox.receive(0.0, (end - now) * 1e-6)
             if frame is None:
                 self._silent()
                 return
             before = now
-            self._take(frame, self._now())
+            self._take(frame)
             now = self._now()
             longest = max(longest, now - before)
             if now + longest + slow > end:

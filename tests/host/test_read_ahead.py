@@ -76,6 +76,19 @@ def test_they_are_read_for_no_longer_than_a_ms() -> None:
     assert (host.now, inbox.late) == (6500, False), "reading is looking"
 
 
+def test_what_is_behind_a_frame_is_read_once() -> None:
+    host = Host([(1, SYNC)] * 2 + [(2, OTHER)], until=0)
+    inbox = ReadAhead(host, host.clock)
+    host.now = 1
+    first = inbox.receive(0.0)
+    assert first == SYNC
+    inbox.look_behind()
+    assert inbox.overtaken(first)
+    host.now = 2
+    inbox.look_behind()
+    assert taken(inbox, 2) == [(SYNC, False), (OTHER, False)], "the rest waits on the bus"
+
+
 def test_frames_that_nobody_listens_to_do_not_end_the_reading() -> None:
     patience: list[float] = []
 

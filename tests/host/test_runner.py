@@ -297,6 +297,47 @@ def test_but_not_for_longer_than_10_ms() -> None:
     assert 101_000 + 5_000 < lost <= 101_000 + HEARD_LATE_US + 100
 
 
+def order_after(host: Host, us: int) -> list[int]:
+    """Identifiers of answers and of the ticker, in the order in which they were sent."""
+    return [frame.can_id for at, frame in host.sent if at > us]
+
+
+@pytest.mark.parametrize("late", [0, 1, 150, 700, 1900])
+@pytest.mark.parametrize("frames", [1, 2, 4])
+def test_what_came_before_a_tick_is_heard_before_it(late: int, frames: int) -> None:
+    # The first of them wakes the process, which is held up then until after the tick.
+    host = Host(burst(4995, frames), until=7900, pauses=((4995, 5 + late),))
+    run(ToyNode(), host)
+    assert order_after(host, 4000) == [REPLY + 1] * frames + [TICKER + 1, OFF + 1]
+
+
+def test_but_no_more_than_four_frames_are() -> None:
+    host = Host(burst(4995, 10), until=9000, pauses=((4995, 100),))
+    run(ToyNode(), host)
+    ids = order_after(host, 4000)
+    assert ids.index(TICKER + 1) == 4
+    assert ids.count(REPLY + 1) == 10
+
+
+def test_in_a_flood_what_is_due_comes_first_until_the_bus_was_empty_once() -> None:
+    flood = [(4995, REQUESTED)] * 40
+    apart = [(at, REQUESTED) for at in range(5600, 9900, 700)]
+    last = [(9995, REQUESTED)] * 3
+    host = Host([*flood, *apart, *last], until=14_000, pauses=((4995, 100), (9995, 100)))
+    run(ToyNode(), host)
+    assert order_after(host, 9990) == [REPLY + 1] * 3 + [TICKER + 1, OFF + 1], (
+        "a frame came before each wait was over, but none waited"
+    )
+
+
+def test_of_two_frames_of_a_kind_the_newer_one_is_known_without_a_pause() -> None:
+    host = Host([(1500, OTHER), *[(3000, SYNC)] * 2, (4000, SYNC)], until=4900)
+    node = ToyNode()
+    run(node, host)
+    assert node.heard == [OTHER, SYNC, SYNC, SYNC]
+    assert node.passed == [SYNC]
+
+
 def test_a_watch_that_ends_in_a_flood_ends_in_time() -> None:
     def frames() -> Iterator[tuple[int, Frame]]:
         yield 0, REQUESTED
