@@ -45,7 +45,7 @@ class HostedNode(Node, Protocol):
     def overtaken(self, frame: Frame) -> list[Frame]:
         """Take a frame that a newer one of its kind waits behind; return the answers.
 
-        The host calls it instead of `receive` when it comes late.
+        The host calls it instead of `receive` when it comes late, and for SYNC.
         """
 
     def overdue(self) -> list[Frame]:

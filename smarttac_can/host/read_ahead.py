@@ -72,7 +72,7 @@ class ReadAhead:
         return longest
 
     def look_behind(self) -> None:
-        """Read what waits behind the frame that was received last, unless that was done."""
+        """Read what waits behind the frame that was received last, if nothing is read yet."""
         if not self._ahead:
             self.read()
 

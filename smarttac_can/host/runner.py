@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing, suppress
-from sys import maxsize
 from time import monotonic_ns, sleep
 from typing import Final
 
@@ -81,7 +80,7 @@ def run_node(
     lockstep
         Whether SYNC is the clock.
     sync_id
-        COB-ID of that SYNC.
+        COB-ID of SYNC; in real time, of the frame that a newer one is looked for behind.
     full
         Told when the bus has begun not to take what the loop needs.
     spare
@@ -94,12 +93,12 @@ def run_node(
     BusError
         If the bus carries no more frames.
     """
-    run = _Run(node, bus, full, clock, rest)
+    run = _Run(node, bus, full, sync_id, clock, rest)
     with closing(bus):
         try:
             run.say(node.start())
             if lockstep:
-                run.follow_sync(stop, sync_id)
+                run.follow_sync(stop)
             else:
                 run.keep_pace(stop, spare)
         except BaseException:
@@ -118,6 +117,7 @@ class _Run:
         node: HostedNode,
         bus: Bus,
         full: Callable[[QueueFullError], None],
+        sync_id: int,
         clock: Callable[[], int],
         rest: Callable[[float], None],
     ) -> None:
@@ -126,7 +126,7 @@ class _Run:
         self._outbox = Outbox(node, bus, full)
         self._inbox = ReadAhead(bus, clock)
         self._hear_overtaken = node.overtaken
-        self._passes_over = node.overtaken != node.receive
+        self._sync_id = sync_id
         self._clock = clock
         self._rest = rest
         self._ids: Identifiers | None = None
@@ -156,8 +156,11 @@ class _Run:
                 self._catch_up()
             elif left <= 0:
                 if not self._flooded:
-                    self._hear(now + _HEARD_US, _BEFORE)
-                timers.now = self._now()
+                    self._hear_before(now)
+                    now = self._now()
+                    if timers.next_due <= now - LATE_US:
+                        continue
+                timers.now = now
                 self.say(self._node.advance(0))
                 if timers.next_due <= self._now():
                     self._hear(self._now() + _HEARD_US)
@@ -174,7 +177,7 @@ class _Run:
                     spare()
                 self._listen(now, min(left, _STOP_POLL_US))
 
-    def follow_sync(self, stop: Callable[[], bool], sync_id: int) -> None:
+    def follow_sync(self, stop: Callable[[], bool]) -> None:
         """Follow SYNC; the clock is only asked how long to wait for a frame."""
         node = self._node
         outbox = self._outbox
@@ -183,7 +186,7 @@ class _Run:
             frame = self._bus.receive(wait_us * 1e-6)
             self._send()
             if frame is not None:
-                if frame.can_id == sync_id:
+                if frame.can_id == self._sync_id:
                     self.say(node.advance(TICK_US))
                 self.say(node.receive(frame))
             while outbox.empty and self._stream():
@@ -250,9 +253,10 @@ class _Run:
 
     def _take(self, frame: Frame) -> None:
         """Have the node hear a frame; what must not wait for one comes before it."""
-        if self._passes_over:
-            self._inbox.look_behind()
         self._act_overdue(self._now())
+        if frame.can_id == self._sync_id:
+            self._inbox.look_behind()
+            self._act_overdue(self._now())
         overtaken = self._inbox.overtaken(frame)
         self.say(self._hear_overtaken(frame) if overtaken else self._node.receive(frame))
 
@@ -269,13 +273,28 @@ class _Run:
         self._node.clock.now = self._now()
         self.say(self._node.advance(0))
 
-    def _hear(self, end: int, most: int = maxsize) -> None:
-        """Hear frames that are there, one at least and so many at most, not beyond a time in us."""
+    def _hear_before(self, now: int) -> None:
+        """Hear what waits before what is due, but for what must not wait."""
+        self._act_overdue(now)
+        end = now + _HEARD_US
+        for _ in range(_BEFORE):
+            frame = self._inbox.receive(0.0, (end - now) * 1e-6)
+            if frame is None:
+                return
+            self._take(frame)
+            now = self._now()
+            if now >= end:
+                return
+        # More may wait; what is due next does not wait for those, too.
+        self._flooded = True
+
+    def _hear(self, end: int) -> None:
+        """Hear frames that are there, one at least, and not beyond a time in us."""
         now = self._now()
         # What was read ahead comes at once, and does not tell what those behind it take.
         slow, self._slow = self._slow, 0
         longest = 0
-        for _ in range(most):
+        while True:
             frame = self._inbox.receive(0.0, (end - now) * 1e-6)
             if frame is None:
                 self._silent()

@@ -62,7 +62,7 @@ class BusLoop:
         self._pairing = Pairing(od, lambda: trip(Watchdog.MEASUREMENT), self.source.strange)
         self._missed = od["Cycle.Missed deadlines"]
         self._tick = od["Plate input.Tick"]
-        self.late_answers = LateAnswers()
+        self.late_answers = LateAnswers(watching.deadline_ms)
 
     def start_run(self) -> None:
         """Accept any tick as the next one."""

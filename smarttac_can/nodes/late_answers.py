@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from smarttac_can.nodes.plate_block import TICK_MASK
 
-WINDOW: Final = 20
-"""Late answers in a row before that is how it is, and over how many are told; those of the default
-deadline."""
+TOLD: Final = 20
+"""Over how many drives it is told how many were late."""
 _HALF: Final = TICK_MASK // 2
-_LAST: Final = (1 << WINDOW) - 1
+_LAST: Final = (1 << TOLD) - 1
 
 
 class LateAnswers:
@@ -19,23 +19,31 @@ class LateAnswers:
     How many SYNCs the stimulator is ahead, of 256, is least where an answer is in time. One more is
     a SYNC between the measurement and its drive: the next cycle of the plate begins without it.
 
+    Parameters
+    ----------
+    deadline_ms
+        Returns the deadline of the loop.
+
     Notes
     -----
     A SYNC that the plate has not heard makes all answers look late, and so does a loop that never
-    is in time, which the deadline of the plate ends: after `WINDOW` of them that is the new least.
-    What waits in a queue of this node is not seen.
+    is in time, which the deadline of the plate ends: after as many of them that is the new least.
+    One that overtook its SYNC looks early; two in a row are the new least. What waits in a queue of
+    this node is not seen.
     """
 
-    __slots__ = ("_ahead", "_behind", "_history", "_syncs")
+    __slots__ = ("_ahead", "_deadline_ms", "_early", "_history", "_in_a_row", "_syncs")
 
-    def __init__(self) -> None:
-        self._syncs = self._ahead = 0
+    def __init__(self, deadline_ms: Callable[[], int]) -> None:
+        self._deadline_ms = deadline_ms
+        self._syncs = 0
         self.restart()
 
     def restart(self) -> None:
         """Take the next answer for one in time, and forget those before."""
-        self._behind = WINDOW
-        self._history = 0
+        self._ahead: int | None = None
+        self._early = False
+        self._in_a_row = self._history = 0
 
     def sync(self) -> None:
         """Take a SYNC that is the tick of the plate."""
@@ -43,17 +51,28 @@ class LateAnswers:
 
     def late(self, tick: int) -> bool:
         """Take the answer to a tick, 0..255, which is about to go out; tell whether it is late."""
-        ahead = self._syncs - tick & TICK_MASK
-        more = ahead - self._ahead & TICK_MASK
-        self._behind = self._behind + 1 if more else 0
-        if more > _HALF or self._behind > WINDOW:
-            self._ahead = ahead
-            more = self._behind = 0
-        late = more > 0
+        late = self._is_late(self._syncs - tick & TICK_MASK)
         self._history = (self._history << 1 | late) & _LAST
         return late
 
     def told(self) -> str:
         """Say how many of the last answers were late; nothing if none was."""
         late = self._history.bit_count()
-        return f"{late} of the last {WINDOW} drives late" if late else ""
+        return f"{late} of the last {TOLD} drives late" if late else ""
+
+    def _is_late(self, ahead: int) -> bool:
+        before, self._early = self._early, False
+        if self._ahead is None:
+            self._ahead = ahead
+        more = ahead - self._ahead & TICK_MASK
+        if 0 < more <= _HALF:
+            self._in_a_row += 1
+            if self._in_a_row <= self._deadline_ms():
+                return True
+        elif more:
+            self._early = True
+            if not before:
+                return False
+        self._ahead = ahead
+        self._in_a_row = 0
+        return False

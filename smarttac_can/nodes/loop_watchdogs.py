@@ -32,6 +32,8 @@ _PLATE_END: Final = 0.038
 """End of the plate in m from its middle: a finger presses no farther out."""
 _FRICTION_MAX: Final = 2.0
 """Largest Ft/Fn a finger can have; that of a wet one is near 1.5."""
+_GAP_MAX: Final = TICK_MASK // 2
+"""Most ticks between two measurements: more are a step back, as where a plate starts anew."""
 WATCHED: Final = ("Limit", "Model", "Calibration")
 """Records that `LoopWatchdogs.configure` reads."""
 _NO_PLATE: Final = 0
@@ -151,6 +153,8 @@ class LoopWatchdogs:
         # A measurement that is lost or passed over is time for the vibration all the same.
         ticks = measured.tick - self._tick & TICK_MASK
         self._tick = measured.tick
+        if ticks > _GAP_MAX:
+            ticks = 1
         return faults | self.vibration.look(W, cascade.contact, mode, ticks)
 
     def levels(self, cascade: Cascade) -> tuple[float, float, float, float, float, float, float]:

@@ -101,6 +101,8 @@ class VibrationWatch:
         "_excess",
         "_gain",
         "_gain_bound",
+        "_held_least",
+        "_held_most",
         "_lack",
         "_late",
         "_least",
@@ -136,6 +138,7 @@ class VibrationWatch:
         """Forget what was seen: the plate is at rest."""
         self._E = self._E_least = self._bound = self._least = 0.0
         self._V = self._V_most = self._V_least = self._V_least_before = 0.0
+        self._held_most = self._held_least = 0.0
         self._late = False
         self._above = Lapses()
         self._excess = Lapses()
@@ -147,14 +150,14 @@ class VibrationWatch:
     def note_voltage(self, voltage: float, *, late: bool = False) -> None:
         """Remember the voltage in V that is in force until the next measurement.
 
-        A late one is so some time in the cycle after that, if at all: until one in time has lasted
-        for a cycle, any of those before may be.
+        A late one is so some time in the cycle after that, if at all: what was in force before it
+        may be until one in time has come, and in the cycle in which that comes.
         """
-        self._V = voltage
-        most = least = voltage
+        self._V = most = least = voltage
         if late or self._late:
-            most, least = max(voltage, self._V_most), min(voltage, self._V_least)
+            most, least = max(voltage, self._held_most), min(voltage, self._held_least)
         self._V_most, self._V_least = most, least
+        self._held_most, self._held_least = (most, least) if late else (voltage, voltage)
         self._late = late
 
     def look(self, W: complex, contact: Contact, mode: int, ticks: int = 1) -> int:

@@ -320,14 +320,32 @@ def test_but_no_more_than_four_frames_are() -> None:
 
 
 def test_in_a_flood_what_is_due_comes_first_until_the_bus_was_empty_once() -> None:
-    flood = [(4995, REQUESTED)] * 40
-    apart = [(at, REQUESTED) for at in range(5600, 9900, 700)]
-    last = [(9995, REQUESTED)] * 3
-    host = Host([*flood, *apart, *last], until=14_000, pauses=((4995, 100), (9995, 100)))
+    flood = [(4995, REQUESTED)] * 160
+    apart = [(at, REQUESTED) for at in range(14_000, 14_990, 70)]
+    last = [(14_995, REQUESTED)] * 3
+    host = Host([*flood, *apart, *last], until=19_000, frame_cost=50, pauses=((14_995, 100),))
     run(ToyNode(), host)
-    assert order_after(host, 9990) == [REPLY + 1] * 3 + [TICKER + 1, OFF + 1], (
-        "a frame came before each wait was over, but none waited"
-    )
+    ticks = [at for at, frame in host.sent if frame.can_id == TICKER + 1]
+    assert 10_000 <= ticks[1] <= 10_050, "the flood goes on, and holds it up for one frame"
+    assert max(at for at, frame in host.sent if at < 13_000) > 10_500
+    ids = order_after(host, 14_994)
+    assert ids.index(TICKER + 1) == 4, "a frame came before each wait was over, but none waited"
+
+
+def test_who_is_held_up_while_it_hears_them_hears_the_rest_as_after_any_pause() -> None:
+    late = [(4000, OTHER), *[(4995, OTHER)] * 2, *[(6000, REQUESTED)] * 30]
+    host = Host(late, until=6800, pauses=((4995, 100), (5097, 3000)), frame_cost=1)
+    run(ToyNode(), host)
+    ids = order_after(host, 4994)
+    assert ids.count(REPLY + 1) == 30
+    assert ids.index(TICKER + 1) == ids.index(OFF + 1) - 1, "what is due comes after what waited"
+
+
+def test_what_must_not_wait_does_not_wait_for_them() -> None:
+    host = Host(burst(5050, 3), until=7900, frame_cost=300, pauses=((5000, 100),))
+    node = ToyNode()
+    run(node, host)
+    assert node.late[0] == 5100, "before the first of them is even read"
 
 
 def test_of_two_frames_of_a_kind_the_newer_one_is_known_without_a_pause() -> None:

@@ -12,8 +12,8 @@ from smarttac_can.nodes.late_answers import LateAnswers
 class Queue:
     """Ticks of a plate that hears all SYNCs but those told, and a stimulator that answers them."""
 
-    def __init__(self, first: int = 0, before: int = 0) -> None:
-        self.answers = LateAnswers()
+    def __init__(self, first: int = 0, before: int = 0, deadline_ms: int = 20) -> None:
+        self.answers = LateAnswers(lambda: deadline_ms)
         for _ in range(before):
             self.answers.sync()
         self.tick = first
@@ -63,11 +63,12 @@ def test_one_behind_stays_late_until_it_has_caught_up() -> None:
     assert queue.period(2) == [True, False]
 
 
-def test_a_sync_that_the_plate_lost_makes_20_answers_late() -> None:
-    queue = Queue()
+@pytest.mark.parametrize("deadline_ms", [3, 20, 100])
+def test_a_sync_that_the_plate_lost_makes_answers_late_for_a_deadline(deadline_ms: int) -> None:
+    queue = Queue(deadline_ms=deadline_ms)
     queue.periods(5)
     queue.period(99, heard=False)
-    assert queue.periods(40) == [True] * 20 + [False] * 20
+    assert queue.periods(deadline_ms + 20) == [True] * deadline_ms + [False] * 20
     assert queue.period(0) == []
     assert queue.period(99) == [True, False], "and what is late then is"
 
@@ -77,8 +78,28 @@ def test_the_first_answer_may_have_been_late_itself() -> None:
     queue.period(0)
     assert queue.period(1) == [False], "nobody knows yet"
     assert queue.period(2) == [False, False]
+    assert queue.period(1) == [False], "two in a row were earlier than that"
     assert queue.period(0) == []
     assert queue.period(2) == [True, False]
+
+
+def test_a_measurement_that_overtakes_its_sync_changes_nothing() -> None:
+    queue = Queue()
+    queue.periods(5)
+    for _ in range(3):
+        assert not queue.answers.late(queue.tick), "before its SYNC is heard"
+        queue.answers.sync()
+        queue.tick += 1
+        assert queue.periods(30) == [False] * 30
+    assert queue.period(0) == []
+    assert queue.period(99) == [True, False]
+
+
+def test_a_tick_that_is_half_the_count_behind_is_late_and_one_more_is_ahead() -> None:
+    for behind, late in ((127, True), (128, False)):
+        queue = Queue()
+        queue.periods(5)
+        assert queue.answers.late(queue.tick - 1 - behind & 0xFF) is late
 
 
 def test_a_new_run_begins_anew() -> None:

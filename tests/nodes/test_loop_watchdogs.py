@@ -171,3 +171,37 @@ def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
         return 0
 
     assert [stuck(sensor) for sensor in range(9)] == [12] * 8 + [100]
+
+
+@pytest.mark.parametrize(
+    ("ticks", "told"),
+    [
+        ([0, 1, 2, 3], [1, 1, 1, 1]),
+        ([254, 255, 0, 1], [1, 1, 1, 1]),
+        ([0, 3, 17, 17], [1, 3, 14, 0]),
+        # More than half of the count is a step back: the plate began anew.
+        ([100, 227, 98, 99, 10], [1, 127, 127, 1, 1]),
+        ([100, 228], [1, 1]),
+    ],
+)
+def test_the_vibration_is_told_how_many_ticks_have_passed(
+    ticks: list[int], told: list[int]
+) -> None:
+    watchdogs = LoopWatchdogs(stimulator_od())
+    passed: list[int] = []
+    cascade: Any = SimpleNamespace(
+        contact=NOTHING, tribometer=SimpleNamespace(tared=False, offsets=ZERO)
+    )
+
+    def seen(_W: complex, _contact: Contact, _mode: int, ticks: int) -> int:
+        passed.append(ticks)
+        return 0
+
+    vibration: Any = SimpleNamespace(look=seen)
+    watchdogs.vibration = vibration
+    for at, tick in enumerate(ticks):
+        measurement = Measurement(0j, ZERO, 20.0, 0)
+        watchdogs.look(Measured(measurement, (at,) * 9, tick, 1), 0, cascade)
+    assert passed[1:] == told[1:]
+    if ticks[0] == 0:
+        assert passed[0] == 1, "the first tick of a run is 0"

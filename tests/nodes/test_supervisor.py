@@ -13,7 +13,7 @@ from smarttac_can.od.cia import Abort
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 ARM, RUN, QUICK_STOP, FAULT_RESET = 1, 2, 4, 0x80
 NMT, HEARTBEAT, BUS_OFF = 1 << 0, 1 << 1, 1 << 7
@@ -343,3 +343,28 @@ def test_it_is_told_only_where_the_watch_is_all_that_lacks() -> None:
     with pytest.raises(Abort):
         loop.supervisor.command(ARM)
     assert loop.message == ""
+
+
+@pytest.mark.parametrize(
+    ("watchdog", "told"),
+    [
+        (Watchdog.AMPLITUDE, True),
+        (Watchdog.SATURATED, True),
+        (Watchdog.PICKUP, True),
+        (Watchdog.RESONANCE, True),
+        (Watchdog.UNSEEN, True),
+        (Watchdog.NORMAL_FORCE, False),
+        (Watchdog.TEMPERATURE, False),
+        (Watchdog.STUCK, False),
+    ],
+)
+@pytest.mark.parametrize("late", ["", "3 of the last 20 drives late"])
+def test_late_drives_are_told_of_where_they_may_be_the_cause(
+    watchdog: Watchdog, told: bool, late: str
+) -> None:
+    loop = Loop(State.RUNNING)
+    loop.supervisor.late_drives = lambda: late
+    loop.cycle(1 << watchdog)
+    text = WATCHDOGS[watchdog].text + (f"; {late}" if told and late else "")
+    assert loop.message == text
+    assert loop.supervisor.memory.lines[0].partition("h ")[2].startswith(f"{text}; mode ")
