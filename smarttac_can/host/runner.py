@@ -1,7 +1,7 @@
 """Run a sans-IO node on a bus: in real time by the clock, or in lockstep by SYNC.
 
 The promise in real time, for a process that runs and whatever comes over the bus: device time is
-never more than 20 ms behind the clock, or the time that one frame takes if that is longer; frames
+never more than 20 ms behind the clock, or the time that three frames take if that is longer; frames
 that were there when the process came late are heard for at most 10 ms before time goes on; and
 nothing waits for a bus that takes no frames.
 """

@@ -27,9 +27,9 @@ class LateAnswers:
     Notes
     -----
     A SYNC that the plate has not heard makes all answers look late, and so does a loop that never
-    is in time, which the deadline of the plate ends: after as many of them that is the new least.
-    One that overtook its SYNC looks early; two in a row are the new least. What waits in a queue of
-    this node is not seen.
+    is in time, whose voltage the deadline of the plate ends: after as many of them that is the new
+    least. One that overtook its SYNC looks early; two among the last `TOLD` are the new least. What
+    waits in a queue of this node is not seen.
     """
 
     __slots__ = ("_ahead", "_deadline_ms", "_early", "_history", "_in_a_row", "_syncs")
@@ -42,8 +42,7 @@ class LateAnswers:
     def restart(self) -> None:
         """Take the next answer for one in time, and forget those before."""
         self._ahead: int | None = None
-        self._early = False
-        self._in_a_row = self._history = 0
+        self._in_a_row = self._early = self._history = 0
 
     def sync(self) -> None:
         """Take a SYNC that is the tick of the plate."""
@@ -61,18 +60,23 @@ class LateAnswers:
         return f"{late} of the last {TOLD} drives late" if late else ""
 
     def _is_late(self, ahead: int) -> bool:
-        before, self._early = self._early, False
         if self._ahead is None:
             self._ahead = ahead
         more = ahead - self._ahead & TICK_MASK
-        if 0 < more <= _HALF:
+        early = more > _HALF
+        self._early = (self._early << 1 | early) & _LAST
+        if more == 0:
+            self._in_a_row = 0
+        elif early:
+            if self._early.bit_count() > 1:
+                self._take_for_least(ahead)
+        else:
             self._in_a_row += 1
             if self._in_a_row <= self._deadline_ms():
                 return True
-        elif more:
-            self._early = True
-            if not before:
-                return False
-        self._ahead = ahead
-        self._in_a_row = 0
+            self._take_for_least(ahead)
         return False
+
+    def _take_for_least(self, ahead: int) -> None:
+        self._ahead = ahead
+        self._in_a_row = self._early = 0

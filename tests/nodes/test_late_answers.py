@@ -78,19 +78,59 @@ def test_the_first_answer_may_have_been_late_itself() -> None:
     queue.period(0)
     assert queue.period(1) == [False], "nobody knows yet"
     assert queue.period(2) == [False, False]
-    assert queue.period(1) == [False], "two in a row were earlier than that"
+    assert queue.period(1) == [False], "two of them were earlier than that"
     assert queue.period(0) == []
     assert queue.period(2) == [True, False]
 
 
-def test_a_measurement_that_overtakes_its_sync_changes_nothing() -> None:
+@pytest.mark.parametrize(
+    ("answers", "late"), [([0, 2], [True, False]), ([0, 1, 2], [True, True, False])]
+)
+def test_a_loop_that_is_late_from_its_first_answer_on_is_found_out(
+    answers: list[int], late: list[bool]
+) -> None:
+    queue = Queue()
+    queue.period(0)
+    told = [queue.period(1), queue.period(2)]
+    told += [queue.period(answered) for _ in range(10) for answered in answers]
+    assert told[:2] == [[False], [False, False]], "nobody knows yet"
+    assert [late for period in told[2 + 2 * len(answers) :] for late in period] == late * 8
+
+
+def test_after_lateness_that_was_taken_for_the_rule_each_second_late_answer_is_found() -> None:
     queue = Queue()
     queue.periods(5)
-    for _ in range(3):
+    queue.period(0)
+    assert [late for _ in range(21) for late in queue.period(1)] == [True] * 20 + [False]
+    queue.period(99)
+    late = [late for _ in range(10) for answered in (0, 2) for late in queue.period(answered)]
+    assert late[4:] == [True, False] * 8
+
+
+def test_a_new_least_is_a_new_beginning() -> None:
+    queue = Queue(deadline_ms=5)
+    queue.periods(5)
+    for _ in range(2):
+        queue.period(99, heard=False)
+        assert queue.periods(6) == [True] * 5 + [False]
+    assert not queue.answers.late(queue.tick), "one that overtakes its SYNC"
+    queue.answers.sync()
+    queue.tick += 1
+    assert queue.periods(30) == [False] * 30
+
+
+@pytest.mark.parametrize(("apart", "new_least"), [(30, False), (19, False), (18, True), (0, True)])
+def test_a_measurement_that_overtakes_its_sync_changes_nothing_but_two_of_20_do(
+    apart: int, new_least: bool
+) -> None:
+    queue = Queue()
+    queue.periods(5)
+    for between in (apart, 0):
         assert not queue.answers.late(queue.tick), "before its SYNC is heard"
         queue.answers.sync()
         queue.tick += 1
-        assert queue.periods(30) == [False] * 30
+        assert queue.periods(between) == [False] * between
+    assert queue.periods(30) == [new_least] * 20 + [False] * 10
     assert queue.period(0) == []
     assert queue.period(99) == [True, False]
 
