@@ -1,6 +1,7 @@
 """``smarttac record --raw`` beside a script, and ``smarttac replay`` of its log."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -57,6 +58,11 @@ def at_rest(bench: Stimulator) -> None:
         assert bench.get("Setpoint.Voltage", "V") == voltage
 
 
+TRIES = 4
+CROSSED = re.compile(r"SDO answer \(5A0h\)|lacks the TPDO [1-4] ")
+"""What a request that crossed another one leaves: its answer, or a TPDO whose type it has set."""
+
+
 def replayed(log: Path, *options: str) -> dict[str, Any]:
     found = log.with_suffix(".json")
     result = CliRunner().invoke(main, ["replay", str(log), *options, "--json", str(found)])
@@ -84,19 +90,36 @@ def patient_eds(path: Path) -> Path:
 def test_what_a_process_records_is_replayed(
     multicast: dict[str, Any], tmp_path: Path, pace: str, act: Callable[[Stimulator], None]
 ) -> None:
-    lockstep = pace == "--lockstep"
     told = (pace, "--eds", str(patient_eds(tmp_path / "patient.eds")))
+    # Requests of script and recorder may cross on multicast: their order in the log is then not
+    # that in which the node heard them, which a bus with one order for all cannot do.
+    for attempt in range(TRIES):
+        raw = tmp_path / f"run{attempt}.log"
+        record_process(multicast, raw, told, act)
+        result = CliRunner().invoke(main, ["replay", str(raw), *told])
+        if result.exit_code == 0 or not CROSSED.search(result.output):
+            break
+    found = replayed(raw, *told)
+    assert found["same"] is True
+    assert found["drives"] == len(frames(raw, DRIVE)) > 200
+    # Of the script, and of the recorder, which sets the types of the TPDOs again.
+    assert len(frames(raw, SDO_TO)) > 50
+
+
+def record_process(
+    multicast: dict[str, Any], raw: Path, told: tuple[str, ...], act: Callable[[Stimulator], None]
+) -> None:
+    """Have a process record what a script does with both nodes."""
+    lockstep = told[0] == "--lockstep"
     plate = "plate --lockstep" if lockstep else "plate"
-    raw = tmp_path / "run.log"
+    rows = raw.with_suffix(".h5")
     command = [sys.executable, "-W", "error", "-m", "smarttac_can", "record", "--plate-node", "33"]
     command += ["--raw", str(raw), "--timeout", "5", *multicast_options(multicast)]
     with processes(multicast, plate, " ".join(("node --plate-node 33", *told))):
-        with subprocess.Popen(
-            [*command, str(tmp_path / "run.h5")], stderr=subprocess.PIPE, text=True
-        ) as recorder:
+        with subprocess.Popen([*command, str(rows)], stderr=subprocess.PIPE, text=True) as recorder:
             try:
                 assert recorder.stderr is not None
-                assert recorder.stderr.readline() == f"recording {tmp_path / 'run.h5'}\n"
+                assert recorder.stderr.readline() == f"recording {rows}\n"
                 reset_all(multicast)
                 options = {**multicast, "plate_node_id": 33, "lockstep": lockstep, "timeout": 5.0}
                 with Stimulator.connect(**options) as bench:
@@ -106,11 +129,6 @@ def test_what_a_process_records_is_replayed(
             finally:
                 recorder.kill()
         assert recorder.returncode == 0
-    found = replayed(raw, *told)
-    assert found["same"] is True
-    assert found["drives"] == len(frames(raw, DRIVE)) > 200
-    # Of the script, and of the recorder, which sets the types of the TPDOs again.
-    assert len(frames(raw, SDO_TO)) > 50
 
 
 def test_what_a_script_records_in_lockstep_is_replayed(
