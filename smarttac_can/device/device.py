@@ -323,11 +323,12 @@ class Device:
                 service.listen()
         self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
-        emcy = self._emergency.can_id
+        sync, emcy = self._sync.can_id, self._emergency.can_id
         loop = [tpdo.can_id for tpdo in self._loop_tpdos if tpdo.valid]
-        urgent = (self._sync.can_id, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
+        urgent = (sync, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
         sent = frozenset(can_id for service in self._services for can_id in service.sends)
-        self.ids = Identifiers(frozenset(self._port.listeners), frozenset(urgent), emcy, sent)
+        heard = frozenset(self._port.listeners)
+        self.ids = Identifiers(heard, frozenset(urgent), emcy, sent, sync)
 
     def _take_parameters(self) -> None:
         self._listen()

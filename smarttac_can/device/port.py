@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.timer import Clock
+from smarttac_can.od.cia import SYNC_ID
 
 
 class Identifiers(NamedTuple):
@@ -22,6 +23,8 @@ class Identifiers(NamedTuple):
     """Of its emergency messages, which are of use however late."""
     sent: frozenset[int] = frozenset()
     """Those that are its own: no other device may send with them."""
+    sync: int = SYNC_ID
+    """Of SYNC."""
 
 
 class Port:

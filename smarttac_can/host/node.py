@@ -40,7 +40,10 @@ class HostedNode(Node, Protocol):
 
     @property
     def ids(self) -> Identifiers:
-        """CAN-IDs that the node hears, and of its urgent frames; a new object if they change."""
+        """CAN-IDs of SYNC, of what the node hears and of its urgent frames.
+
+        A new object if they change.
+        """
 
     def overtaken(self, frame: Frame) -> list[Frame]:
         """Take a frame that a newer one of its kind waits behind; return the answers.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing, suppress
-from time import monotonic_ns, sleep
+from time import monotonic_ns, sleep, thread_time_ns
 from typing import Final
 
 from smarttac_can.device.frame import Frame
@@ -18,8 +18,8 @@ from smarttac_can.device.port import Identifiers
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
 from smarttac_can.host.node import HostedNode
 from smarttac_can.host.outbox import Outbox
+from smarttac_can.host.processor_share import ProcessorShare
 from smarttac_can.host.read_ahead import LATE_US, ReadAhead
-from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.vocabulary.signals import TICK_US
 
 _CATCH_UP_US: Final = 9000
@@ -37,10 +37,6 @@ _SEND_RETRY_US: Final = 200
 _STOP_POLL_US: Final = 50_000
 _SPARE_US: Final = 500
 """Time in us before the next timer that is long enough for other work."""
-_BUSY_US: Final = 10_000
-_REST_US: Final = 500
-"""A process that never waits for a frame rests that long after so much work: at a real-time
-priority nobody else would have this processor."""
 _FAREWELL_US: Final = 100_000
 
 
@@ -58,11 +54,11 @@ def run_node(
     stop: Callable[[], bool],
     *,
     lockstep: bool = False,
-    sync_id: int = SYNC_ID,
     full: Callable[[QueueFullError], None] = _not_told,
     spare: Callable[[], None] = _nothing,
     clock: Callable[[], int] = monotonic_ns,
     rest: Callable[[float], None] = sleep,
+    worked: Callable[[], int] = thread_time_ns,
 ) -> None:
     """Start a node, run it until told to stop, shut it down and close the bus.
 
@@ -79,21 +75,19 @@ def run_node(
         Asked at least every 50 ms.
     lockstep
         Whether SYNC is the clock.
-    sync_id
-        COB-ID of SYNC; in real time, of the frame that a newer one is looked for behind.
     full
         Told when the bus has begun not to take what the loop needs.
     spare
         Called in real time when there is nothing to do for half a millisecond at least.
-    clock, rest
-        Monotonic time in ns, and a wait of so many s.
+    clock, rest, worked
+        Monotonic time in ns, a wait of so many s, and the processor time that this took in ns.
 
     Raises
     ------
     BusError
         If the bus carries no more frames.
     """
-    run = _Run(node, bus, full, sync_id, clock, rest)
+    run = _Run(node, bus, full, clock, rest, worked)
     with closing(bus):
         try:
             run.say(node.start())
@@ -117,21 +111,20 @@ class _Run:
         node: HostedNode,
         bus: Bus,
         full: Callable[[QueueFullError], None],
-        sync_id: int,
         clock: Callable[[], int],
         rest: Callable[[float], None],
+        worked: Callable[[], int],
     ) -> None:
         self._node = node
         self._bus = bus
         self._outbox = Outbox(node, bus, full)
         self._inbox = ReadAhead(bus, clock)
         self._hear_overtaken = node.overtaken
-        self._sync_id = sync_id
         self._clock = clock
         self._rest = rest
-        self._ids: Identifiers | None = None
+        self._ids = Identifiers()
         self._epoch = clock() // 1000 - node.clock.now
-        self._rested = self._now()
+        self._share = ProcessorShare(self._now(), worked)
         self._flooded = False
         self._slow = 0
 
@@ -140,7 +133,8 @@ class _Run:
         # Before the answer: who is told that it is watched may send its first heartbeat at once.
         if self._node.ids is not self._ids:
             self._ids = self._node.ids
-            self._bus.listen_to(self._ids.heard)
+            # In lockstep SYNC is the time of a node that does not hear it, too.
+            self._bus.listen_to(self._ids.heard | {self._ids.sync})
         if frames:
             self._outbox.put(frames)
             self._send()
@@ -164,18 +158,17 @@ class _Run:
                 self.say(self._node.advance(0))
                 if timers.next_due <= self._now():
                     self._hear(self._now() + _HEARD_US)
-                    if self._flooded:
-                        self._rest_if_busy(now)
+                    self._rest_if_busy()
             else:
                 if not outbox.empty:
                     timers.now = now
                     self._send()
                     left = min(left, _SEND_RETRY_US)
-                elif self._stream():
+                elif not self._share.owed(now) and self._stream():
                     left = 0
                 elif left > _SPARE_US:
                     spare()
-                self._listen(now, min(left, _STOP_POLL_US))
+                self._listen(min(left, _STOP_POLL_US))
 
     def follow_sync(self, stop: Callable[[], bool]) -> None:
         """Follow SYNC; the clock is only asked how long to wait for a frame."""
@@ -186,7 +179,7 @@ class _Run:
             frame = self._bus.receive(wait_us * 1e-6)
             self._send()
             if frame is not None:
-                if frame.can_id == self._sync_id:
+                if frame.can_id == self._ids.sync:
                     self.say(node.advance(TICK_US))
                 self.say(node.receive(frame))
             while outbox.empty and self._stream():
@@ -216,33 +209,28 @@ class _Run:
         """Return the clock's time as device time in us."""
         return self._clock() // 1000 - self._epoch
 
-    def _listen(self, now: int, wait_us: int) -> None:
+    def _listen(self, wait_us: int) -> None:
         """Hear the next frame, or wait until something is due."""
-        busy = now - self._rested > _BUSY_US
         frame = self._inbox.receive(0.0)
-        if frame is None and not busy:
-            self._flooded = False
-            # A frame that comes before the wait is over does not tell whether there was one.
-            frame = self._inbox.receive(wait_us * 1e-6)
         if frame is None:
-            self._silent()
-        elif self._inbox.late:
+            # A frame that comes before the wait is over does not tell whether there was one.
+            self._flooded = False
+            if wait_us == 0:
+                return
+            frame = self._inbox.receive(wait_us * 1e-6)
+        if frame is not None and self._inbox.late:
             self._act_overdue(self._now())
             self._inbox.put_back(frame)
             self._read_ahead()
-        else:
+            return
+        if frame is not None:
             self._take(frame)
-            self._rest_if_busy(now)
+        self._rest_if_busy()
 
-    def _silent(self) -> None:
-        """Note that the bus has nothing to hear, so that others have the processor."""
-        self._flooded = False
-        self._rested = self._now()
-
-    def _rest_if_busy(self, now: int) -> None:
-        if now - self._rested > _BUSY_US:
-            self._rest(_REST_US * 1e-6)
-            self._rested = self._now()
+    def _rest_if_busy(self) -> None:
+        """Leave the processor to others, if they had too little of it."""
+        if owed := self._share.owed(self._now()):
+            self._rest(owed * 1e-6)
 
     def _act_overdue(self, now: int) -> None:
         """Have the node act on what must not wait for a frame."""
@@ -254,7 +242,7 @@ class _Run:
     def _take(self, frame: Frame) -> None:
         """Have the node hear a frame; what must not wait for one comes before it."""
         self._act_overdue(self._now())
-        if frame.can_id == self._sync_id:
+        if frame.can_id == self._ids.sync:
             self._inbox.look_behind()
             self._act_overdue(self._now())
         overtaken = self._inbox.overtaken(frame)
@@ -272,6 +260,7 @@ class _Run:
         self._hear(now + _CATCH_UP_US)
         self._node.clock.now = self._now()
         self.say(self._node.advance(0))
+        self._rest_if_busy()
 
     def _hear_before(self, now: int) -> None:
         """Hear what waits before what is due, but for what must not wait."""
@@ -297,7 +286,7 @@ class _Run:
         while True:
             frame = self._inbox.receive(0.0, (end - now) * 1e-6)
             if frame is None:
-                self._silent()
+                self._flooded = False
                 return
             before = now
             self._take(frame)

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import BOOT_UP, HEARTBEAT_ID, NMT_ID, SYNC_ID, NMTCommand
+from smarttac_can.od.cia import BOOT_UP, HEARTBEAT_ID, NMT_ID, NMTCommand
 from smarttac_can.replay.difference import Difference, difference, drive_voltage
 from smarttac_can.replay.first_measurements import Stamped
 from smarttac_can.replay.replayed_node import LATE_US, ReplayedNode
@@ -105,7 +105,7 @@ class Replay:
         self._frames += 1
         self._time = time = max(time, self._time)
         node = self._node
-        self._synced = self._synced or frame.can_id == SYNC_ID
+        self._synced = self._synced or (node is not None and node.is_sync(frame))
         if node is None:
             self._await_boot_up(frame)
         elif self._doubt is not None:

@@ -10,7 +10,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.timer import NEVER
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import SDO_TX_ID, SYNC_ID
+from smarttac_can.od.cia import SDO_TX_ID
 from smarttac_can.replay.first_measurements import FirstMeasurements, Stamped
 from smarttac_can.vocabulary.signals import TICK_US
 
@@ -62,6 +62,10 @@ class ReplayedNode:
         """Whether a frame of the log is one of the node itself."""
         return frame.can_id in self._node.ids.sent and not frame.rtr
 
+    def is_sync(self, frame: Frame) -> bool:
+        """Whether a frame is SYNC, as the node is configured."""
+        return frame.can_id == self._node.ids.sync
+
     def drives(self, frame: Frame) -> bool:
         """Whether a frame is a drive."""
         return self._first.is_drive(frame)
@@ -84,7 +88,7 @@ class ReplayedNode:
 
         Of what it may have heard before, it hears as little as explains the frame.
         """
-        if frame.can_id == SYNC_ID and self._node.device.produces_sync:
+        if self.is_sync(frame) and self._node.device.produces_sync:
             self._produce(time)
         self._said = time
         queue = self._computed.setdefault(frame.can_id, deque())
@@ -130,7 +134,7 @@ class ReplayedNode:
 
     def _hear(self, time: int, frame: Frame) -> None:
         if self._lockstep:
-            if frame.can_id == SYNC_ID:
+            if self.is_sync(frame):
                 self._put(self._node.advance(TICK_US))
             self._put(self._node.receive(frame))
             return

@@ -126,7 +126,10 @@ class Run:
         bus.watch.append(self._look)
         lines = StateLines(name, "here", node, self.said.append)
         lasting = ReconnectingBus(lambda: bus, node, lost=lines.lost, back=lines.back)
-        run_node(lines, lasting, bus.stop, full=lines.full, clock=bus.clock, rest=bus.rest)
+        run_node(
+            lines, lasting, bus.stop, full=lines.full, clock=bus.clock, rest=bus.rest,
+            worked=lambda: 0,
+        )  # fmt: skip
 
     def _look(self, now: int) -> None:
         block = self._node.block

@@ -5,11 +5,23 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from itertools import count
+from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from toy_node import AT_SYNC, BOOT_UP, EMERGENCY, OFF, REPLY, REQUEST, SYNC, TICKER, ToyNode
+from toy_node import (
+    AT_SYNC,
+    BOOT_UP,
+    EMERGENCY,
+    OFF,
+    REPLY,
+    REQUEST,
+    SEGMENT,
+    SYNC,
+    TICKER,
+    ToyNode,
+)
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, QueueFullError
@@ -48,6 +60,7 @@ class Host:
         self.closed = 0
         self.broken = False
         self.rests = 0
+        self.asleep = 0
         self.listened: list[frozenset[int]] = []
         self._arrivals = iter(arrivals)
         self._next = next(self._arrivals, None)
@@ -66,7 +79,16 @@ class Host:
 
     def rest(self, seconds: float) -> None:
         self.rests += 1
+        self.asleep += round(seconds * 1e6)
         self.now += round(seconds * 1e6)
+
+    def worked(self) -> int:
+        return 1000 * (self.now - self.asleep - self.paused)
+
+    @property
+    def time(self) -> dict[str, Any]:
+        """What `run_node` takes for the times of a system."""
+        return {"clock": self.clock, "rest": self.rest, "worked": self.worked}
 
     def at_end(self) -> bool:
         return self.now - self.paused >= self.until
@@ -84,7 +106,9 @@ class Host:
         self._arrive()
         if not self._queue:
             next_at = end if self._next is None else max(self.now, self._next[0])
-            self.now = max(self.now, min(end, next_at))
+            woken = max(self.now, min(end, next_at))
+            self.asleep += woken - self.now
+            self.now = woken
             self._arrive()
         if not self._queue:
             return None
@@ -137,7 +161,7 @@ class PunctualNode(ToyNode):
 
 
 def run(node: ToyNode, host: Host, *, lockstep: bool = False) -> None:
-    run_node(node, host, host.at_end, lockstep=lockstep, clock=host.clock, rest=host.rest)
+    run_node(node, host, host.at_end, lockstep=lockstep, **host.time)
 
 
 def every(period: int, frame: Frame = REQUESTED, start: int = 0) -> Iterator[tuple[int, Frame]]:
@@ -191,6 +215,42 @@ def test_a_flood_leaves_the_processor_to_others_now_and_then(cost: int) -> None:
     host = Host(every(10), until=500_000, frame_cost=cost)
     run(PunctualNode(host), host)
     assert host.rests * 500 >= 0.02 * 500_000
+
+
+@pytest.mark.parametrize("cost", [940, 990, 1000, 1001, 1500, 2500, 5000, 30_000])
+@pytest.mark.parametrize("period", [None, 1000, 10])
+def test_cycles_that_take_too_long_leave_it_to_others_too(cost: int, period: int | None) -> None:
+    arrivals = () if period is None else every(period)
+    host = Host(arrivals, until=1_000_000, frame_cost=10)
+    node = PunctualNode(host, advance_cost=cost)
+    run(node, host)
+    assert host.asleep >= 500 * (host.now // (13_000 + 2 * cost))
+    assert max(node.behind) <= PROMISE_US + cost
+
+
+@pytest.mark.parametrize("cost", [0, 300, 600, 900])
+@pytest.mark.parametrize("at", [100_000, 100_300, 100_700])
+@pytest.mark.parametrize("length", [3_400, 15_000])
+def test_who_has_time_to_wait_does_not_rest_for_long(cost: int, at: int, length: int) -> None:
+    host = Host(every(300), until=500_000, pauses=((at, length),))
+    node = PunctualNode(host, advance_cost=cost)
+    run(node, host)
+    assert host.rests <= 1
+    assert max(node.behind[-300:]) <= 1
+
+
+def test_a_transfer_waits_rather_than_a_tick() -> None:
+    class EndlessNode(PunctualNode):
+        def segments(self, most: int) -> list[Frame]:
+            return [Frame(SEGMENT + 1)] * most
+
+    host = Host(until=500_000, send_cost=10)
+    node = EndlessNode(host, advance_cost=300)
+    run(node, host)
+    assert node.missed == 0
+    assert max(node.behind) <= 300
+    assert 0.02 * 500_000 <= host.asleep <= 0.1 * 500_000
+    assert host.ids_sent().count(SEGMENT + 1) > 25_000
 
 
 def test_a_node_that_waits_for_its_frames_needs_no_rest() -> None:
@@ -375,7 +435,7 @@ def test_a_full_queue_holds_nothing_up_and_is_told_when_the_cycle_is_over(lockst
     node = ToyNode()
     told: list[int] = []
     run_node(
-        node, host, host.at_end, lockstep=lockstep, clock=host.clock, rest=host.rest,
+        node, host, host.at_end, lockstep=lockstep, **host.time,
         full=lambda reason: told.append(host.now),
     )  # fmt: skip
     assert node.failures >= 9, "each cycle that had no answer"
@@ -402,7 +462,7 @@ def test_who_has_time_is_told() -> None:
     spare: list[int] = []
     node = PunctualNode(host)
     run_node(
-        node, host, host.at_end, clock=host.clock, rest=host.rest,
+        node, host, host.at_end, **host.time,
         spare=lambda: spare.append(host.now % TICK_US),
     )  # fmt: skip
     assert spare
@@ -439,6 +499,14 @@ def test_what_is_listened_to_anew_is_so_before_the_answer_is_sent(lockstep: bool
     assert heard_at_answer == [True], "a first heartbeat may follow the answer at once"
 
 
+def test_sync_comes_to_a_node_in_lockstep_that_does_not_hear_it() -> None:
+    host = Host([(1000, SYNC)], until=2000)
+    node = ToyNode()
+    node.ids = node.ids._replace(heard=frozenset({REQUEST + 1}))
+    run(node, host, lockstep=True)
+    assert host.listened == [{REQUEST + 1, SYNC.can_id}], "a stopped node has its heartbeat"
+
+
 def test_lockstep_knows_no_clock() -> None:
     host = Host(iter([(50_000, SYNC), (100_000, REQUESTED), (100_001, SYNC)]), until=150_000)
     node = ToyNode()
@@ -451,6 +519,18 @@ def test_lockstep_knows_no_clock() -> None:
         Frame(AT_SYNC + 1, (2000).to_bytes(8, "little")),
         Frame(OFF + 1, bytes(2)),
     ]
+
+
+def test_sync_is_what_the_node_says_it_is() -> None:
+    other = Frame(0x081)
+    node = ToyNode()
+    node.ids = node.ids._replace(sync=other.can_id)
+    run(node, Host([(1000, SYNC), (2000, other), (3000, other)], until=4000), lockstep=True)
+    assert node.advances == [1000, 1000]
+    node = ToyNode()
+    node.ids = node.ids._replace(sync=other.can_id)
+    run(node, Host([(1500, OTHER), *[(3000, SYNC)] * 2, *[(4000, other)] * 2], until=4900))
+    assert node.passed == [other], "behind others nothing is looked for"
 
 
 def fail(frame: Frame) -> list[Frame]:

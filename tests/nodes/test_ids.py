@@ -42,3 +42,11 @@ def test_another_identifier_makes_them_others() -> None:
     assert node.ids is not before
     assert node.ids.emcy == 0x0B0
     assert node.ids.urgent >= {0x0B0}
+
+
+def test_another_identifier_of_sync_is_told() -> None:
+    line, _, node = both_nodes()
+    assert node.ids.sync == SYNC
+    assert line.write_entry(node, node.od.entry(0x1005, 0), 0x00000081) == 0
+    assert node.ids.sync == 0x081
+    assert node.ids.urgent >= {0x081}

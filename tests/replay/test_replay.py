@@ -14,6 +14,7 @@ from recorded import (
     clocked_node,
     clocked_run,
     friction_run,
+    lockstep_node,
     places,
     replayed,
 )
@@ -22,6 +23,7 @@ from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.local_master import LocalMaster
+from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.replay import Difference, DifferenceError, Replay
 
 READ = Frame(SDO_TO, bytes.fromhex("4000200000000000"))
@@ -46,6 +48,20 @@ def test_a_run_in_lockstep_is_the_same_to_the_bit() -> None:
     own = [f for _, f in log if f.can_id in (0x1A0, 0x2A0, 0x3A0, 0x4A0, SDO_FROM, BOOT_UP, DRIVE)]
     assert len(own) - 6 < found.compared < len(own)
     assert (found.frames, found.power_ons) == (len(log), 1)
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_sync_is_what_the_node_is_configured_for(lockstep: bool) -> None:
+    def power_on() -> StimulatorNode:
+        node = lockstep_node() if lockstep else clocked_node()
+        sync = node.od.entry(0x1005, 0)
+        sync.default = sync.value = sync.value + 1
+        return node
+
+    replay = Replay(power_on, STIMULATOR_ID, lockstep=lockstep)
+    for time, frame in friction_run() if lockstep else clocked_run():
+        replay.take(time, frame._replace(can_id=0x081) if frame.can_id == SYNC else frame)
+    assert replay.end().drives > 300
 
 
 @pytest.mark.parametrize(
