@@ -5,39 +5,63 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-_WINDOW_US: Final = 10_000
-_LEFT_US: Final = 500
-"""What of the processor is left to others in a window at least: 5 %, as Linux does by itself."""
+_WINDOW_NS: Final = 10_000_000
+_SOON_NS: Final = 8_000_000
+"""From here on what can wait does, so that a rest does not come at the wrong time."""
+_WAITED_NS: Final = 500_000
+"""For how long a thread waits in a window, at least."""
 
 
 class ProcessorShare:
-    """Counts what is left of the processor, be it by a wait or since the system ran another.
+    """Has a thread rest that does not wait for long enough by itself.
+
+    That the system ran another meanwhile does not count: at a real-time priority that is one more
+    urgent, and those below get nothing.
 
     Parameters
     ----------
-    now
-        Time in us.
+    clock
+        Monotonic time in ns.
     worked
-        Processor time that the thread took, in ns. Where it is counted in units of many ms nothing
-        is owed.
+        Processor time that the thread took, in ns.
+    rest
+        Waits for so many s.
     """
 
-    def __init__(self, now: int, worked: Callable[[], int]) -> None:
+    def __init__(
+        self, clock: Callable[[], int], worked: Callable[[], int], rest: Callable[[float], None]
+    ) -> None:
+        self._clock = clock
         self._worked = worked
-        self._begin(now, worked())
+        self.rest = rest
+        self._since = clock()
+        self._waited = 0
 
-    def owed(self, now: int) -> int:
-        """Return for how many us the thread should rest now, 0 if it has left enough."""
-        if now - self._since <= _WINDOW_US:
+    def idle(self) -> int:
+        """Return the time in ns, since ever, in which the thread did not work."""
+        return self._clock() - self._worked()
+
+    def waited_since(self, idle: int) -> None:
+        """Count a wait that began at a time of `idle`; work that it took is none."""
+        self._waited += max(self.idle() - idle, 0)
+
+    def owed(self) -> int:
+        """Return for how many us the thread should wait soon, 0 if it did so for long enough."""
+        return self._owed(_SOON_NS)
+
+    def rest_if_owed(self) -> None:
+        """Wait for as long as is owed, if that can be put off no more."""
+        if owed := self._owed(_WINDOW_NS):
+            idle = self.idle()
+            self.rest(owed * 1e-6)
+            self.waited_since(idle)
+
+    def _owed(self, after: int) -> int:
+        now = self._clock()
+        if now - self._since <= after:
             return 0
-        worked = self._worked()
-        left = now - self._since - (worked - self._worked_since) // 1000
-        # Far below 0 the unit of processor time is coarse.
-        if abs(left) < _LEFT_US:
-            return _LEFT_US - left
-        self._begin(now, worked)
-        return 0
-
-    def _begin(self, now: int, worked: int) -> None:
+        if self._waited < _WAITED_NS:
+            return -((self._waited - _WAITED_NS) // 1000)
         self._since = now
-        self._worked_since = worked
+        self._waited = 0
+        return 0

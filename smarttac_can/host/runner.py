@@ -87,7 +87,7 @@ def run_node(
     BusError
         If the bus carries no more frames.
     """
-    run = _Run(node, bus, full, clock, rest, worked)
+    run = _Run(node, bus, lockstep, full, clock, ProcessorShare(clock, worked, rest))
     with closing(bus):
         try:
             run.say(node.start())
@@ -110,21 +110,21 @@ class _Run:
         self,
         node: HostedNode,
         bus: Bus,
+        lockstep: bool,
         full: Callable[[QueueFullError], None],
         clock: Callable[[], int],
-        rest: Callable[[float], None],
-        worked: Callable[[], int],
+        share: ProcessorShare,
     ) -> None:
         self._node = node
         self._bus = bus
+        self._lockstep = lockstep
         self._outbox = Outbox(node, bus, full)
         self._inbox = ReadAhead(bus, clock)
         self._hear_overtaken = node.overtaken
         self._clock = clock
-        self._rest = rest
         self._ids = Identifiers()
         self._epoch = clock() // 1000 - node.clock.now
-        self._share = ProcessorShare(self._now(), worked)
+        self._share = share
         self._flooded = False
         self._slow = 0
 
@@ -133,8 +133,9 @@ class _Run:
         # Before the answer: who is told that it is watched may send its first heartbeat at once.
         if self._node.ids is not self._ids:
             self._ids = self._node.ids
-            # In lockstep SYNC is the time of a node that does not hear it, too.
-            self._bus.listen_to(self._ids.heard | {self._ids.sync})
+            # In lockstep SYNC is the time of a stopped node, too, which does not hear it.
+            time = {self._ids.sync} if self._lockstep else set()
+            self._bus.listen_to(self._ids.heard | time)
         if frames:
             self._outbox.put(frames)
             self._send()
@@ -158,13 +159,15 @@ class _Run:
                 self.say(self._node.advance(0))
                 if timers.next_due <= self._now():
                     self._hear(self._now() + _HEARD_US)
-                    self._rest_if_busy()
+                    self._share.rest_if_owed()
             else:
                 if not outbox.empty:
                     timers.now = now
                     self._send()
                     left = min(left, _SEND_RETRY_US)
-                elif not self._share.owed(now) and self._stream():
+                elif owed := self._share.owed():
+                    left = min(left, owed)
+                elif self._stream():
                     left = 0
                 elif left > _SPARE_US:
                     spare()
@@ -190,7 +193,7 @@ class _Run:
         self.say(self._node.shutdown())
         end = self._now() + _FAREWELL_US
         while not self._outbox.empty and self._now() < end:
-            self._rest(_SEND_RETRY_US * 1e-6)
+            self._share.rest(_SEND_RETRY_US * 1e-6)
             self._send()
 
     def _send(self) -> None:
@@ -217,7 +220,9 @@ class _Run:
             self._flooded = False
             if wait_us == 0:
                 return
+            idle = self._share.idle()
             frame = self._inbox.receive(wait_us * 1e-6)
+            self._share.waited_since(idle)
         if frame is not None and self._inbox.late:
             self._act_overdue(self._now())
             self._inbox.put_back(frame)
@@ -225,12 +230,7 @@ class _Run:
             return
         if frame is not None:
             self._take(frame)
-        self._rest_if_busy()
-
-    def _rest_if_busy(self) -> None:
-        """Leave the processor to others, if they had too little of it."""
-        if owed := self._share.owed(self._now()):
-            self._rest(owed * 1e-6)
+        self._share.rest_if_owed()
 
     def _act_overdue(self, now: int) -> None:
         """Have the node act on what must not wait for a frame."""
@@ -260,7 +260,7 @@ class _Run:
         self._hear(now + _CATCH_UP_US)
         self._node.clock.now = self._now()
         self.say(self._node.advance(0))
-        self._rest_if_busy()
+        self._share.rest_if_owed()
 
     def _hear_before(self, now: int) -> None:
         """Hear what waits before what is due, but for what must not wait."""

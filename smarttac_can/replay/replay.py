@@ -79,7 +79,8 @@ class Replay:
         self._lockstep = lockstep
         self._boot_up = Frame(HEARTBEAT_ID + node_id, BOOT_UP)
         self._node: ReplayedNode | None = None
-        self._keeps = self._synced = False
+        self._keeps = False
+        self._seen: set[int] = set()
         self._queued: deque[Stamped] | None = None
         self._doubt: DifferenceError | None = None
         self._doubted = 0
@@ -105,7 +106,7 @@ class Replay:
         self._frames += 1
         self._time = time = max(time, self._time)
         node = self._node
-        self._synced = self._synced or (node is not None and node.is_sync(frame))
+        self._seen.add(frame.can_id)
         if node is None:
             self._await_boot_up(frame)
         elif self._doubt is not None:
@@ -202,7 +203,7 @@ class Replay:
             found = self._differs(node, frame, computed)
             # Who ends a process leaves the plate at 0 V, and no frame says that this was so. And
             # a log without any SYNC is no log of a loop: that is what to say of it.
-            if self._synced and not (drives and drive_voltage(node.od, frame) == 0):
+            if node.sync_id in self._seen and not (drives and drive_voltage(node.od, frame) == 0):
                 raise found
             self._doubt = found
 
@@ -210,7 +211,7 @@ class Replay:
         """Believe a drive of 0 V that nothing explains, if the node says little more than that."""
         if frame == self._boot_up:
             self._switch_on()
-        elif self._synced and node.sends(frame):
+        elif node.sync_id in self._seen and node.sends(frame):
             self._doubted += 1
             if self._doubted > _FAREWELL:
                 raise doubt

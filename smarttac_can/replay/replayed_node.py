@@ -62,9 +62,10 @@ class ReplayedNode:
         """Whether a frame of the log is one of the node itself."""
         return frame.can_id in self._node.ids.sent and not frame.rtr
 
-    def is_sync(self, frame: Frame) -> bool:
-        """Whether a frame is SYNC, as the node is configured."""
-        return frame.can_id == self._node.ids.sync
+    @property
+    def sync_id(self) -> int:
+        """Identifier of SYNC, as the node is configured now."""
+        return self._node.ids.sync
 
     def drives(self, frame: Frame) -> bool:
         """Whether a frame is a drive."""
@@ -88,7 +89,7 @@ class ReplayedNode:
 
         Of what it may have heard before, it hears as little as explains the frame.
         """
-        if self.is_sync(frame) and self._node.device.produces_sync:
+        if frame.can_id == self.sync_id and self._node.device.produces_sync:
             self._produce(time)
         self._said = time
         queue = self._computed.setdefault(frame.can_id, deque())
@@ -134,7 +135,7 @@ class ReplayedNode:
 
     def _hear(self, time: int, frame: Frame) -> None:
         if self._lockstep:
-            if self.is_sync(frame):
+            if frame.can_id == self.sync_id:
                 self._put(self._node.advance(TICK_US))
             self._put(self._node.receive(frame))
             return

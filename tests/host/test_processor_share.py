@@ -1,4 +1,4 @@
-"""What is left of a processor, by times that are made up."""
+"""How long a thread has to rest, by times that are made up."""
 
 from __future__ import annotations
 
@@ -8,55 +8,74 @@ from smarttac_can.host.processor_share import ProcessorShare
 
 
 class Thread:
-    """Works and waits for as long as it is told to."""
+    """Works and waits for as long as it is told to, in us."""
 
     def __init__(self, unit: int = 1) -> None:
         self.now = 0
-        self._worked = 0
-        self._unit = unit
-        self.share = ProcessorShare(self.now, self.worked)
+        self.worked = 0
+        self.unit = unit
+        self.rests: list[float] = []
+        self.share = ProcessorShare(
+            lambda: 1000 * self.now, lambda: 1000 * (self.worked // unit * unit), self.rest
+        )
 
-    def worked(self) -> int:
-        return 1000 * (self._worked // self._unit * self._unit)
+    def rest(self, seconds: float) -> None:
+        self.rests.append(seconds)
+        self.now += round(seconds * 1e6)
 
     def work(self, us: int) -> int:
         self.now += us
-        self._worked += us
-        return self.share.owed(self.now)
+        self.worked += us
+        return self.share.owed()
 
-    def wait(self, us: int) -> int:
+    def wait(self, us: int, work: int = 0) -> int:
+        idle = self.share.idle()
         self.now += us
-        return self.share.owed(self.now)
+        self.worked += work
+        self.share.waited_since(idle)
+        return self.share.owed()
 
 
-def test_nothing_is_owed_for_10_ms_of_work_and_then_half_a_millisecond_is() -> None:
+def test_half_a_millisecond_is_owed_after_8_ms_and_taken_after_10() -> None:
     thread = Thread()
-    assert thread.work(10_000) == 0
+    assert thread.work(8_000) == 0
+    assert thread.work(1) == 500
+    thread.work(1_999)
+    thread.share.rest_if_owed()
+    assert thread.rests == []
+    thread.work(1)
+    thread.share.rest_if_owed()
+    assert thread.rests == [0.0005]
+    thread.share.rest_if_owed()
+    assert thread.rests == [0.0005], "it has rested"
+    assert thread.work(8_000) == 0
     assert thread.work(1) == 500
 
 
-def test_waits_count() -> None:
+def test_waits_count_but_for_the_work_that_they_took() -> None:
     thread = Thread()
     thread.wait(200)
     assert thread.work(11_000) == 300
     assert thread.wait(299) == 1
+    assert thread.wait(1000, work=1000) == 1
     assert thread.wait(1) == 0
-    assert thread.work(10_000) == 0, "from then on anew"
+    assert thread.work(8_000) == 0, "from then on anew"
     assert thread.work(1) == 500
 
 
-def test_what_the_system_took_counts() -> None:
+def test_what_the_system_took_does_not_count() -> None:
     thread = Thread()
-    thread.work(5_000)
-    thread.wait(15_000)
-    assert thread.work(5_000) == 0
+    for _ in range(20):
+        thread.now += 1000
+        thread.work(1000)
+    assert thread.share.owed() == 500
 
 
-@pytest.mark.parametrize("unit", [10_000, 15_625, 64_000])
-def test_a_coarse_unit_owes_next_to_nothing(unit: int) -> None:
+@pytest.mark.parametrize("unit", [1000, 10_000, 15_625, 64_000])
+def test_a_coarse_unit_of_processor_time_owes_nothing_more(unit: int) -> None:
     thread = Thread(unit)
     owed = 0
     for _ in range(10_000):
         owed += thread.work(350)
         owed += thread.wait(650)
-    assert owed <= 100_000, "of 10 s"
+    assert owed == 0

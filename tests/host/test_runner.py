@@ -228,6 +228,28 @@ def test_cycles_that_take_too_long_leave_it_to_others_too(cost: int, period: int
     assert max(node.behind) <= PROMISE_US + cost
 
 
+@pytest.mark.parametrize("cost", [0, 1500])
+def test_that_the_system_runs_another_is_no_rest(cost: int) -> None:
+    # As the threads of interrupts do, which are more urgent than a node.
+    taken = tuple((at, 600) for at in range(1000, 500_000, 4000))
+    arrivals = every(10) if not cost else ()
+    host = Host(arrivals, until=400_000, frame_cost=100, pauses=taken)
+    run(PunctualNode(host, advance_cost=cost), host)
+    assert host.rests > 20
+
+
+def test_a_transfer_waits_for_no_longer_than_is_owed() -> None:
+    class EndlessNode(ToyNode):
+        def segments(self, most: int) -> list[Frame]:
+            return [Frame(SEGMENT + 1)] * most
+
+    host = Host(until=500_000, send_cost=10)
+    node = EndlessNode()
+    node.start = list  # type: ignore[method-assign]  # it has no timer
+    run(node, host)
+    assert 0.02 * 500_000 <= host.asleep <= 0.1 * 500_000
+
+
 @pytest.mark.parametrize("cost", [0, 300, 600, 900])
 @pytest.mark.parametrize("at", [100_000, 100_300, 100_700])
 @pytest.mark.parametrize("length", [3_400, 15_000])
