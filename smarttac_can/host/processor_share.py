@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-_WINDOW_NS: Final = 10_000_000
-_SOON_NS: Final = 8_000_000
+_WORK_NS: Final = 10_000_000
+_SOON_NS: Final = 5_000_000
 """From here on what can wait does, so that a rest does not come at the wrong time."""
 _WAITED_NS: Final = 500_000
-"""For how long a thread waits in a window, at least."""
+"""For how long a thread waits in so much work, at least."""
 
 
 class ProcessorShare:
@@ -26,6 +26,11 @@ class ProcessorShare:
         Processor time that the thread took, in ns.
     rest
         Waits for so many s.
+
+    Attributes
+    ----------
+    rest
+        As given; what it takes counts only where `rest_if_owed` calls it.
     """
 
     def __init__(
@@ -35,6 +40,7 @@ class ProcessorShare:
         self._worked = worked
         self.rest = rest
         self._since = clock()
+        self._worked_since = worked()
         self._waited = 0
 
     def idle(self) -> int:
@@ -46,12 +52,12 @@ class ProcessorShare:
         self._waited += max(self.idle() - idle, 0)
 
     def owed(self) -> int:
-        """Return for how many us the thread should wait soon, 0 if it did so for long enough."""
+        """Return for how many us the thread should wait soon, 0 if that has time or was done."""
         return self._owed(_SOON_NS)
 
     def rest_if_owed(self) -> None:
         """Wait for as long as is owed, if that can be put off no more."""
-        if owed := self._owed(_WINDOW_NS):
+        if owed := self._owed(_WORK_NS):
             idle = self.idle()
             self.rest(owed * 1e-6)
             self.waited_since(idle)
@@ -60,8 +66,11 @@ class ProcessorShare:
         now = self._clock()
         if now - self._since <= after:
             return 0
-        if self._waited < _WAITED_NS:
+        worked = self._worked()
+        if self._waited >= _WAITED_NS:
+            self._since = now
+            self._worked_since = worked
+            self._waited = 0
+        elif worked - self._worked_since > after - _WAITED_NS:
             return -((self._waited - _WAITED_NS) // 1000)
-        self._since = now
-        self._waited = 0
         return 0

@@ -80,7 +80,7 @@ def run_node(
     spare
         Called in real time when there is nothing to do for half a millisecond at least.
     clock, rest, worked
-        Monotonic time in ns, a wait of so many s, and the processor time that this took in ns.
+        Monotonic time in ns, a wait of so many s, and the processor time of this thread in ns.
 
     Raises
     ------

@@ -257,22 +257,24 @@ def test_who_has_time_to_wait_does_not_rest_for_long(cost: int, at: int, length:
     host = Host(every(300), until=500_000, pauses=((at, length),))
     node = PunctualNode(host, advance_cost=cost)
     run(node, host)
-    assert host.rests <= 1
+    assert host.rests <= (cost > 600), "what it missed may take it all its time"
     assert max(node.behind[-300:]) <= 1
 
 
-def test_a_transfer_waits_rather_than_a_tick() -> None:
+@pytest.mark.parametrize("cost", [300, 600, 800])
+def test_a_transfer_waits_rather_than_a_tick(cost: int) -> None:
     class EndlessNode(PunctualNode):
         def segments(self, most: int) -> list[Frame]:
             return [Frame(SEGMENT + 1)] * most
 
     host = Host(until=500_000, send_cost=10)
-    node = EndlessNode(host, advance_cost=300)
+    node = EndlessNode(host, advance_cost=cost)
     run(node, host)
     assert node.missed == 0
-    assert max(node.behind) <= 300
+    assert max(node.behind) <= 100, "it sends eight segments of 10 us at a time"
     assert 0.02 * 500_000 <= host.asleep <= 0.1 * 500_000
-    assert host.ids_sent().count(SEGMENT + 1) > 25_000
+    spare = 500 * (TICK_US - cost) // 10
+    assert host.ids_sent().count(SEGMENT + 1) > 0.6 * spare
 
 
 def test_a_node_that_waits_for_its_frames_needs_no_rest() -> None:
