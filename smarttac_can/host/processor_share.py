@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 _WORK_NS: Final = 10_000_000
-_SOON_NS: Final = 5_000_000
+_SOON_NS: Final = 8_000_000
 """From here on what can wait does, so that a rest does not come at the wrong time."""
 _WAITED_NS: Final = 500_000
 """For how long a thread waits in so much work, at least."""
@@ -39,17 +39,11 @@ class ProcessorShare:
         self._clock = clock
         self._worked = worked
         self.rest = rest
-        self._since = clock()
-        self._worked_since = worked()
-        self._waited = 0
+        self._begin(clock(), worked())
 
-    def idle(self) -> int:
-        """Return the time in ns, since ever, in which the thread did not work."""
-        return self._clock() - self._worked()
-
-    def waited_since(self, idle: int) -> None:
-        """Count a wait that began at a time of `idle`; work that it took is none."""
-        self._waited += max(self.idle() - idle, 0)
+    def waited(self, nanoseconds: int) -> None:
+        """Count a wait, which may have been for one frame of many."""
+        self._waited += nanoseconds
 
     def owed(self) -> int:
         """Return for how many us the thread should wait soon, 0 if that has time or was done."""
@@ -58,19 +52,27 @@ class ProcessorShare:
     def rest_if_owed(self) -> None:
         """Wait for as long as is owed, if that can be put off no more."""
         if owed := self._owed(_WORK_NS):
-            idle = self.idle()
+            before = self._clock()
             self.rest(owed * 1e-6)
-            self.waited_since(idle)
+            self._waited += self._clock() - before
 
     def _owed(self, after: int) -> int:
         now = self._clock()
-        if now - self._since <= after:
+        passed = now - self._since
+        if passed <= after:
             return 0
         worked = self._worked()
-        if self._waited >= _WAITED_NS:
-            self._since = now
-            self._worked_since = worked
-            self._waited = 0
-        elif worked - self._worked_since > after - _WAITED_NS:
-            return -((self._waited - _WAITED_NS) // 1000)
+        work = worked - self._worked_since
+        # A wait for one frame of many is work. Far below 0 the unit of that is coarse.
+        idle = passed - work
+        waited = self._waited if idle < -_WAITED_NS else min(self._waited, max(idle, 0))
+        if waited >= _WAITED_NS:
+            self._begin(now, worked)
+        elif work > after - _WAITED_NS:
+            return -((waited - _WAITED_NS) // 1000)
         return 0
+
+    def _begin(self, now: int, worked: int) -> None:
+        self._since = now
+        self._worked_since = worked
+        self._waited = 0

@@ -220,9 +220,9 @@ class _Run:
             self._flooded = False
             if wait_us == 0:
                 return
-            idle = self._share.idle()
+            before = self._clock()
             frame = self._inbox.receive(wait_us * 1e-6)
-            self._share.waited_since(idle)
+            self._share.waited(self._clock() - before)
         if frame is not None and self._inbox.late:
             self._act_overdue(self._now())
             self._inbox.put_back(frame)
