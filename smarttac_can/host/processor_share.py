@@ -52,9 +52,8 @@ class ProcessorShare:
     def rest_if_owed(self) -> None:
         """Wait for as long as is owed, if that can be put off no more."""
         if owed := self._owed(_WORK_NS):
-            before = self._clock()
             self.rest(owed * 1e-6)
-            self._waited += self._clock() - before
+            self._begin(self._clock(), self._worked())
 
     def _owed(self, after: int) -> int:
         now = self._clock()
@@ -63,9 +62,11 @@ class ProcessorShare:
             return 0
         worked = self._worked()
         work = worked - self._worked_since
-        # A wait for one frame of many is work. Far below 0 the unit of that is coarse.
-        idle = passed - work
-        waited = self._waited if idle < -_WAITED_NS else min(self._waited, max(idle, 0))
+        # A wait for one frame of many is work, and what is lacking to idle was. Far below 0 the
+        # unit of work is coarse.
+        waited, idle = self._waited, passed - work
+        if waited > idle > -_WAITED_NS:
+            waited = max(2 * idle - waited, 0)
         if waited >= _WAITED_NS:
             self._begin(now, worked)
         elif work > after - _WAITED_NS:

@@ -51,12 +51,11 @@ def test_half_a_millisecond_is_owed_after_8_ms_and_taken_after_10() -> None:
     assert thread.work(1) == 500
 
 
-def test_waits_count_but_for_the_work_that_they_took() -> None:
+def test_waits_count() -> None:
     thread = Thread()
     thread.wait(200)
     assert thread.work(11_000) == 300
     assert thread.wait(299) == 1
-    assert thread.wait(1000, work=1000) == 1
     assert thread.wait(1) == 0
     assert thread.work(8_000) == 0, "from then on anew"
     assert thread.work(1) == 500
@@ -69,6 +68,15 @@ def test_what_the_system_took_counts_neither_as_work_nor_as_wait() -> None:
         assert thread.work(1000) == 0
     thread.now += 5000
     assert thread.work(1000) == 500
+
+
+@pytest.mark.parametrize("taken", [0, 50, 200, 450])
+def test_a_wait_that_was_work_is_none_though_the_system_took_some_of_it(taken: int) -> None:
+    thread = Thread()
+    for _ in range(1000):
+        thread.wait(1000, work=1000 - taken)
+        thread.share.rest_if_owed()
+    assert len(thread.rests) >= 40
 
 
 @pytest.mark.parametrize("unit", [1000, 10_000, 15_625, 64_000])
