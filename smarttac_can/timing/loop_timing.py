@@ -276,7 +276,8 @@ class LoopTiming:
         if len(data) <= self._driven_at:
             return
         cycle = self._unanswered.pop(data[self._driven_at], None)
-        if cycle is None:
+        # What was never answered had the same count 256 ticks ago.
+        if cycle is None or time - cycle.sync > 0.5 * _TICKS * TICK:
             self._unmatched += 1
             return
         cycle.driven = True

@@ -164,6 +164,18 @@ def test_drives_that_stay_away(loop: Loop) -> None:
     assert loop.timing.gap_s == pytest.approx((21 - 0.45) * MS, abs=1e-6)
 
 
+def test_a_drive_answers_no_measurement_of_256_ticks_ago(loop: Loop) -> None:
+    loop.cycles(0, 40)
+    loop.feed(40, sync())
+    loop.feed(40.2, measurement(40))
+    loop.cycles(41, 296)
+    loop.feed(296, sync())
+    loop.feed(296.4, drive(40))
+    loop.cycles(297, 400)
+    assert max(loop.timing.drive.counts) == 450
+    assert loop.timing.gap_s == pytest.approx(2 * MS, abs=1e-6)
+
+
 def test_a_drive_that_is_sent_again_counts_once(loop: Loop) -> None:
     loop.cycles(0, 10)
     loop.cycle(10)
