@@ -15,15 +15,12 @@ from smarttac_can.host.bus import QueueFullError
 from smarttac_can.master.requests import ABORT
 from smarttac_can.od.cia import (
     BOOT_UP,
-    CAN_ID_MASK,
     FRAME_BYTES,
     HEARTBEAT_ID,
     NMT_ID,
     SDO_RX_ID,
     SDO_TX_ID,
-    SYNC_COB_ID,
     SYNC_COUNTER,
-    SYNC_ID,
     Abort,
     AbortCode,
     NMTCommand,
@@ -205,7 +202,7 @@ class Examiner:
     @property
     def sync_id(self) -> int:
         """Identifier of SYNC by the data sheet."""
-        return self.sheet.od.number(SYNC_COB_ID, absent=SYNC_ID) & CAN_ID_MASK
+        return self.sheet.od.sync_id
 
     @property
     def heartbeat_id(self) -> int:

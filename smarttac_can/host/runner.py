@@ -134,8 +134,8 @@ class _Run:
         if self._node.ids is not self._ids:
             self._ids = self._node.ids
             # In lockstep SYNC is the time of a stopped node, too, which does not hear it.
-            time = {self._ids.sync} if self._lockstep else set()
-            self._bus.listen_to(self._ids.heard | time)
+            heard = self._ids.heard | {self._ids.sync} if self._lockstep else self._ids.heard
+            self._bus.listen_to(heard)
         if frames:
             self._outbox.put(frames)
             self._send()

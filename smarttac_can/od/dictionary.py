@@ -6,7 +6,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from smarttac_can.od.cia import RECORD_TYPES, Abort, AbortCode, ObjectType
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    RECORD_TYPES,
+    SYNC_COB_ID,
+    SYNC_ID,
+    Abort,
+    AbortCode,
+    ObjectType,
+)
 from smarttac_can.od.data_types import bounds
 from smarttac_can.od.entry import Entry
 
@@ -118,6 +126,11 @@ class ObjectDictionary:
         """Return the value of an integer entry, or ``absent`` where the EDS has none."""
         entry = self.get(index, subindex)
         return absent if entry is None else int(entry.read())
+
+    @property
+    def sync_id(self) -> int:
+        """CAN-ID of SYNC, as it is configured now."""
+        return self.number(SYNC_COB_ID, absent=SYNC_ID) & CAN_ID_MASK
 
     def write(self, name: str, raw: Any, ask: Callable[[Entry, Any], None]) -> None:
         """Write a raw value to an entry by its name, as an SDO write does.

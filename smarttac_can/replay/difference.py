@@ -16,8 +16,6 @@ from smarttac_can.od.cia import (
     PDO_COB_ID,
     PDO_COUNT,
     SDO_TX_ID,
-    SYNC_COB_ID,
-    SYNC_ID,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
     Abort,
@@ -105,7 +103,7 @@ def difference(
     tpdo = _tpdo(od, frame.can_id)
     if tpdo:
         what = f"drive, TPDO {tpdo}" if tpdo == DRIVE_TPDO else f"TPDO {tpdo}"
-    elif frame.can_id == od.number(SYNC_COB_ID, absent=SYNC_ID) & CAN_ID_MASK:
+    elif frame.can_id == od.sync_id:
         what = "SYNC"
     else:
         what = _SERVICES.get(frame.can_id - od.node_id, "frame")

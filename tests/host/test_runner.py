@@ -238,14 +238,15 @@ def test_that_the_system_runs_another_is_no_rest(cost: int) -> None:
     assert host.rests > 20
 
 
-def test_a_transfer_waits_for_no_longer_than_is_owed() -> None:
-    class EndlessNode(ToyNode):
-        def segments(self, most: int) -> list[Frame]:
-            return [Frame(SEGMENT + 1)] * most
+def endless_segments(most: int) -> list[Frame]:
+    return [Frame(SEGMENT + 1)] * most
 
+
+def test_a_transfer_waits_for_no_longer_than_is_owed() -> None:
     host = Host(until=500_000, send_cost=10)
-    node = EndlessNode()
+    node = ToyNode()
     node.start = list  # type: ignore[method-assign]  # it has no timer
+    node.segments = endless_segments  # type: ignore[method-assign]
     run(node, host)
     assert 0.02 * 500_000 <= host.asleep <= 0.1 * 500_000
 
@@ -263,12 +264,9 @@ def test_who_has_time_to_wait_does_not_rest_for_long(cost: int, at: int, length:
 
 @pytest.mark.parametrize("cost", [300, 600, 750])
 def test_a_transfer_waits_rather_than_a_tick(cost: int) -> None:
-    class EndlessNode(PunctualNode):
-        def segments(self, most: int) -> list[Frame]:
-            return [Frame(SEGMENT + 1)] * most
-
     host = Host(until=500_000, send_cost=10)
-    node = EndlessNode(host, advance_cost=cost)
+    node = PunctualNode(host, advance_cost=cost)
+    node.segments = endless_segments  # type: ignore[method-assign]
     run(node, host)
     assert node.missed == 0
     assert max(node.behind) <= 130, "it sends eight segments of 10 us at a time"
