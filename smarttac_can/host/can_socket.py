@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import os
 import socket
+from secrets import token_hex
 from select import select
 from struct import Struct
-from time import time_ns
 from typing import Final, Protocol
 
 import can
@@ -18,7 +18,15 @@ from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.kernel_filter import ID_AT, ID_KEY, PLAIN_END, UINT8, UINT16, hear_only
+from smarttac_can.host.kernel_filter import (
+    ID_AT,
+    ID_BYTES,
+    ID_KEY,
+    PLAIN_END,
+    UINT8,
+    UINT16,
+    hear_only,
+)
 from smarttac_can.od.cia import CAN_ID_MASK, FRAME_BYTES
 
 try:
@@ -27,13 +35,15 @@ except ImportError:  # python-can says so itself when such a bus is opened
     msgpack = None
 
 _MOST_BYTES: Final = 4096
-_ID_BYTES: Final = 3
-"""Bytes of a CAN-ID in MessagePack, at most."""
 _NOW: Final[int] = getattr(socket, "MSG_DONTWAIT", 0)
 
 
 class Codec(Protocol):
     """How an interface writes frames."""
+
+    @property
+    def mark(self) -> bytes:
+        """What tells the echo of a frame, as `hear_only` has it; empty where there is none."""
 
     def encode(self, frame: Frame) -> bytes:
         """Return what is sent for a frame."""
@@ -54,6 +64,7 @@ class SocketCan:
     _STRUCT: Final = Struct("=IB3x8s")
     _REMOTE: Final = 1 << 30
     size: Final = _STRUCT.size
+    mark: Final = b""
 
     def encode(self, frame: Frame) -> bytes:
         """Return what is sent for a frame."""
@@ -83,8 +94,8 @@ class _Multicast:
     _ID_VALUE: Final = ID_AT + len(ID_KEY)
 
     def __init__(self) -> None:
-        self._channel = f"{id(self):x}-{time_ns():x}"
-        self._mark = self._channel.encode()
+        self._channel = token_hex(8)
+        self.mark: Final = self._channel.encode()
 
     def encode(self, frame: Frame) -> bytes:
         can_id, data, rtr = frame
@@ -107,7 +118,7 @@ class _Multicast:
         )
 
     def decode(self, data: bytes, can_ids: frozenset[int] | None) -> Frame | None:
-        if self._mark in data or (can_ids is not None and self._foreign(data, can_ids)):
+        if self.mark in data or (can_ids is not None and self._foreign(data, can_ids)):
             return None
         try:
             message = msgpack.unpackb(data)
@@ -125,8 +136,8 @@ class _Multicast:
 
     def _foreign(self, data: bytes, can_ids: frozenset[int]) -> bool:
         """Tell whether the identifier can be read at its place, and is not listened to."""
-        value = data[self._ID_VALUE : self._ID_VALUE + _ID_BYTES]
-        if data[ID_AT : self._ID_VALUE] != ID_KEY or len(value) < _ID_BYTES:
+        value = data[self._ID_VALUE : self._ID_VALUE + ID_BYTES]
+        if data[ID_AT : self._ID_VALUE] != ID_KEY or len(value) < ID_BYTES:
             return False
         if value[0] == UINT16:
             return int.from_bytes(value[1:], "big") not in can_ids
@@ -175,9 +186,9 @@ class CanSocket:
         return bool(select((self._socket,), (), (), timeout)[0])
 
     def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Drop frames with other identifiers: in the kernel where it can, else unread."""
+        """Drop frames with other identifiers, and echoes: in the kernel where it can."""
         self._can_ids = can_ids
-        hear_only(self._bus, can_ids)
+        hear_only(self._bus, can_ids, self._codec.mark)
 
     def read(self) -> tuple[bool, Frame | None]:
         """Take what is there: whether there was anything, and the frame if it is one to hear."""

@@ -23,6 +23,10 @@ ID_AT: Final = 20
 """Its place behind a time stamp of 8 bytes, as python-can writes it."""
 UINT8, UINT16, PLAIN_END = 0xCC, 0xCD, 0x80
 """What MessagePack puts before an integer of one byte, and of two; one below the last is plain."""
+ID_BYTES: Final = 3
+"""Bytes of an identifier of 11 bits, at most."""
+_CHANNEL_AT: Final = 58
+"""Place of the text of the channel behind the identifier: four keys, and three truth values."""
 
 _MOST_IDS: Final = 200
 """A jump in such a program goes no farther than 255 instructions."""
@@ -30,12 +34,13 @@ _SO_ATTACH_FILTER: Final = 26
 _SO_RCVBUFFORCE: Final = 33
 _MOST_HELD: Final = 8 << 20
 _UDP_HEADER: Final = 8
-_LOAD_WORD, _LOAD_HALF, _LOAD_BYTE = 0x20, 0x28, 0x30
+_LOAD_WORD, _LOAD_HALF, _LOAD_BYTE, _LOAD_LENGTH = 0x20, 0x28, 0x30, 0x80
+_INDEX, _LOAD_WORD_FROM_INDEX = 0x01, 0x40
 _JUMP, _JUMP_IF_EQUAL, _JUMP_IF_NOT_BELOW, _RETURN = 0x05, 0x15, 0x35, 0x06
 _ACCEPT: Final = (_RETURN, 0, 0, 0xFFFF)
 
 
-def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
+def hear_only(bus: can.BusABC, can_ids: Iterable[int], own: bytes = b"") -> None:
     """Have the kernel drop frames with other identifiers on their way to a bus of python-can.
 
     Of udp_multicast frames in another layout than python-can's pass. All pass on other interfaces,
@@ -45,6 +50,9 @@ def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
     ----------
     can_ids
         Identifiers of 11 bits that are heard.
+    own
+        What the channel of the party's own frames begins with on udp_multicast, of whole words of 4
+        bytes: these echoes are dropped, too. Empty for none; SocketCAN has none.
     """
     wanted = sorted(can_ids)
     many = len(wanted) > _MOST_IDS
@@ -55,7 +63,7 @@ def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
         bus.set_filters(None if many else filters)
     elif isinstance(bus, UdpMulticastBus) and sys.platform == "linux":
         with socket.socket(fileno=os.dup(bus.fileno())) as same, suppress(OSError):
-            _attach(same, [_ACCEPT] if many else _program(wanted))
+            _attach(same, [_ACCEPT] if many else _program(wanted, own))
 
 
 def hold_more(bus: can.BusABC) -> None:
@@ -71,29 +79,48 @@ def hold_more(bus: can.BusABC) -> None:
                     same.setsockopt(socket.SOL_SOCKET, option, _MOST_HELD)
 
 
-def _program(can_ids: list[int]) -> list[tuple[int, int, int, int]]:
+def _program(can_ids: list[int], own: bytes) -> list[tuple[int, int, int, int]]:
     """Compare the identifier in a frame: rows of code, jump if true, jump if false, constant."""
     value = _UDP_HEADER + ID_AT + len(ID_KEY)
-    compare = 9
+    compare = 13
     drop = compare + len(can_ids)
-    accept = drop + 1
+    echo = drop + 1
+    look = _is_own(value + _CHANNEL_AT, own) if own else []
+    accept = echo + len(look)
     return [
         (_LOAD_WORD, 0, 0, _UDP_HEADER + ID_AT),
         (_JUMP_IF_EQUAL, 0, accept - 2, int.from_bytes(ID_KEY[:4], "big")),
         (_LOAD_BYTE, 0, 0, value),
-        (_JUMP_IF_EQUAL, 4, 0, UINT8),
-        (_JUMP_IF_EQUAL, 1, 0, UINT16),
-        (_JUMP_IF_NOT_BELOW, accept - 6, compare - 6, PLAIN_END),
-        (_LOAD_HALF, 0, 0, value + 1),
+        (_JUMP_IF_EQUAL, 7, 0, UINT8),
+        (_JUMP_IF_EQUAL, 3, 0, UINT16),
+        (_JUMP_IF_NOT_BELOW, accept - 6, 0, PLAIN_END),
+        (_INDEX, 0, 0, 1),
         (_JUMP, 0, 0, compare - 8),
+        (_INDEX, 0, 0, 3),
+        (_LOAD_HALF, 0, 0, value + 1),
+        (_JUMP, 0, 0, compare - 11),
+        (_INDEX, 0, 0, 2),
         (_LOAD_BYTE, 0, 0, value + 1),
-        *(
-            (_JUMP_IF_EQUAL, accept - at - 1, 0, can_id)
-            for at, can_id in enumerate(can_ids, compare)
-        ),
+        *((_JUMP_IF_EQUAL, echo - at - 1, 0, can_id) for at, can_id in enumerate(can_ids, compare)),
         (_RETURN, 0, 0, 0),
+        *look,
         _ACCEPT,
     ]
+
+
+def _is_own(channel: int, own: bytes) -> list[tuple[int, int, int, int]]:
+    """Compare the channel, the index being the width of the identifier; drop, or jump behind."""
+    words = struct.unpack(f">{len(own) // 4}I", own)
+    behind = 3 + 2 * len(words)
+    rows = [
+        # A load beyond the end would drop the frame.
+        (_LOAD_LENGTH, 0, 0, 0),
+        (_JUMP_IF_NOT_BELOW, 0, behind - 2, channel + ID_BYTES + len(own)),
+    ]
+    for number, word in enumerate(words):
+        rows.append((_LOAD_WORD_FROM_INDEX, 0, 0, channel + 4 * number))
+        rows.append((_JUMP_IF_EQUAL, 0, behind - len(rows) - 1, word))
+    return [*rows, (_RETURN, 0, 0, 0)]
 
 
 def _attach(same: socket.socket, program: list[tuple[int, int, int, int]]) -> None:

@@ -175,10 +175,9 @@ class PythonCanBus:
     def _take(self, timeout: float) -> tuple[bool, Frame | None]:
         """Wait for a frame: whether one came, and what it is if it is one to hear."""
         if self._socket is not None:
-            there, frame = self._socket.read()
-            if not there and timeout > 0.0 and self._socket.wait(timeout):
-                there, frame = self._socket.read()
-            return there, frame
+            if timeout > 0.0 and not self._socket.wait(timeout):
+                return False, None
+            return self._socket.read()
         message = self._bus.recv(timeout)
         if message is None:
             return False, None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import sys
+from contextlib import closing
 from typing import Any
 
 import can
@@ -13,6 +14,8 @@ import pytest
 from conftest import GUARD_S
 from test_can_socket import KernelFilters
 
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.can_socket import open_socket
 from smarttac_can.host.kernel_filter import hear_only, hold_more
 
 WIDTHS = (0x000, 0x001, 0x07F, 0x080, 0x0CC, 0x0CD, 0x0FF, 0x100, 0x7CC, 0x7FF)
@@ -66,6 +69,38 @@ def test_what_is_written_otherwise_passes(multicast: dict[str, Any]) -> None:
     }  # fmt: skip
     with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
         hear_only(receiver, {0x080})
+        with socket.socket(type=socket.SOCK_DGRAM) as foreign:
+            foreign.sendto(msgpack.packb(frame), (multicast["channel"], multicast["port"]))
+        sender.send(LAST)
+        assert passed(receiver) == [0x123]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
+@pytest.mark.parametrize("rtr", [False, True])
+def test_own_echoes_do_not_reach_the_socket_and_equal_frames_of_others_do(
+    multicast: dict[str, Any], rtr: bool
+) -> None:
+    with can.Bus(**multicast) as mine, can.Bus(**multicast) as other:
+        sockets = [open_socket(bus, multicast["channel"]) for bus in (mine, other)]
+        me, another = (party for party in sockets if party is not None)
+        with closing(me), closing(another):
+            me.listen_to(frozenset(WIDTHS))
+            for can_id in WIDTHS:
+                me.send(Frame(can_id, b"", rtr))
+                another.send(Frame(can_id, b"", rtr))
+                other.send(can.Message(arbitration_id=can_id, is_extended_id=False))
+            other.send(LAST)
+            assert passed(mine) == [can_id for can_id in WIDTHS for _ in range(2)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
+def test_what_is_too_short_for_an_echo_passes(multicast: dict[str, Any]) -> None:
+    frame = {
+        "timestamp": 0.0, "arbitration_id": 0x123, "is_extended_id": False, "data": b"",
+        "is_remote_frame": False, "is_error_frame": False, "is_fd": False,
+    }  # fmt: skip
+    with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
+        hear_only(receiver, {0x123}, b"16 bytes, a mark")
         with socket.socket(type=socket.SOCK_DGRAM) as foreign:
             foreign.sendto(msgpack.packb(frame), (multicast["channel"], multicast["port"]))
         sender.send(LAST)
