@@ -6,10 +6,12 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from math import inf
 from tempfile import TemporaryFile
-from time import monotonic, sleep
+from time import monotonic, sleep, time
 from typing import IO, Any, Final
 
 import can
@@ -17,6 +19,7 @@ from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.host.background import Background
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.drivers import opening
@@ -35,7 +38,7 @@ _QUIET_S: Final = 0.2
 _ANSWER_S: Final = 0.6
 """For an answer, or the heartbeat of a node that is stopped: one comes every 500 ms."""
 _PARTING_S: Final = 5.0
-_POLL_S: Final = 0.1
+_FETCH_S: Final = 0.005
 _READY_POLL_S: Final = 0.02
 
 
@@ -181,17 +184,45 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
 def listening(
     bus: Mapping[str, Any], can_ids: Iterable[int], feed: Callable[[float, Frame], None]
 ) -> Iterator[None]:
-    """Feed frames on a bus, with the kernel's time stamps in s, until the block ends."""
+    """Feed frames on a bus, with the kernel's time stamps in s, until the block ends.
 
-    def hear(message: can.Message) -> None:
-        frame = to_frame(message)
-        if frame is not None:
-            feed(message.timestamp, frame)
+    A thread fetches them every 5 ms: were it woken by each, the loop that it times would wait for
+    it. What came before the end is fed before the block is left.
+
+    Raises
+    ------
+    BusError
+        If the bus cannot be opened, or is of an interface without such time stamps; after the
+        block, if it failed before.
+    """
+    ended = threading.Event()
+    end = inf
+    broken: list[Exception] = []
+
+    def stop() -> None:
+        nonlocal end
+        end = time()
+        ended.set()
+
+    def work() -> None:
+        over = False
+        try:
+            while not over:
+                over = ended.wait(_FETCH_S)
+                # Frames may come without end: what came later is not fed.
+                while (message := opened.recv(0.0)) is not None and message.timestamp <= end:
+                    frame = to_frame(message)
+                    if frame is not None:
+                        feed(message.timestamp, frame)
+        except (can.CanError, OSError) as error:
+            broken.append(error)
 
     with _stamped(bus) as opened:
         hear_only(opened, can_ids)
-        with can.Notifier(opened, [hear], timeout=_POLL_S):
+        with Background("listener", work, stop):
             yield
+    if broken:
+        raise BusError(f"the loop was timed until its bus failed: {broken[0]}") from broken[0]
 
 
 def require_quiet(bus: Mapping[str, Any]) -> None:

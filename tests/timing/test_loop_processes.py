@@ -1,0 +1,88 @@
+"""The listener that takes part in nothing: what it hears, and how it ends."""
+
+import socket
+import sys
+import threading
+import time
+from itertools import pairwise
+from typing import Any
+
+import can
+import pytest
+from nodes_on_a_bus import GUARD_S
+
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import BusError
+from smarttac_can.timing.loop_processes import listening
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="time stamps of Linux")
+
+STAMPED_S = 0.1
+"""Linux turns stamps on after a socket has asked; a frame that came before has its reader's."""
+
+
+def message(can_id: int, data: bytes = b"") -> can.Message:
+    return can.Message(arbitration_id=can_id, is_extended_id=False, data=data)
+
+
+def test_all_that_was_sent_in_the_block_is_fed_with_the_time_at_which_it_came(
+    multicast: dict[str, Any],
+) -> None:
+    heard: list[tuple[float, Frame]] = []
+    with can.Bus(**multicast) as sender:
+        time.sleep(STAMPED_S)
+        begin = time.time()
+        with listening(multicast, {0x181}, lambda stamp, frame: heard.append((stamp, frame))):
+            for number in range(200):
+                sender.send(message(0x181, bytes((number,))))
+                sender.send(message(0x182))
+        end = time.time()
+        sender.send(message(0x181))
+    assert [frame for _, frame in heard] == [Frame(0x181, bytes((n,))) for n in range(200)]
+    stamps = [stamp for stamp, _ in heard]
+    assert begin <= stamps[0] and stamps == sorted(stamps) and stamps[-1] <= end
+
+
+def test_it_does_not_wake_up_for_each_frame(multicast: dict[str, Any]) -> None:
+    fed: list[float] = []
+    with can.Bus(**multicast) as sender, listening(
+        multicast, {0x181}, lambda _stamp, _frame: fed.append(time.monotonic())
+    ):  # fmt: skip
+        for _ in range(200):
+            sender.send(message(0x181))
+            time.sleep(0.0005)
+    pauses = sum(later - earlier > 0.003 for earlier, later in pairwise(fed))
+    assert len(fed) == 200
+    assert pauses >= 10, "200 frames take 0.1 s and more"
+
+
+def test_it_ends_while_frames_come_without_end(multicast: dict[str, Any]) -> None:
+    over = threading.Event()
+
+    def flood() -> None:
+        with can.Bus(**multicast) as sender:
+            while not over.is_set():
+                sender.send(message(0x181))
+
+    def slow(_stamp: float, _frame: Frame) -> None:
+        time.sleep(0.001)
+
+    flooding = threading.Thread(target=flood)
+    flooding.start()
+    try:
+        with listening(multicast, {0x181}, slow):
+            time.sleep(0.02)
+            left = time.monotonic()
+        assert time.monotonic() - left < GUARD_S
+    finally:
+        over.set()
+        flooding.join()
+
+
+def test_a_bus_that_fails_is_told_behind_the_block(multicast: dict[str, Any]) -> None:
+    with (
+        pytest.raises(BusError, match="the loop was timed until its bus failed"),
+        listening(multicast, {0x181}, lambda _stamp, _frame: None),
+        socket.socket(type=socket.SOCK_DGRAM) as foreign,
+    ):
+        foreign.sendto(b"no message" * 10, (multicast["channel"], multicast["port"]))
