@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import socket
+from errno import EBADF
 from secrets import token_hex
 from select import select
 from struct import Struct
@@ -59,6 +60,8 @@ class SocketCan:
     ----------
     size
         Of a frame in bytes.
+    mark
+        None, for there are no echoes.
     """
 
     _STRUCT: Final = Struct("=IB3x8s")
@@ -181,9 +184,18 @@ class CanSocket:
             self._socket.sendto(data, _NOW, self._address)
 
     def wait(self, timeout: float) -> bool:
-        """Tell whether there is something to read, waiting so many s at most."""
-        # epoll and poll round up to milliseconds.
-        return bool(select((self._socket,), (), (), timeout)[0])
+        """Tell whether there is something to read, waiting so many s at most.
+
+        Raises
+        ------
+        OSError
+            If it is closed.
+        """
+        try:
+            # epoll and poll round up to milliseconds.
+            return bool(select((self._socket,), (), (), timeout)[0])
+        except ValueError as error:
+            raise OSError(EBADF, os.strerror(EBADF)) from error
 
     def listen_to(self, can_ids: frozenset[int]) -> None:
         """Drop frames with other identifiers, and echoes: in the kernel where it can."""

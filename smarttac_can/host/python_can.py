@@ -150,7 +150,7 @@ class PythonCanBus:
             raise BusError(f"cannot receive: {error}") from error
 
     def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Pass over frames with other identifiers from now on; on SocketCAN the kernel does."""
+        """Pass over frames with other identifiers from now on; in the kernel where it can."""
         if self._log is not None:
             return
         self._can_ids = can_ids

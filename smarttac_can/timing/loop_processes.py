@@ -210,7 +210,7 @@ def listening(
             while not over:
                 over = ended.wait(_FETCH_S)
                 # Frames may come without end: what came later is not fed.
-                while (message := opened.recv(0.0)) is not None and message.timestamp <= end:
+                while (message := _next(opened)) is not None and message.timestamp <= end:
                     frame = to_frame(message)
                     if frame is not None:
                         feed(message.timestamp, frame)
@@ -223,6 +223,17 @@ def listening(
             yield
     if broken:
         raise BusError(f"the loop was timed until its bus failed: {broken[0]}") from broken[0]
+
+
+def _next(bus: can.BusABC) -> can.Message | None:
+    """Return the next message that is there."""
+    while True:
+        try:
+            return bus.recv(0.0)
+        except can.CanOperationError as error:
+            # Anybody may send anything to a multicast group; of a bus that failed there is a code.
+            if error.error_code is not None:
+                raise
 
 
 def require_quiet(bus: Mapping[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import sys
+from collections.abc import Iterable
 from contextlib import closing
 from typing import Any
 
@@ -77,14 +78,15 @@ def test_what_is_written_otherwise_passes(multicast: dict[str, Any]) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
 @pytest.mark.parametrize("rtr", [False, True])
+@pytest.mark.parametrize("heard", [WIDTHS, {*WIDTHS, *range(0x200, 0x2BE)}])
 def test_own_echoes_do_not_reach_the_socket_and_equal_frames_of_others_do(
-    multicast: dict[str, Any], rtr: bool
+    multicast: dict[str, Any], heard: Iterable[int], rtr: bool
 ) -> None:
     with can.Bus(**multicast) as mine, can.Bus(**multicast) as other:
         sockets = [open_socket(bus, multicast["channel"]) for bus in (mine, other)]
         me, another = (party for party in sockets if party is not None)
         with closing(me), closing(another):
-            me.listen_to(frozenset(WIDTHS))
+            me.listen_to(frozenset(heard))
             for can_id in WIDTHS:
                 me.send(Frame(can_id, b"", rtr))
                 another.send(Frame(can_id, b"", rtr))
@@ -97,7 +99,7 @@ def test_own_echoes_do_not_reach_the_socket_and_equal_frames_of_others_do(
 def test_what_is_too_short_for_an_echo_passes(multicast: dict[str, Any]) -> None:
     frame = {
         "timestamp": 0.0, "arbitration_id": 0x123, "is_extended_id": False, "data": b"",
-        "is_remote_frame": False, "is_error_frame": False, "is_fd": False,
+        "is_remote_frame": False,
     }  # fmt: skip
     with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
         hear_only(receiver, {0x123}, b"16 bytes, a mark")

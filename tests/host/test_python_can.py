@@ -258,12 +258,22 @@ def test_patience_waits_for_nothing(bus: PythonCanBus, driver: Driver) -> None:
     assert (driver.waits, driver.now) == ([0.0], 0.0)
 
 
+@pytest.mark.parametrize("timeout", [0.0, 0.1])
+def test_nothing_is_received_of_a_bus_that_is_closed(
+    multicast: dict[str, Any], timeout: float
+) -> None:
+    bus = PythonCanBus(**multicast)
+    bus.close()
+    with pytest.raises(BusError, match=r"cannot receive: .*Bad file descriptor"):
+        bus.receive(timeout)
+
+
 def test_failure_to_receive(bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(timeout: float) -> None:
         raise can.CanOperationError("Network is down")
 
     monkeypatch.setattr(bus._bus, "recv", fail)
-    with pytest.raises(BusError, match="cannot receive: Network is down"):
+    with pytest.raises(BusError, match=r"cannot receive: Network is down"):
         bus.receive(0)
 
 

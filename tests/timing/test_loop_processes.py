@@ -9,6 +9,7 @@ from typing import Any
 
 import can
 import pytest
+from can.interfaces.udp_multicast import UdpMulticastBus
 from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.device.frame import Frame
@@ -48,6 +49,7 @@ def test_it_does_not_wake_up_for_each_frame(multicast: dict[str, Any]) -> None:
     with can.Bus(**multicast) as sender, listening(
         multicast, {0x181}, lambda _stamp, _frame: fed.append(time.monotonic())
     ):  # fmt: skip
+        time.sleep(STAMPED_S)
         for _ in range(200):
             sender.send(message(0x181))
             time.sleep(0.0005)
@@ -65,7 +67,7 @@ def test_it_ends_while_frames_come_without_end(multicast: dict[str, Any]) -> Non
                 sender.send(message(0x181))
 
     def slow(_stamp: float, _frame: Frame) -> None:
-        time.sleep(0.001)
+        time.sleep(0.0002)
 
     flooding = threading.Thread(target=flood)
     flooding.start()
@@ -79,10 +81,30 @@ def test_it_ends_while_frames_come_without_end(multicast: dict[str, Any]) -> Non
         flooding.join()
 
 
-def test_a_bus_that_fails_is_told_behind_the_block(multicast: dict[str, Any]) -> None:
+def test_what_is_no_message_is_passed_over(multicast: dict[str, Any]) -> None:
+    heard: list[Frame] = []
     with (
-        pytest.raises(BusError, match="the loop was timed until its bus failed"),
-        listening(multicast, {0x181}, lambda _stamp, _frame: None),
+        can.Bus(**multicast) as sender,
         socket.socket(type=socket.SOCK_DGRAM) as foreign,
+        listening(multicast, {0x181}, lambda _stamp, frame: heard.append(frame)),
     ):
-        foreign.sendto(b"no message" * 10, (multicast["channel"], multicast["port"]))
+        time.sleep(STAMPED_S)
+        for number in range(3):
+            foreign.sendto(b"no message" * 10, (multicast["channel"], multicast["port"]))
+            sender.send(message(0x181, bytes((number,))))
+    assert heard == [Frame(0x181, bytes((number,))) for number in range(3)]
+
+
+@pytest.mark.parametrize("failure", [OSError(5, "it broke"), can.CanOperationError("it broke", 5)])
+def test_a_bus_that_fails_is_told_behind_the_block(
+    multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch, failure: Exception
+) -> None:
+    def fail(_bus: can.BusABC, _timeout: float) -> None:
+        raise failure
+
+    monkeypatch.setattr(UdpMulticastBus, "recv", fail)
+    with (
+        pytest.raises(BusError, match=r"the loop was timed until its bus failed: .*it broke"),
+        listening(multicast, {0x181}, lambda _stamp, _frame: None),
+    ):
+        pass
