@@ -61,7 +61,7 @@ class SocketCan:
     size
         Of a frame in bytes.
     mark
-        None, for there are no echoes.
+        Empty, for there are no echoes.
     """
 
     _STRUCT: Final = Struct("=IB3x8s")
@@ -221,14 +221,12 @@ def open_socket(bus: can.BusABC, channel: str | None) -> CanSocket | None:
     Parameters
     ----------
     channel
-        As the bus was opened with; None if that is from python-can's configuration.
+        As the bus was opened with, by an option or python-can's configuration; None without.
     """
     if not _NOW:  # Windows
         return None
     if isinstance(bus, SocketcanBus):
         return CanSocket(bus, SocketCan(), None)
     if isinstance(bus, UdpMulticastBus):
-        configured = can.util.load_config(config={"interface": "udp_multicast"})["channel"]
-        group = channel or configured or bus.DEFAULT_GROUP_IPv6
-        return CanSocket(bus, _Multicast(), group)
+        return CanSocket(bus, _Multicast(), channel or bus.DEFAULT_GROUP_IPv6)
     return None

@@ -82,7 +82,7 @@ def hold_more(bus: can.BusABC) -> None:
 def _program(can_ids: list[int], own: bytes) -> list[tuple[int, int, int, int]]:
     """Compare the identifier in a frame: rows of code, jump if true, jump if false, constant."""
     value = _UDP_HEADER + ID_AT + len(ID_KEY)
-    compare = 13
+    two_bytes, one_byte, compare = 8, 11, 13
     drop = compare + len(can_ids)
     echo = drop + 1
     look = _is_own(value + _CHANNEL_AT, own) if own else []
@@ -91,8 +91,8 @@ def _program(can_ids: list[int], own: bytes) -> list[tuple[int, int, int, int]]:
         (_LOAD_WORD, 0, 0, _UDP_HEADER + ID_AT),
         (_JUMP_IF_EQUAL, 0, accept - 2, int.from_bytes(ID_KEY[:4], "big")),
         (_LOAD_BYTE, 0, 0, value),
-        (_JUMP_IF_EQUAL, 7, 0, UINT8),
-        (_JUMP_IF_EQUAL, 3, 0, UINT16),
+        (_JUMP_IF_EQUAL, one_byte - 4, 0, UINT8),
+        (_JUMP_IF_EQUAL, two_bytes - 5, 0, UINT16),
         (_JUMP_IF_NOT_BELOW, accept - 6, 0, PLAIN_END),
         (_INDEX, 0, 0, 1),
         (_JUMP, 0, 0, compare - 8),

@@ -54,7 +54,7 @@ class HostedNode(Node, Protocol):
     def overdue(self) -> list[Frame]:
         """Act on deadlines that have passed, before the frames that wait are heard.
 
-        The host calls it when it comes late.
+        The host calls it before timers and frames, late or not.
         """
 
     def transmit_failed(self) -> list[Frame]:

@@ -62,8 +62,9 @@ class ProcessorShare:
             return 0
         worked = self._worked()
         work = worked - self._worked_since
-        # A wait for one frame of many is work, and what is lacking to idle was. Far below 0 the
-        # unit of work is coarse.
+        # A wait for one frame of many is work, too. What waits took beyond the idle time was; as
+        # much again comes off, for idle may be what the system took: sure while that is less than
+        # half of such waits. Far below 0 the unit of work is coarse.
         waited, idle = self._waited, passed - work
         if waited > idle > -_WAITED_NS:
             waited = max(2 * idle - waited, 0)

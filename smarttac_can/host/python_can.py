@@ -13,7 +13,7 @@ from can.interfaces.virtual import VirtualBus
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, LogHook, QueueFullError
-from smarttac_can.host.bus_options import kept_here
+from smarttac_can.host.bus_options import configured, kept_here
 from smarttac_can.host.can_socket import open_socket
 from smarttac_can.host.drivers import opening
 
@@ -82,13 +82,12 @@ class PythonCanBus:
         if bitrate is not None:
             options["bitrate"] = bitrate
         with opening(interface, channel, BusError):
-            self._bus = can.Bus(
-                **kept_here({"interface": interface, "channel": channel, **options})
-            )
+            opened = kept_here({"interface": interface, "channel": channel, **options})
+            self._bus = can.Bus(**opened)
         self._log = log
         self._can_ids: frozenset[int] | None = None
         self._refusing_since: float | None = None
-        self._socket = open_socket(self._bus, channel)
+        self._socket = open_socket(self._bus, configured(opened).get("channel"))
 
     def send(self, frame: Frame) -> None:
         """Hand a frame over.

@@ -23,7 +23,7 @@ from smarttac_can.host.read_ahead import LATE_US, ReadAhead
 from smarttac_can.vocabulary.signals import TICK_US
 
 _CATCH_UP_US: Final = 9000
-"""For how long in us such a process hears frames before it acts on what is due."""
+"""For how long in us a process that came late hears frames before it acts on what is due."""
 _BEFORE: Final = 4
 """Frames that wait and are heard before what is due, at most, since a punctual process has heard
 what came before it: those of a measurement, and another."""
@@ -120,7 +120,6 @@ class _Run:
         self._lockstep = lockstep
         self._outbox = Outbox(node, bus, full)
         self._inbox = ReadAhead(bus, clock)
-        self._hear_overtaken = node.overtaken
         self._clock = clock
         self._ids = Identifiers()
         self._epoch = clock() // 1000 - node.clock.now
@@ -246,7 +245,7 @@ class _Run:
             self._inbox.look_behind()
             self._act_overdue(self._now())
         overtaken = self._inbox.overtaken(frame)
-        self.say(self._hear_overtaken(frame) if overtaken else self._node.receive(frame))
+        self.say(self._node.overtaken(frame) if overtaken else self._node.receive(frame))
 
     def _read_ahead(self) -> None:
         """Read the frames that wait, and note what the bus took for one at most."""

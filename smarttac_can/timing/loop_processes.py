@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 import threading
@@ -23,7 +22,7 @@ from smarttac_can.host.background import Background
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.drivers import opening
-from smarttac_can.host.kernel_filter import hear_only
+from smarttac_can.host.kernel_filter import hear_only, hold_more
 from smarttac_can.host.python_can import to_frame, to_message
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.requests import upload
@@ -31,9 +30,7 @@ from smarttac_can.od.cia import DEVICE_TYPE, HEARTBEAT_ID, SDO_TX_ID, SYNC_ID
 from smarttac_can.od.dictionary import ObjectDictionary
 
 _OWN_OPTIONS: Final = ("interface", "channel", "bitrate")
-_BUFFER: Final = 1 << 24
 _WORDS: Final = 4096
-_SO_RCVBUFFORCE: Final = 33
 _QUIET_S: Final = 0.2
 _ANSWER_S: Final = 0.6
 """For an answer, or the heartbeat of a node that is stopped: one comes every 500 ms."""
@@ -172,11 +169,7 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
                 "the loop is timed by the kernel's time stamps, between processes: "
                 f"socketcan or udp_multicast have them, {opened.channel_info} has not"
             )
-        with socket.socket(fileno=os.dup(opened.fileno())) as same:
-            try:
-                same.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER)
-            except OSError:
-                same.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        hold_more(opened)
         yield opened
 
 

@@ -95,8 +95,6 @@ class LoopTiming:
     ----------
     plate
         EDS of the plate, loaded for its node-ID.
-    sync_id
-        CAN-ID of SYNC.
 
     Attributes
     ----------
@@ -110,7 +108,7 @@ class LoopTiming:
         Cycles that the listener has not heard.
     """
 
-    def __init__(self, plate: ObjectDictionary, sync_id: int = SYNC_ID) -> None:
+    def __init__(self, plate: ObjectDictionary) -> None:
         self.sync = Delays()
         self.measurement = Delays()
         self.drive = Delays()
@@ -118,7 +116,7 @@ class LoopTiming:
         measurement = TPDO_COMMUNICATION + _LAST_MEASUREMENT - 1
         drive = RPDO_COMMUNICATION + _DRIVE - 1
         self._handlers = {
-            sync_id: self._on_sync,
+            SYNC_ID: self._on_sync,
             plate.number(TPDO_COMMUNICATION, PDO_COB_ID) & CAN_ID_MASK: self._on_first,
             plate.number(measurement, PDO_COB_ID) & CAN_ID_MASK: self._on_measurement,
             plate.number(drive, PDO_COB_ID) & CAN_ID_MASK: self._on_drive,

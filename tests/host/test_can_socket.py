@@ -3,6 +3,7 @@
 import socket
 import struct
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import can
 import msgpack
@@ -445,6 +446,19 @@ def test_group_that_python_can_is_configured_for(
 ) -> None:
     monkeypatch.setenv("CAN_CHANNEL", GROUP)
     configured = PythonCanBus("udp_multicast", port=multicast_port)
+    named = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
+    configured.send(Frame(1))
+    assert named.receive(GUARD_S) == Frame(1)
+    configured.close()
+    named.close()
+
+
+def test_group_of_a_context_of_the_configuration(
+    multicast_port: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / ".canrc").write_text(f"[LAB]\ninterface = udp_multicast\nchannel = {GROUP}\n")
+    configured = PythonCanBus(config_context="LAB", port=multicast_port)
     named = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
     configured.send(Frame(1))
     assert named.receive(GUARD_S) == Frame(1)

@@ -15,7 +15,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.process_signals import sigterm_interrupts, stop_on_signals
 from smarttac_can.host.python_can import PythonCanBus
 
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU]
 
 
 @pytest.mark.parametrize("number", SIGNALS)
