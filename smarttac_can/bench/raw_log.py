@@ -19,7 +19,7 @@ from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.host.background import Background
 from smarttac_can.host.file_errors import reason
 from smarttac_can.host.kernel_filter import hold_more
-from smarttac_can.host.python_can import hears_others_of_process
+from smarttac_can.host.python_can import hears_others_of_process, received
 from smarttac_can.master.errors import BenchError
 
 _LOOK_S: Final = 0.02
@@ -156,7 +156,7 @@ def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
     def work() -> None:
         try:
             for number in count():
-                message = bus.recv(_LOOK_S)
+                message = received(bus, _LOOK_S)
                 if message is not None and message.timestamp <= end:
                     heappush(waiting, (message.timestamp, number, message))
                     log_until(message.timestamp - _SETTLED_S)

@@ -11,7 +11,25 @@ import canopen
 from smarttac_can.bench.link import Hear
 from smarttac_can.host.bus_options import configured, kept_here
 from smarttac_can.host.drivers import opening
+from smarttac_can.host.python_can import is_stray
 from smarttac_can.master.errors import BenchError
+
+
+class _Strays(can.Listener):
+    """Has python-can's thread that receives go on after what is no message."""
+
+    def __init__(self, network: canopen.Network) -> None:
+        self._network = network
+
+    def on_message_received(self, msg: can.Message) -> None:
+        """Do nothing: python-can asks for it."""
+
+    def on_error(self, exc: Exception) -> None:
+        """Take an error for settled that has lost nothing."""
+        if not is_stray(self._network.bus, exc):
+            raise NotImplementedError  # python-can's word for an error that is not settled
+        if self._network.notifier is not None:
+            self._network.notifier.exception = None  # or python-canopen raises it
 
 
 class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
@@ -30,6 +48,7 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
 
     def __init__(self) -> None:
         super().__init__()
+        self.listeners.append(_Strays(self))
         self.taps: tuple[Hear, ...] = ()
         self.own_taps: tuple[Hear, ...] = ()
         self._options: Mapping[str, Any] = {}

@@ -89,11 +89,13 @@ def jitter(
             stop=stop,
             progress=_progress(seconds),
         )
+        for line in run.refused:
+            click.echo(line, err=True)
         if not run.timing.ran:
             raise click.ClickException(f"the loop never ran: no drive came on {bus.where}")
         figures = run.timing.as_json()
         state = None if run.state is None else run.state.name.lower()
-        ending = {"state": state, "message": run.message}
+        ending = {"state": state, "message": run.message, "refused": run.refused}
         report_results(figures | ending, _table(figures, run, plate_node), results)
         if output is not None:
             _draw(run.timing, output / PICTURE)

@@ -121,7 +121,8 @@ class StateLines:
     def _double(self) -> str:
         if not self._collision:
             return "alone again with its identifiers"
-        return f"another node sends with an identifier of this one, {self._collision:03X}h"
+        cure = ": one producer of SYNC is enough" if self._collision == self.ids.sync else ""
+        return f"another node sends with an identifier of this one, {self._collision:03X}h{cure}"
 
     @property
     def _reason(self) -> str:

@@ -19,6 +19,7 @@ from smarttac_can.host.drivers import opening
 
 _REFUSING_S = 0.1
 """How long a driver that does not say why may take no frame before its bus is lost."""
+_STRAY_S = 0.1
 _QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
@@ -42,6 +43,28 @@ def to_frame(message: can.Message) -> Frame | None:
 def hears_others_of_process(bus: can.BusABC) -> bool:
     """Whether another handle on the same bus, in this process too, hears what this one sends."""
     return isinstance(bus, SocketcanBus | UdpMulticastBus | VirtualBus)
+
+
+def is_stray(bus: can.BusABC, error: Exception) -> bool:
+    """Whether a bus has received what is no message: anybody may send anything to a group."""
+    unread = isinstance(error, can.CanOperationError) and not isinstance(error.__cause__, OSError)
+    return unread and isinstance(bus, UdpMulticastBus)
+
+
+def received(bus: can.BusABC, timeout: float) -> can.Message | None:
+    """Return the next message of a bus, None if none came within so many s.
+
+    What is no message is passed over, for 0.1 s longer at most: it may come without end.
+    """
+    end = monotonic() + timeout
+    while True:
+        try:
+            return bus.recv(max(0.0, end - monotonic()))
+        except can.CanOperationError as error:
+            if not is_stray(bus, error):
+                raise
+            if monotonic() > end + _STRAY_S:
+                return None
 
 
 class PythonCanBus:

@@ -23,7 +23,7 @@ from smarttac_can.host.bus import BusError
 from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.kernel_filter import hear_only, hold_more
-from smarttac_can.host.python_can import to_frame, to_message
+from smarttac_can.host.python_can import received, to_frame, to_message
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.requests import upload
 from smarttac_can.od.cia import DEVICE_TYPE, HEARTBEAT_ID, SDO_TX_ID, SYNC_ID
@@ -50,12 +50,18 @@ class NodeProcess:
         The process.
     said
         File that takes whatever it says; a pipe that nobody reads would block it.
+
+    Attributes
+    ----------
+    refused
+        What the system refused it of ``--realtime``, a line each; known when it is ready.
     """
 
     def __init__(self, name: str, process: subprocess.Popen[bytes], said: IO[bytes]) -> None:
         self._name = name
         self._process = process
         self._said = said
+        self.refused: tuple[str, ...] = ()
 
     @property
     def pid(self) -> int:
@@ -73,6 +79,8 @@ class NodeProcess:
         while b" ready on " not in self._words():
             self.require_alive()
             sleep(_READY_POLL_S)
+        lines = self._words().decode().split("\n")
+        self.refused = tuple(line for line in lines if line.startswith("real time: "))
 
     def require_alive(self) -> None:
         """Do nothing while the process lives.
@@ -203,7 +211,7 @@ def listening(
             while not over:
                 over = ended.wait(_FETCH_S)
                 # Frames may come without end: what came later is not fed.
-                while (message := _next(opened)) is not None and message.timestamp <= end:
+                while (message := received(opened, 0.0)) is not None and message.timestamp <= end:
                     frame = to_frame(message)
                     if frame is not None:
                         feed(message.timestamp, frame)
@@ -218,23 +226,12 @@ def listening(
         raise BusError(f"the loop was timed until its bus failed: {broken[0]}") from broken[0]
 
 
-def _next(bus: can.BusABC) -> can.Message | None:
-    """Return the next message that is there."""
-    while True:
-        try:
-            return bus.recv(0.0)
-        except can.CanOperationError as error:
-            # Anybody may send anything to a multicast group; of a bus that failed there is a code.
-            if error.error_code is not None:
-                raise
-
-
 def require_quiet(bus: Mapping[str, Any]) -> None:
     """Raise BusError if the bus cannot be timed, BenchError if a loop runs there already."""
     with _stamped(bus) as opened:
         end = monotonic() + _QUIET_S
         while (left := end - monotonic()) > 0:
-            message = opened.recv(left)
+            message = received(opened, left)
             if message is not None and message.arbitration_id == SYNC_ID:
                 raise BenchError("somebody produces SYNC on this bus: end that loop first")
 
@@ -256,7 +253,7 @@ def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
                 opened.send(to_message(upload(od.node_id, od.entry(DEVICE_TYPE))))
             end = monotonic() + _ANSWER_S
             while (left := end - monotonic()) > 0:
-                message = opened.recv(left)
+                message = received(opened, left)
                 if message is not None and message.arbitration_id in ids:
                     raise BenchError(
                         f"a node {ids[message.arbitration_id]} is on this bus already, and two "

@@ -38,6 +38,8 @@ class LoopRun:
     """State of the stimulator at the end; None if it did not say."""
     message: str
     """Why it did not run, or not to the end; empty if it did, or was not to."""
+    refused: tuple[str, ...]
+    """What the system refused its processes of their real-time priority, a line each."""
 
 
 def regulate_friction(bench: Stimulator) -> None:
@@ -104,7 +106,8 @@ def measure_loop(
                 for node in nodes:
                     node.require_alive()
                 progress(monotonic() - start, timing)
-        return LoopRun(timing, plate_node is None and not reason, *_end(bench, reason))
+        refused = tuple(dict.fromkeys(line for node in nodes for line in node.refused))
+        return LoopRun(timing, plate_node is None and not reason, *_end(bench, reason), refused)
 
 
 @contextmanager

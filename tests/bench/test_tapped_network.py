@@ -1,14 +1,19 @@
-"""Whether a bus echoes is known however python-can was told: by option, environment or file."""
+"""What a network knows of its bus, however python-can was told, and what it passes over."""
 
 from __future__ import annotations
 
 import json
+import socket
 from pathlib import Path
+from queue import Queue
 from typing import Any
 
+import can
 import pytest
+from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.bench.tapped_network import TappedNetwork
+from smarttac_can.host.python_can import is_stray
 
 
 def echoes(**options: Any) -> tuple[bool, bool]:
@@ -58,3 +63,29 @@ def test_by_a_file(value: str, wanted: bool, home: Path) -> None:
 
 def test_a_text_is_none_but_a_text_without_a_configuration() -> None:
     assert echoes(ignore_config=True, receive_own_messages="False") == (True, True)
+
+
+def test_it_goes_on_after_what_is_no_message(multicast: dict[str, Any]) -> None:
+    network = TappedNetwork()
+    network.NOTIFIER_CYCLE = 0.01
+    network.connect(**multicast)
+    heard: Queue[bytes] = Queue()
+    network.subscribe(0x181, lambda _can_id, data, _stamp: heard.put(bytes(data)))
+    try:
+        with can.Bus(**multicast) as sender, socket.socket(type=socket.SOCK_DGRAM) as foreign:
+            foreign.sendto(b"no message" * 10, (multicast["channel"], multicast["port"]))
+            sender.send(can.Message(arbitration_id=0x181, is_extended_id=False, data=b"after"))
+            assert heard.get(timeout=GUARD_S) == b"after"
+            network.check()
+    finally:
+        network.disconnect()
+
+
+@pytest.mark.parametrize("interface", ["virtual", "udp_multicast"])
+def test_a_bus_that_fails_is_not_passed_over(multicast: dict[str, Any], interface: str) -> None:
+    failure = can.CanOperationError("it broke")
+    if interface == "udp_multicast":
+        failure.__cause__ = OSError("no network")
+    options = multicast if interface == "udp_multicast" else {"channel": "failing"}
+    with can.Bus(**{**options, "interface": interface}) as bus:
+        assert not is_stray(bus, failure)

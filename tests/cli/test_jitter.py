@@ -20,7 +20,7 @@ from smarttac_can.cli import main
 DELAYS = {"p50_us", "p99_us", "p999_us", "max_us"}
 KEYS = {
     *("sync", "drive", "measurement", "missed", "ticks", "lost", "deadline_ms", "gap_max_us"),
-    *("stage", "state", "message"),
+    *("stage", "state", "message", "refused"),
 }
 
 

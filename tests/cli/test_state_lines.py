@@ -25,6 +25,16 @@ def test_a_line_names_the_double_and_another_its_end() -> None:
     assert said[1:] == ["plate 33 alone again with its identifiers"]
 
 
+def test_of_two_producers_of_sync_one_is_enough() -> None:
+    said: list[str] = []
+    stimulator = StimulatorNode(stimulator_od(), plate_node_id=33, produce_sync=True)
+    node = StateLines("node", "here", stimulator, said.append)
+    node.start()
+    said.clear()
+    node.receive(Frame(0x080))
+    assert said[0].endswith(" this one, 080h: one producer of SYNC is enough")
+
+
 def test_an_overtaken_frame_is_handed_on_as_such_and_what_changes_is_said() -> None:
     said: list[str] = []
     node = StateLines("plate", "here", PlateNode(plate_od()), said.append)

@@ -1,10 +1,12 @@
 """The listener that takes part in nothing: what it hears, and how it ends."""
 
+import os
 import socket
 import sys
 import threading
 import time
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import can
@@ -12,11 +14,36 @@ import pytest
 from can.interfaces.udp_multicast import UdpMulticastBus
 from nodes_on_a_bus import GUARD_S
 
+from smarttac_can.bench.simulation import plate_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
-from smarttac_can.timing.loop_processes import listening
+from smarttac_can.timing.loop_processes import listening, node_process, require_free, require_quiet
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="time stamps of Linux")
+
+
+@pytest.fixture
+def without_privileges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Have processes of this interpreter run without root's capabilities."""
+    if os.geteuid() == 0:
+        wrapper = tmp_path / "python"
+        wrapper.write_text(
+            f'#!/bin/sh\nexec setpriv --bounding-set=-all --inh-caps=-all {sys.executable} "$@"\n'
+        )
+        wrapper.chmod(0o700)
+        monkeypatch.setattr(sys, "executable", str(wrapper))
+
+
+@pytest.mark.usefixtures("without_privileges")
+def test_a_process_without_the_priority_that_it_asked_for_is_known(
+    multicast: dict[str, Any],
+) -> None:
+    with node_process(["plate"], multicast, 50) as plate:
+        ordinary = os.sched_getscheduler(plate.pid) == os.SCHED_OTHER
+        assert any("SCHED_FIFO 50 is refused" in line for line in plate.refused) == ordinary
+    with node_process(["plate"], multicast, None) as plate:
+        assert plate.refused == ()
+
 
 STAMPED_S = 0.1
 """Linux turns stamps on after a socket has asked; a frame that came before has its reader's."""
@@ -95,7 +122,27 @@ def test_what_is_no_message_is_passed_over(multicast: dict[str, Any]) -> None:
     assert heard == [Frame(0x181, bytes((number,))) for number in range(3)]
 
 
-@pytest.mark.parametrize("failure", [OSError(5, "it broke"), can.CanOperationError("it broke", 5)])
+def test_it_ends_while_what_is_no_message_comes_without_end(multicast: dict[str, Any]) -> None:
+    over = threading.Event()
+
+    def flood() -> None:
+        with socket.socket(type=socket.SOCK_DGRAM) as foreign:
+            while not over.is_set():
+                foreign.sendto(b"no message" * 10, (multicast["channel"], multicast["port"]))
+
+    flooding = threading.Thread(target=flood)
+    flooding.start()
+    try:
+        with listening(multicast, {0x181}, lambda _stamp, _frame: None):
+            time.sleep(0.2)
+            left = time.monotonic()
+        assert time.monotonic() - left < GUARD_S
+    finally:
+        over.set()
+        flooding.join()
+
+
+@pytest.mark.parametrize("failure", [OSError(5, "it broke"), can.CanTimeoutError("it broke")])
 def test_a_bus_that_fails_is_told_behind_the_block(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch, failure: Exception
 ) -> None:
@@ -108,3 +155,21 @@ def test_a_bus_that_fails_is_told_behind_the_block(
         listening(multicast, {0x181}, lambda _stamp, _frame: None),
     ):
         pass
+
+
+def test_what_is_no_message_is_no_loop(multicast: dict[str, Any]) -> None:
+    over = threading.Event()
+
+    def stray() -> None:
+        with socket.socket(type=socket.SOCK_DGRAM) as foreign:
+            while not over.wait(0.002):
+                foreign.sendto(b"no message" * 10, (multicast["channel"], multicast["port"]))
+
+    straying = threading.Thread(target=stray)
+    straying.start()
+    try:
+        require_quiet(multicast)
+        require_free(multicast, plate_od())
+    finally:
+        over.set()
+        straying.join()
