@@ -2,8 +2,10 @@
 
 import os
 import socket
+import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import can.interfaces.virtual
@@ -42,6 +44,18 @@ def multicast() -> dict[str, Any]:
         nobodys.bind(("", 0))
         port = nobodys.getsockname()[1]
     return {"interface": "udp_multicast", "channel": "239.74.163.3", "port": port}
+
+
+@pytest.fixture
+def without_privileges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Have processes of this interpreter run without root's capabilities, on Linux."""
+    if os.geteuid() == 0:
+        wrapper = tmp_path / "python"
+        wrapper.write_text(
+            f'#!/bin/sh\nexec setpriv --bounding-set=-all --inh-caps=-all {sys.executable} "$@"\n'
+        )
+        wrapper.chmod(0o700)
+        monkeypatch.setattr(sys, "executable", str(wrapper))
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ def test_the_results() -> None:
         # A machine that is too busy may trip the loop before there are results, and has to say so.
         assert process.returncode == 1
         assert process.stderr.splitlines()[-1].startswith("Error: ")
+        assert "changed the data" not in process.stderr
         return
     results = json.loads(process.stdout)
     assert process.returncode == bool(results["trips"])
@@ -26,4 +27,4 @@ def test_the_results() -> None:
     assert 0 < results["answer_p50_ms"] <= results["answer_p99_ms"]
     assert results["bare_frames_per_s"] > 0
     for way in ("down", "up"):
-        assert 0 < results[f"block_{way}load_share_of_bare"] < 2
+        assert results[f"block_{way}load_share_of_bare"] > 0

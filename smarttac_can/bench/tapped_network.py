@@ -20,16 +20,16 @@ class _Strays(can.Listener):
 
     def __init__(self, network: canopen.Network) -> None:
         self._network = network
+        self.last: Exception | None = None
 
     def on_message_received(self, msg: can.Message) -> None:
         """Do nothing: python-can asks for it."""
 
     def on_error(self, exc: Exception) -> None:
-        """Take an error for settled that has lost nothing."""
+        """Take it for settled."""
         if not is_stray(self._network.bus, exc):
             raise NotImplementedError  # python-can's word for an error that is not settled
-        if self._network.notifier is not None:
-            self._network.notifier.exception = None  # or python-canopen raises it
+        self.last = exc
 
 
 class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
@@ -48,7 +48,8 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
 
     def __init__(self) -> None:
         super().__init__()
-        self.listeners.append(_Strays(self))
+        self._strays = _Strays(self)
+        self.listeners.append(self._strays)
         self.taps: tuple[Hear, ...] = ()
         self.own_taps: tuple[Hear, ...] = ()
         self._options: Mapping[str, Any] = {}
@@ -72,6 +73,13 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         options = {**self._options, "can_filters": None}
         with opening(options.get("interface"), options.get("channel"), BenchError):
             return can.Bus(**options)
+
+    def check(self) -> None:
+        """Raise what has ended the receiving, if anything has."""
+        error = None if self.notifier is None else self.notifier.exception
+        if error is None or error is self._strays.last or is_stray(self.bus, error):
+            return
+        super().check()
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""

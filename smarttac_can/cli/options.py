@@ -15,11 +15,11 @@ import canopen
 import click
 
 from smarttac_can.bench.simulation import STIMULATOR_ID
+from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.device.stored_image import begins_as_image
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.eds_files import packaged_eds
 from smarttac_can.host.python_can import PythonCanBus
@@ -196,9 +196,9 @@ class BusChoice(NamedTuple):
         BusError
             If it cannot be opened.
         """
-        network = canopen.Network()
+        network = TappedNetwork()
         with opening(self.interface, self.channel, BusError):
-            network.connect(**kept_here(self.options))
+            network.connect(**self.options)
         return network
 
 

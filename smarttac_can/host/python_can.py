@@ -47,8 +47,10 @@ def hears_others_of_process(bus: can.BusABC) -> bool:
 
 def is_stray(bus: can.BusABC, error: Exception) -> bool:
     """Whether a bus has received what is no message: anybody may send anything to a group."""
-    unread = isinstance(error, can.CanOperationError) and not isinstance(error.__cause__, OSError)
-    return unread and isinstance(bus, UdpMulticastBus)
+    if not isinstance(bus, UdpMulticastBus) or not isinstance(error, can.CanOperationError):
+        return False
+    # A bus that fails has an OSError for its cause, or none.
+    return error.__cause__ is not None and not isinstance(error.__cause__, OSError)
 
 
 def received(bus: can.BusABC, timeout: float) -> can.Message | None:

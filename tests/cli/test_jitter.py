@@ -1,6 +1,7 @@
 """``smarttac jitter``: its structure and its ends, but not how punctual a machine is that tests."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -71,6 +72,16 @@ def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path
     assert f"of {figures['ticks']} ticks missed" in done.stdout
     assert (folder / "jitter.png").read_bytes().startswith(b"\x89PNG")
     assert not children()
+
+
+@pytest.mark.usefixtures("without_privileges")
+def test_what_the_nodes_were_refused_is_said(multicast: dict[str, Any]) -> None:
+    done = jitter(*options(multicast), "--seconds", "1", "--realtime", "50", "--json", "-")
+    refused = json.loads(done.stdout)["refused"]
+    assert len(set(refused)) == len(refused), "two nodes, one line"
+    assert set(refused) <= set(done.stderr.splitlines())
+    if os.geteuid() == 0:
+        assert any("SCHED_FIFO 50 is refused" in line for line in refused)
 
 
 def test_a_plate_that_is_there_stays_at_0_v(multicast: dict[str, Any]) -> None:

@@ -6,7 +6,6 @@ import sys
 import threading
 import time
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import can
@@ -20,18 +19,6 @@ from smarttac_can.host.bus import BusError
 from smarttac_can.timing.loop_processes import listening, node_process, require_free, require_quiet
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="time stamps of Linux")
-
-
-@pytest.fixture
-def without_privileges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Have processes of this interpreter run without root's capabilities."""
-    if os.geteuid() == 0:
-        wrapper = tmp_path / "python"
-        wrapper.write_text(
-            f'#!/bin/sh\nexec setpriv --bounding-set=-all --inh-caps=-all {sys.executable} "$@"\n'
-        )
-        wrapper.chmod(0o700)
-        monkeypatch.setattr(sys, "executable", str(wrapper))
 
 
 @pytest.mark.usefixtures("without_privileges")
