@@ -26,9 +26,9 @@ class _Strays(can.Listener):
         """Do nothing: python-can asks for it."""
 
     def on_error(self, exc: Exception) -> None:
-        """Take it for settled."""
+        """Take it for settled, or raise python-can's word that it is not: NotImplementedError."""
         if not is_stray(self._network.bus, exc):
-            raise NotImplementedError  # python-can's word for an error that is not settled
+            raise NotImplementedError
         self.last = exc
 
 

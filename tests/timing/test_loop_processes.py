@@ -5,6 +5,8 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any
 
@@ -21,6 +23,28 @@ from smarttac_can.timing.loop_processes import listening, node_process, require_
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="time stamps of Linux")
 
 
+STAMPED_S = 0.1
+"""Linux turns stamps on after a socket has asked; a frame that came before has its reader's."""
+
+
+@contextmanager
+def flooding(send: Callable[[], object], pause: float = 0.0) -> Iterator[None]:
+    """Send again and again until the block ends, so many s apart."""
+    over = threading.Event()
+
+    def flood() -> None:
+        while not over.wait(pause):
+            send()
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
 @pytest.mark.usefixtures("without_privileges")
 def test_a_process_without_the_priority_that_it_asked_for_is_known(
     multicast: dict[str, Any],
@@ -30,10 +54,6 @@ def test_a_process_without_the_priority_that_it_asked_for_is_known(
         assert any("SCHED_FIFO 50 is refused" in line for line in plate.refused) == ordinary
     with node_process(["plate"], multicast, None) as plate:
         assert plate.refused == ()
-
-
-STAMPED_S = 0.1
-"""Linux turns stamps on after a socket has asked; a frame that came before has its reader's."""
 
 
 def message(can_id: int, data: bytes = b"") -> can.Message:
@@ -73,26 +93,14 @@ def test_it_does_not_wake_up_for_each_frame(multicast: dict[str, Any]) -> None:
 
 
 def test_it_ends_while_frames_come_without_end(multicast: dict[str, Any]) -> None:
-    over = threading.Event()
-
-    def flood() -> None:
-        with can.Bus(**multicast) as sender:
-            while not over.is_set():
-                sender.send(message(0x181))
-
     def slow(_stamp: float, _frame: Frame) -> None:
         time.sleep(0.0002)
 
-    flooding = threading.Thread(target=flood)
-    flooding.start()
-    try:
+    with can.Bus(**multicast) as sender, flooding(lambda: sender.send(message(0x181))):
         with listening(multicast, {0x181}, slow):
             time.sleep(0.02)
             left = time.monotonic()
         assert time.monotonic() - left < GUARD_S
-    finally:
-        over.set()
-        flooding.join()
 
 
 def test_what_is_no_message_is_passed_over(multicast: dict[str, Any]) -> None:
@@ -110,23 +118,15 @@ def test_what_is_no_message_is_passed_over(multicast: dict[str, Any]) -> None:
 
 
 def test_it_ends_while_what_is_no_message_comes_without_end(multicast: dict[str, Any]) -> None:
-    over = threading.Event()
-
-    def flood() -> None:
-        with socket.socket(type=socket.SOCK_DGRAM) as foreign:
-            while not over.is_set():
-                foreign.sendto(b"no message" * 10, (multicast["channel"], multicast["port"]))
-
-    flooding = threading.Thread(target=flood)
-    flooding.start()
-    try:
+    group = (multicast["channel"], multicast["port"])
+    with (
+        socket.socket(type=socket.SOCK_DGRAM) as foreign,
+        flooding(lambda: foreign.sendto(b"no message" * 10, group)),
+    ):
         with listening(multicast, {0x181}, lambda _stamp, _frame: None):
             time.sleep(0.2)
             left = time.monotonic()
         assert time.monotonic() - left < GUARD_S
-    finally:
-        over.set()
-        flooding.join()
 
 
 @pytest.mark.parametrize("failure", [OSError(5, "it broke"), can.CanTimeoutError("it broke")])
@@ -145,18 +145,10 @@ def test_a_bus_that_fails_is_told_behind_the_block(
 
 
 def test_what_is_no_message_is_no_loop(multicast: dict[str, Any]) -> None:
-    over = threading.Event()
-
-    def stray() -> None:
-        with socket.socket(type=socket.SOCK_DGRAM) as foreign:
-            while not over.wait(0.002):
-                foreign.sendto(b"no message" * 10, (multicast["channel"], multicast["port"]))
-
-    straying = threading.Thread(target=stray)
-    straying.start()
-    try:
+    group = (multicast["channel"], multicast["port"])
+    with (
+        socket.socket(type=socket.SOCK_DGRAM) as foreign,
+        flooding(lambda: foreign.sendto(b"no message" * 10, group), 0.002),
+    ):
         require_quiet(multicast)
         require_free(multicast, plate_od())
-    finally:
-        over.set()
-        straying.join()
