@@ -40,7 +40,9 @@ _REAL_LARGEST: Final[dict[int, float]] = {
     DataType.REAL32: (2 - 2**-23) * 2.0**127,
     DataType.REAL64: sys.float_info.max,
 }
-_VISIBLE: Final = bytes([0, *range(0x20, 0x7F)])
+_VISIBLE: Final = bytes([0, *b"\t\n\r", *range(0x20, 0x7F)])
+"""Bytes of a VISIBLE_STRING: those of CiA 301, and the white space that data sheets contain."""
+_REPLACED: Final = {code: "?" for code in range(0x80) if code not in _VISIBLE}
 
 
 def bounds(data_type: DataType) -> tuple[float, float]:
@@ -55,9 +57,9 @@ def bounds(data_type: DataType) -> tuple[float, float]:
     return (0, 1) if data_type == DataType.BOOLEAN else (0, 0)
 
 
-def is_visible(text: str) -> bool:
-    """Tell whether a VISIBLE_STRING can hold a text."""
-    return not text.encode().translate(None, _VISIBLE)
+def visible(text: str) -> str:
+    """Return a text as a VISIBLE_STRING can hold it: ``?`` replaces each other character."""
+    return text.encode("ascii", "replace").decode("ascii").translate(_REPLACED)
 
 
 def zero(data_type: DataType) -> Any:
@@ -72,7 +74,11 @@ def zero(data_type: DataType) -> Any:
 
 
 def pack(data_type: DataType, value: Any) -> bytes:
-    """Return the bytes of a value, which is inside the bounds of its type."""
+    """Return the bytes of a value, which is inside the bounds of its type.
+
+    `unpack` takes all that this returns: a client may write back what it has read. Characters that
+    a string cannot hold are replaced by ``?``.
+    """
     if data_type in UNSIGNED or data_type == DataType.BOOLEAN:
         return int(value).to_bytes(SIZES[data_type], "little")
     if data_type in SIGNED:
@@ -80,9 +86,9 @@ def pack(data_type: DataType, value: Any) -> bytes:
     if data_type in REAL:
         return struct.pack(_REAL_FORMAT[data_type], value)
     if data_type == DataType.VISIBLE_STRING:
-        return str(value).encode("ascii", "replace")
+        return visible(str(value)).encode("ascii")
     if data_type == DataType.UNICODE_STRING:
-        return str(value).encode("utf-16-le")
+        return str(value).encode("utf-16-le", "replace")
     return bytes(value)
 
 

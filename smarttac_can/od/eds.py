@@ -10,7 +10,7 @@ import re
 from typing import Any, Final, TypeVar
 
 from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, DataType, ObjectType
-from smarttac_can.od.data_types import TEXT, bounds, is_visible, zero
+from smarttac_can.od.data_types import TEXT, bounds, visible, zero
 from smarttac_can.od.dictionary import Object, ObjectDictionary
 from smarttac_can.od.eds_values import parse_integer, parse_value
 from smarttac_can.od.entry import ACCESS, Entry
@@ -237,8 +237,11 @@ class _Reader:
         return value
 
     def _value(self, section: str, data_type: DataType, text: str) -> Any:
-        if data_type is DataType.VISIBLE_STRING and not is_visible(text):
-            self.warnings.append(f"[{section}] value {text!r} is no VISIBLE_STRING: none is taken")
+        if data_type is DataType.VISIBLE_STRING and (taken := visible(text)) != text:
+            self.warnings.append(
+                f"[{section}] value {text!r} is no VISIBLE_STRING, {taken!r} is taken instead"
+            )
+            text = taken
         return parse_value(data_type, text, self.node_id, f"[{section}] value {text!r}")
 
 

@@ -53,7 +53,7 @@ def test_wrong_length_is_refused(data_type: DataType) -> None:
     ("data_type", "data", "code"),
     [
         (DataType.VISIBLE_STRING, b"\x80", AbortCode.VALUE),
-        (DataType.VISIBLE_STRING, b"\n", AbortCode.VALUE),
+        (DataType.VISIBLE_STRING, b"\x0b", AbortCode.VALUE),
         (DataType.UNICODE_STRING, b"abc", AbortCode.LENGTH),
         (DataType.UNICODE_STRING, b"\x00\xd8", AbortCode.VALUE),
     ],
@@ -65,10 +65,10 @@ def test_what_is_no_character_is_refused(data_type: DataType, data: bytes, code:
 
 
 def test_visible_characters() -> None:
-    """CiA 301: 0 and 20h to 7Eh."""
+    """CiA 301: 0 and 20h to 7Eh; data sheets contain tabs and line ends as well."""
     for byte in range(256):
         data = b"ab" + bytes((byte,)) + b"c"
-        if byte == 0 or 0x20 <= byte <= 0x7E:
+        if byte in (0x00, 0x09, 0x0A, 0x0D) or 0x20 <= byte <= 0x7E:
             assert unpack(DataType.VISIBLE_STRING, data) == data.decode("ascii")
         else:
             with pytest.raises(Abort):
@@ -85,3 +85,11 @@ def test_real_bounds_can_be_packed_and_are_finite(data_type: DataType) -> None:
     for bound in bounds(data_type):
         assert math.isfinite(bound)
         assert unpack(data_type, pack(data_type, bound)) == bound
+
+
+def test_each_text_that_is_served_is_taken_when_it_is_written_back() -> None:
+    """A client that writes back all that it has read is refused nothing."""
+    for data_type in (DataType.VISIBLE_STRING, DataType.UNICODE_STRING):
+        for code in (*range(256), 0x20AC, 0xD800, 0x1F600):
+            served = pack(data_type, f"a{chr(code)}b")
+            assert pack(data_type, unpack(data_type, served)) == served

@@ -122,14 +122,33 @@ def test_default_that_cannot_be_interpreted(text: str, data_type: str, message: 
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("text", ["5 µm", "a\tb", "Prüfstand"])
-def test_a_default_that_a_server_would_not_take_back_is_named(text: str) -> None:
-    """A server that would refuse it from a client does not have it without a word."""
+@pytest.mark.parametrize(
+    ("text", "taken"),
+    [("5 µm", "5 ?m"), ("a\tµ", "a\t?"), ("Prüfstand", "Pr?fstand")],
+)
+def test_characters_that_a_visible_string_cannot_hold_are_replaced(text: str, taken: str) -> None:
     od = load_eds(var(f"DefaultValue={text}", data_type="0x0009"), 1)
-    assert f"[2000] value {text!r} is no VISIBLE_STRING: none is taken" in od.warnings
-    assert load_eds(var("DefaultValue= ~a b!", data_type="0x0009"), 1).warnings == []
+    assert f"[2000] value {text!r} is no VISIBLE_STRING, {taken!r} is taken instead" in od.warnings
+    assert od["X"].value == od["X"].default == taken
     unicode = load_eds(var(f"DefaultValue={text}", data_type="0x000B"), 1)
+    assert unicode["X"].value == text
     assert not [warning for warning in unicode.warnings if "STRING" in warning]
+
+
+@pytest.mark.parametrize("data_type", ["0x0009", "0x000B"])
+@pytest.mark.parametrize("text", ["~a b!", "a\tb", "5 µm\t!"])
+def test_a_default_that_is_served_is_taken_when_it_is_written_back(
+    text: str, data_type: str
+) -> None:
+    entry = load_eds(var(f"DefaultValue={text}", data_type=data_type), 1)["X"]
+    served = entry.pack()
+    assert entry.unpack(served) == entry.value
+
+
+def test_a_default_with_a_tab_is_a_visible_string() -> None:
+    od = load_eds(var("DefaultValue=~a\tb!", data_type="0x0009"), 1)
+    assert od.warnings == []
+    assert od["X"].pack() == b"~a\tb!"
 
 
 def test_all_lines_with_other_characters_are_counted() -> None:
