@@ -26,8 +26,8 @@ _OF_THE_PLATE = (
         FaultCode.DRIVE_LOST,
         ErrorRegister.COMMUNICATION,
         "a plate that was driven has gone to 0 V by itself: within the deadline no drive that "
-        "counts (none, corrupt, out of range, of another tick), three drives with a wrong check "
-        "within 16 cycles, OPERATIONAL left, a watched "
+        "counts (none, corrupt, out of range, of another tick), three drives in a row with "
+        "a wrong check, or fewer again and again, OPERATIONAL left, a watched "
         "heartbeat lost, transmit queue full, 1006h not 1000 us. Sent in OPERATIONAL, unless one "
         "of those below was",
         "a drive of 0 V",

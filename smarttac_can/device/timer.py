@@ -116,7 +116,7 @@ class Clock:
         Parameters
         ----------
         timers
-            Those that are stopped count as 0.0.
+            Those that are stopped count as 0.0, those without a delay as 1.0.
         ahead
             Time in us from now at which that is.
         """
@@ -124,7 +124,8 @@ class Clock:
         largest = 0.0
         for timer in timers:
             if timer.due != NEVER:
-                share = 1.0 - (timer.due - then) / timer.delay
+                delay = timer.delay
+                share = 1.0 - (timer.due - then) / delay if delay else 1.0
                 largest = share if share > largest else largest
         return largest
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.lapses import Lapses
 from smarttac_can.nodes.loop_frames import LATCHED, received_drive
 from smarttac_can.od.dictionary import ObjectDictionary
 
 WRONG_MAX: Final = 3
-"""Drives with a wrong check that disturb, for what is left of as many cycles as below."""
-WRONG_CYCLES: Final = 16
+"""Drives with a wrong check in a row that disturb; for those now and then see `Lapses`."""
 _NOBODY: Final = 0
 _NEVER: Final = -1
 
@@ -30,35 +30,36 @@ class DriveSender:
     ----------
     latched
         Whether the sender of the last drive was in FAULT.
+    disturbed
+        Whether too many drives had a wrong check.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
         self._check = FrameCheck(received_drive(od))
         self._voltage = od["Drive.Voltage"]
         self._corrupt = od["Cycle.Corrupt drives"]
+        self._wrong = Lapses()
         self.forget()
 
     def forget(self) -> None:
         """Work with whoever comes first."""
         self._node_id = _NOBODY
         self._once_in = _NEVER
-        self._wrong = 0
+        self._wrong.clear()
+        self._undisturbed = True
+        self.disturbed = False
         self.latched = False
 
-    def follow(self, tick: int) -> None:
-        """Note that a cycle has begun."""
-        if tick % WRONG_CYCLES == 0:
-            self._wrong = 0
-
-    @property
-    def disturbed(self) -> bool:
-        """Whether too many drives had a wrong check."""
-        return self._wrong >= WRONG_MAX
+    def follow(self) -> None:
+        """Begin a cycle; one without a wrong check makes up for some of those before."""
+        if self._undisturbed:
+            self.disturbed = self._wrong.count(False, WRONG_MAX)
+        self._undisturbed = True
 
     @property
     def level(self) -> float:
-        """How near wrong checks are to a bar, of 1.0."""
-        return self._wrong / WRONG_MAX
+        """How near wrong checks are to a bar; 1.0 or more while they bar."""
+        return self._wrong.share(WRONG_MAX)
 
     def sound(self, session: int) -> bool:
         """Whether the drive in the object dictionary is this sender's; a wrong one is counted."""
@@ -77,5 +78,6 @@ class DriveSender:
         if node_id != _NOBODY and node_id == self._node_id and (off or not self.latched):
             return True
         self._corrupt.count()
-        self._wrong += 1
+        self._undisturbed = False
+        self.disturbed = self._wrong.count(True, WRONG_MAX)
         return False

@@ -178,7 +178,7 @@ class PlateNode(Application):
             if self._hardware.cause is FaultCode.STAGE:
                 self._protect(FaultCode.STAGE)
         measured = self.block.cycle(overtaken=self._overtaken)
-        self._sender.follow(self.block.tick.value)
+        self._sender.follow()
         self._heed_front_end()
         if measured:
             self._sent.write()

@@ -102,7 +102,7 @@ def test_node_0_is_nobody_in_fault_or_not() -> None:
     assert plate.sound(0, ONE)
 
 
-def test_three_wrong_ones_in_16_cycles_disturb() -> None:
+def test_three_wrong_ones_disturb_until_20_cycles_without_one() -> None:
     plate = works_with_one()
     sender = plate.sender
     for wrong, level in ((1, 1 / 3), (2, 2 / 3), (3, 1.0)):
@@ -110,20 +110,68 @@ def test_three_wrong_ones_in_16_cycles_disturb() -> None:
         plate.sound(V20, OTHER)
         assert sender.level == pytest.approx(level, rel=1e-12)
         assert plate.corrupt == wrong
-    for tick in range(1, 16):
-        sender.follow(tick)
-        assert sender.disturbed
-    sender.follow(16)
+        assert sender.disturbed == (wrong == 3)
+        # The cycle had a wrong one: it makes up for none.
+        sender.follow()
+    assert sender.disturbed
+    sender.follow()
     assert not sender.disturbed
+    for _ in range(58):
+        sender.follow()
+        assert sender.level > 0.0
+    sender.follow()
     assert sender.level == 0.0
 
 
-def test_the_count_begins_anew_with_tick_0_and_when_it_is_forgotten() -> None:
-    for act in (lambda sender: sender.follow(0), DriveSender.forget):
-        plate = works_with_one()
+@pytest.mark.parametrize("first", range(16))
+def test_wrong_ones_disturb_wherever_their_first_falls(first: int) -> None:
+    """Three in cycles 14 to 17 are as many as three in cycles 0 to 3."""
+    plate = works_with_one()
+    for _ in range(first):
+        plate.sender.follow()
+    for _ in range(3):
+        assert not plate.sender.disturbed
         plate.sound(V20, OTHER)
-        act(plate.sender)
-        assert plate.sender.level == 0.0
+        plate.sound(V20)
+        plate.sender.follow()
+    assert plate.sender.disturbed
+
+
+@pytest.mark.parametrize(
+    ("every", "wrong"), [(1, 3), (2, 4), (8, 5), (16, 9), (20, 41), (21, None)]
+)
+def test_how_many_that_come_again_and_again_disturb(every: int, wrong: int | None) -> None:
+    plate = works_with_one()
+    for count in range(1, 200):
+        plate.sound(V20, OTHER)
+        if plate.sender.disturbed:
+            assert count == wrong
+            return
+        for _ in range(every):
+            plate.sender.follow()
+    assert wrong is None
+
+
+def test_a_disturbance_of_any_length_is_forgotten_within_21_cycles() -> None:
+    plate = works_with_one()
+    for _ in range(100):
+        plate.sound(V20, OTHER)
+    plate.sender.follow()
+    for _ in range(20):
+        assert plate.sender.disturbed
+        plate.sender.follow()
+    plate.sender.follow()
+    assert not plate.sender.disturbed
+
+
+def test_the_count_begins_anew_when_the_sender_is_forgotten() -> None:
+    plate = works_with_one()
+    for _ in range(3):
+        plate.sound(V20, OTHER)
+    assert plate.sender.disturbed
+    plate.sender.forget()
+    assert not plate.sender.disturbed
+    assert plate.sender.level == 0.0
 
 
 def test_who_is_forgotten_is_a_stranger() -> None:

@@ -146,6 +146,16 @@ def test_the_first_and_the_last_that_is_asked_of_the_stage_is_0_v() -> None:
     assert fake.told[-1] == 0.0
 
 
+def test_a_stage_that_does_not_obey_the_last_0_v_is_told_again() -> None:
+    """Nothing comes after a shutdown: the 0 V that SYNC would repeat has to go out now."""
+    _, plate, fake = driven()
+    count = len(fake.told)
+    fake.read_back = lambda told: 20.0 if len(fake.told) == count + 1 else told
+    assert plate.shutdown() == []
+    assert fake.told[count:] == [0.0, 0.0]
+    assert plate.block.behind.cause == NOT_ENABLED
+
+
 def late(fake: Fake) -> None:
     fake.took_us = 501
 

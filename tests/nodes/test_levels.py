@@ -207,8 +207,6 @@ def test_drives_that_do_not_come() -> None:
 
 def test_drives_with_a_wrong_check() -> None:
     rig = driven_within(20)
-    while rig.plate_block.tick.value % 16:
-        rig.cycle()
     disturb(FrameFault.CORRUPTION, DRIVE)(rig)
     rig.cycle(2)
     calm(rig)

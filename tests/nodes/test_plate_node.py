@@ -22,6 +22,7 @@ from line import (
 from smarttac_can.bench.simulation import PLATE_ID, plate_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
+from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.plant.finger import Trajectory
 
 STATE, TOO_HIGH, TOO_LOW = 0x08000022, 0x06090031, 0x06090032
@@ -119,6 +120,28 @@ def test_a_lost_heartbeat_is_0_v_whatever_the_error_behaviour(behaviour: int) ->
         line.sync()
     line.send(drive(2000, 10))
     assert stage(plate) == 0
+
+
+@pytest.mark.parametrize("instant_us", [0, 500, 999])
+def test_0_v_of_the_plate_itself_waits_for_no_dead_time(instant_us: int) -> None:
+    """The vibration has decayed for a whole tick by the next one: to exp(-1/tau), near a third."""
+    line, plate = plate_alone()
+    assert line.write(plate, "Simulation.Drive instant", instant_us) == 0
+    assert line.write(plate, "Simulation.Start run", 1) == 0
+    line.nmt(START)
+    line.sync()
+    line.send(drive(0, 0))
+    for tick in range(1, 20):
+        line.sync()
+        line.send(drive(2000, tick))
+    line.sync()
+    behind = plate.block.behind
+    assert isinstance(behind, SimulatedPlate)
+    before = abs(behind.plate.W)
+    assert before > 0.5e-6
+    plate.transmit_failed()
+    line.sync()
+    assert 0.25 < abs(behind.plate.W) / before < 0.40
 
 
 def test_shutdown_is_0_v() -> None:
@@ -399,3 +422,14 @@ def test_limits_are_not_raised_while_in_use(name: str, present: int) -> None:
     assert stage(plate) == 2000
     assert line.write(plate, f"Limit.{name}", present + 1) == STATE
     assert line.write(plate, f"Limit.{name}", present - 1) == 0
+
+
+def test_levels_of_a_drive_without_a_deadline() -> None:
+    """With 1400h sub-index 5 at 0 a drive is in force for no time at all."""
+    line, plate = ready_plate()
+    assert line.write_entry(plate, plate.od.entry(0x1400, 5), 0) == 0
+    line.send(drive(2000, 0))
+    assert plate.levels()[0] == 1.0
+    line.sync()
+    assert stage(plate) == 0
+    assert plate.levels()[0] == 0.0
