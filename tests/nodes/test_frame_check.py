@@ -50,8 +50,8 @@ def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
         line.send(flipped(drive(2000, 0), bit))
         assert plate.od["Stage.Voltage"].value == 0, f"bit {bit}"
     assert plate.od["Cycle.Corrupt drives"].value == 49, "the others are outside their limits"
-    line.sync(16)
-    line.send(drive(0, 99), drive(2000, 16))
+    line.sync(22)
+    line.send(drive(0, 99), drive(2000, 22))
     assert plate.od["Stage.Voltage"].value == 2000
 
 
