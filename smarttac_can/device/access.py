@@ -68,6 +68,13 @@ class Access:
         Abort
             NO_OBJECT, NO_SUBINDEX, READ_ONLY, TOO_LONG, TOO_SHORT.
         """
+        try:
+            return self._writable(index, subindex, size)
+        except Abort as abort:
+            self._report(index, subindex, abort)
+            raise
+
+    def _writable(self, index: int, subindex: int, size: int | None) -> Entry:
         if subindex == STRUCTURE_SUBINDEX and self._structure(index) is not None:
             raise Abort(AbortCode.READ_ONLY)
         entry = self._od.entry(index, subindex)
@@ -88,6 +95,13 @@ class Access:
             By type and limits, by the rules of the service that owns the object, or by the
             application; the entry then has its old value.
         """
+        try:
+            self._write(entry, data)
+        except Abort as abort:
+            self._report(entry.index, entry.subindex, abort)
+            raise
+
+    def _write(self, entry: Entry, data: bytes) -> None:
         value: Any = entry.unpack(data)
         owners = self._owners.get(entry.index, ())
         for owner in owners:
@@ -101,6 +115,12 @@ class Access:
             owner.apply(entry)
         if owners:
             self._on_change()
+
+    def _report(self, index: int, subindex: int, abort: Abort) -> None:
+        """Tell the application why a write was refused."""
+        entry = self._od.get(index, subindex)
+        name = f"{index:04X}h sub-index {subindex}" if entry is None else entry.name
+        self._application.on_refused(name, abort.explain(name))
 
     def _structure(self, index: int) -> int | None:
         """Return the content of sub-index FFh; None if there is no object or the EDS has one."""

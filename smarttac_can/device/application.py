@@ -71,3 +71,9 @@ class Application:
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse an SDO write by raising `Abort`; the entry still has its old value."""
+
+    def on_refused(self, name: str, reason: str) -> None:
+        """Act on an SDO write that was refused, by `on_write` or before it, with why in one line.
+
+        The name is that of the entry; without an entry it has index and sub-index.
+        """

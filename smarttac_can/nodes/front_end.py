@@ -158,7 +158,7 @@ class FrontEnd:
             STATE for another value of its objects.
         """
         if entry.name.partition(".")[0] in SIMULATION and value != entry.value:
-            raise Abort(AbortCode.STATE)
+            raise Abort(AbortCode.STATE, f"{entry.name} is of the simulation, and this is hardware")
 
     def _miss(self, trouble: str) -> None:
         """Let a cycle pass without a measurement, but not several in a row."""

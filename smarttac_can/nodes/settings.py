@@ -85,7 +85,7 @@ def cascade_parameters(od: ObjectDictionary) -> CascadeParameters:
     try:
         return CascadeParameters(**fields, **calibration)
     except ValueError as error:
-        raise Abort(AbortCode.VALUE) from error
+        raise Abort(AbortCode.VALUE, str(error)) from error
 
 
 def with_change(
@@ -120,7 +120,7 @@ def with_change(
     try:
         return replace(parameters, **fields)
     except ValueError as error:
-        raise Abort(AbortCode.VALUE) from error
+        raise Abort(AbortCode.VALUE, str(error)) from error
 
 
 def _parameter(entry: Entry, raw: int) -> Any:

@@ -108,7 +108,7 @@ class SimulatedPlate:
         if entry.name == FAULT_KIND:
             self._set_fault(FaultKind(value))
         elif entry.name == "Finger.Motion" and value == RECORDED and self._recording is None:
-            raise Abort(AbortCode.STATE)
+            raise Abort(AbortCode.STATE, f"{entry.name} {value}: no finger was recorded")
 
     def _set_fault(self, kind: FaultKind) -> None:
         """Take sensor, value and delay from the object dictionary; what was broken is mended."""
@@ -117,7 +117,7 @@ class SimulatedPlate:
         try:
             fault.require_sense()
         except ValueError as error:
-            raise Abort(AbortCode.VALUE) from error
+            raise Abort(AbortCode.VALUE, f"{FAULT_KIND} {kind:d}: {error}") from error
         self._power_stage.stick(0.0)
         self.plate.inject(Fault(FaultKind.NONE, 1, 0))
         self._fault = fault

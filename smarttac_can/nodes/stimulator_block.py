@@ -44,6 +44,12 @@ _RUNNING: Final = State.RUNNING
 _IDENTIFY: Final = Mode.IDENTIFY
 _DESIGNED_FROM: Final = (*DESIGN, MODEL, GAUGE_ZERO, TABLES)
 _TEXTURES: Final = (TEXTURE, TABLES)
+_SETPOINTS: Final = {
+    Mode.OPEN_LOOP: "Setpoint.Voltage",
+    Mode.AMPLITUDE: "Setpoint.Amplitude",
+    Mode.AMPLITUDE_RESONANCE: "Setpoint.Amplitude",
+}
+"""Set-points that are 0 V by their default, by mode."""
 
 
 class StimulatorBlock:
@@ -89,6 +95,7 @@ class StimulatorBlock:
         self.supervisor = Supervisor(od, deadlines(od, MEASUREMENT_RPDOS) if plate is None else ())
         self._taring = Taring(od, self.supervisor)
         self._shown: State | None = None
+        self._hint = ""
         self.start_run()
 
     @property
@@ -150,6 +157,8 @@ class StimulatorBlock:
         mode, asked = self._begin_at_zero(mode, asked)
         self._taring.tare_when_due(self.cascade.tribometer)
         drive = self.supervisor.permit(asked, measured, mode, self.cascade)
+        if drive.voltage and self._hint:
+            self._withdraw_hint()
         self.supervisor.watchdogs.vibration.note_voltage(drive.voltage, late=late)
         self._follow()
         self.cascade.realised(drive)
@@ -166,6 +175,7 @@ class StimulatorBlock:
         if mode != self.cascade.mode:
             self.cascade.set_mode(mode)
             self._message.value = self.cascade.reason
+            self._hint_at_nothing_asked()
         return mode
 
     def _begin_at_zero(self, mode: int, asked: Drive) -> tuple[int, Drive]:
@@ -186,9 +196,31 @@ class StimulatorBlock:
         if state is self._shown:
             return
         if self._shown is State.RUNNING:
+            self._withdraw_hint()
             self._cut()
         self._shown = state
         self._read_back.show_state(state)
+        if state is State.RUNNING:
+            self._hint_at_nothing_asked()
+
+    def _hint_at_nothing_asked(self) -> None:
+        """Have the Message say what is missing if mode and set-points ask for 0 V."""
+        mode = self._mode.value
+        name = _SETPOINTS.get(mode)
+        if name is not None and not self.od[name].value:
+            self._hint = f"running at 0 V: {name} is 0 in Mode {mode}, write another value"
+        elif mode == Mode.OFF:
+            self._hint = "running at 0 V: Mode is 0 (off), write another"
+        else:
+            self._hint = ""
+            return
+        self._message.value = self._hint
+
+    def _withdraw_hint(self) -> None:
+        """Take the hint out of the Message: there is a voltage, or no longer a run."""
+        if self._hint and self._message.value == self._hint:
+            self._message.value = ""
+        self._hint = ""
 
     def _cut(self) -> None:
         """Turn the cascade off and put the drive at 0 V, now."""
@@ -254,9 +286,13 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            As for an SDO write; the value is then unchanged.
+            As for an SDO write; the value is then unchanged, and the Message says why.
         """
-        self.od.write(name, raw, self.on_write)
+        try:
+            self.od.write(name, raw, self.on_write)
+        except Abort as abort:
+            self.supervisor.refuse(name, abort.explain(name))
+            raise
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Act on a write before it is made.
@@ -284,17 +320,21 @@ class StimulatorBlock:
             if self._inside is not None:
                 self._inside.plate.write(entry.name, value)
             elif value != entry.value:
-                raise Abort(AbortCode.STATE)
+                raise Abort(AbortCode.STATE, f"{entry.name} is an object of the plate node here")
         elif entry.name in AUTO_ZERO:
             self._taring.auto_zero(self.cascade.tribometer, value)
             self._follow()
         elif record in _DESIGNED_FROM:
             barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_barred
             if barred and value != entry.value:
-                raise Abort(AbortCode.STATE)
+                raise Abort(
+                    AbortCode.STATE,
+                    f"{entry.name} stays {entry.value}: it would hide a force that is a fault",
+                )
             # Worked out here, between two cycles; the next one only takes it over.
             self._parameters = with_change(self._parameters, self.od, entry, value)
             self._changed.add(record)
+        self.supervisor.accept(entry.name)
 
     def _reconfigure(self) -> None:
         """Take over what depends on the records that were written."""

@@ -259,12 +259,17 @@ class StimulatorNode(Application):
             STATE in these states.
         """
         if self.block.supervisor.sharp:
-            raise Abort(AbortCode.STATE)
+            raise Abort(
+                AbortCode.STATE, "parameters are not stored or restored while armed: disarm first"
+            )
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
         if entry is self._mode and value and self.device.nmt_state is not NMTState.OPERATIONAL:
-            raise Abort(AbortCode.STATE)
+            raise Abort(
+                AbortCode.STATE,
+                f"Mode {value} needs NMT OPERATIONAL: start the node, it goes on with Mode 0",
+            )
         before = self.block.state
         if entry is self._controlword:
             self.block.note_watch(self._arming.kept)
@@ -276,6 +281,10 @@ class StimulatorNode(Application):
         self._show_change(before)
         if entry.name == START_RUN:
             self._loop.start_run()
+
+    def on_refused(self, name: str, reason: str) -> None:
+        """Have the Message say why."""
+        self.block.supervisor.refuse(name, reason)
 
     def _judge_time(self) -> None:
         """Stop if too much of a second of the run had no cycle."""

@@ -171,7 +171,11 @@ class Stricter:
                 self.rules[entry] = rule
 
     def require(self, entry: Entry, value: Any) -> None:
-        """Raise `Abort` with STATE if a raw value is laxer than the present one."""
+        """Raise `Abort` with STATE and the reason if a raw value is laxer than the present one."""
         rule = self.rules.get(entry)
         if rule is not None and rule.holds(entry.value, value):
-            raise Abort(AbortCode.STATE)
+            raise Abort(
+                AbortCode.STATE,
+                f"{entry.name} stays {entry.value}, as a drive is possible: {rule.text} is refused"
+                "; disarm first",
+            )

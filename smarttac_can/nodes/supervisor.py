@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade
@@ -14,7 +14,7 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import UNWATCHED
+from smarttac_can.vocabulary.objects import AUTO_ZERO, UNWATCHED
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import CONTROL_MASK, State
 from smarttac_can.vocabulary.watchdogs import (
@@ -30,6 +30,7 @@ _ARMED: Final = State.ARMED
 _RUNNING: Final = State.RUNNING
 _IDENTIFY: Final = Mode.IDENTIFY
 _SHARP: Final = (_ARMED, _RUNNING)
+_CONTROLWORD: Final = "Controlword"
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
@@ -73,7 +74,7 @@ class Supervisor:
         self.machine = StateMachine()
         self.watchdogs = LoopWatchdogs(od, deadlines)
         self.memory = FaultMemory(od)
-        self._controlword = od["Controlword"]
+        self._controlword = od[_CONTROLWORD]
         self._ignored = od["Cycle.Ignored controlwords"]
         self._code = od["Diagnosis.Code"]
         self._present_entry = od["Diagnosis.Present"]
@@ -89,6 +90,7 @@ class Supervisor:
         self.present = self.latched = 0
         self._seen = 0
         self._stands = False
+        self._refused = self._reason = ""
 
     @property
     def state(self) -> State:
@@ -129,12 +131,12 @@ class Supervisor:
         ------
         Abort
             VALUE for unknown bits; STATE where the table of transitions has no row for it, the
-            state is then unchanged.
+            state is then unchanged. With the reason.
         """
         if word & ~CONTROL_MASK:
-            raise Abort(AbortCode.VALUE)
+            raise Abort(AbortCode.VALUE, f"Controlword {word:04X}h has bits without a meaning")
         if not self._obey(word):
-            raise Abort(AbortCode.STATE)
+            raise Abort(AbortCode.STATE, self._why_not(word))
         self._seen = word
 
     def take_controlword(self) -> None:
@@ -149,8 +151,11 @@ class Supervisor:
         if word == self._seen:
             return
         self._seen = word
-        if not self._obey(word):
+        if self._obey(word):
+            self.accept(_CONTROLWORD)
+        else:
             self._ignored.count()
+            self.refuse(_CONTROLWORD, self._why_not(word))
 
     def permit(self, asked: Drive, measured: Measured, mode: int, cascade: Cascade) -> Drive:
         """Look at a cycle, and return the drive that may go out: 0 V unless it is RUNNING.
@@ -198,13 +203,29 @@ class Supervisor:
             self.present &= ~(1 << watchdog)
             self._present_entry.value = self.present
             if not self.latched and self._message.value == WATCHDOGS[watchdog].text:
-                self._message.value = ""
+                self._clear_message()
 
     def handle(self, event: Event) -> None:
         """Make the transition for an event, if the table has one; leaving FAULT clears it."""
         before = self.machine.state
         self.machine.handle(event, self._holds())
         self._clear_after(before)
+
+    def refuse(self, name: str, reason: str) -> None:
+        """Have the Message say why a write to an object was refused, but for a latched fault.
+
+        It stays until a write to that record is accepted: see `accept`.
+        """
+        if not self.latched:
+            self._refused = name.partition(".")[0]
+            self._message.value = self._reason = reason
+
+    def accept(self, name: str) -> None:
+        """Take the reason of a refusal out of the Message, as its record has taken a write."""
+        if self._refused == name.partition(".")[0]:
+            self._refused = ""
+            if self._message.value == self._reason:
+                self._clear_message()
 
     def leave(self) -> None:
         """Follow NMT out of OPERATIONAL; out of RUNNING that is a fault."""
@@ -223,13 +244,14 @@ class Supervisor:
         """Disarm for a new run, with or without a zero of the gauges."""
         self.tared = tared
         if not self.latched:
-            self._message.value = ""
+            self._clear_message()
         self.handle(Event.START_RUN)
         self.prepare()
 
     def note_zero(self) -> None:
         """Take note that the gauges have a zero."""
         self.tared = True
+        self.accept(AUTO_ZERO[0])
         self.prepare()
 
     def prepare(self) -> None:
@@ -272,11 +294,29 @@ class Supervisor:
         before = self.machine.state
         done = self.machine.command(word, self._holds())
         self._clear_after(before)
-        if not done and before is State.READY and not self.watched:
-            self._message.value = f"{UNWATCHED}{self.advice()}"
-        elif done and self._message.value.startswith(UNWATCHED):
-            self._message.value = ""
         return done
+
+    def _why_not(self, word: int) -> str:
+        """Say why a controlword is refused in the present state, and what to do."""
+        state = self.machine.state
+        if state is State.READY and not self.watched:
+            return f"{UNWATCHED}{self.advice()}"
+        if state is State.NOT_READY:
+            return f"not armed: {', and '.join(self._lacks())}"
+        name = state.name.lower().replace("_", " ")
+        order = "write 0, then 1 (arm), then 3 (run)"
+        return f"Controlword {word:04X}h is refused in state {name}: {order}"
+
+    def _lacks(self) -> Iterator[str]:
+        """Yield what each condition of READY waits for."""
+        if not self.operational:
+            yield "the node is not in NMT OPERATIONAL, start it"
+        elif not self.live:
+            yield "no cycle was measured since the node was started, see that the plate runs"
+        if not self.tared:
+            yield "the gauges are not tared, lift the finger and tare"
+        for watchdog in watchdogs_in(self.present):
+            yield WATCHDOGS[watchdog].text
 
     def _fault(self, bits: int) -> None:
         self.handle(Event.FAULT)
@@ -301,8 +341,13 @@ class Supervisor:
         """Forget what was latched when FAULT is left."""
         if before is State.FAULT and self.machine.state is not before:
             self.latched = 0
-            self._message.value = ""
+            self._clear_message()
             self._publish()
+
+    def _clear_message(self) -> None:
+        """Have the Message say what somebody has to mend, of the faults that are present."""
+        told = (row.text for w in watchdogs_in(self.present) if (row := WATCHDOGS[w]).told)
+        self._message.value = next(told, "")
 
     def _publish(self) -> None:
         self._present_entry.value = self.present

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from smarttac_can.control.tribometer import Forces, Tribometer
+from smarttac_can.control.tribometer import Tribometer
 from smarttac_can.nodes.null_window import NullWindow
 from smarttac_can.nodes.settings import GAUGE_ZERO
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.vocabulary.objects import NOT_TARED, ZERO
+from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
 
 
@@ -29,7 +29,6 @@ class Taring:
         self._zeros = [od[f"{GAUGE_ZERO}.Zero of S{number}"] for number in range(1, 7)]
         self._at_power_on = od["Tare at power-on"]
         self._cycles = od["Cycle.Cycles"]
-        self._message = od["Message"]
 
     def begin(self, tribometer: Tribometer) -> None:
         """Begin a run with the zeros of the objects; without any, the tare at power-on is due."""
@@ -52,9 +51,10 @@ class Taring:
         if due and not self._supervisor.tare_barred:
             try:
                 self._tare(tribometer)
-            except ValueError:
-                # Its Message says why; the next samples may be without a finger.
+            except ValueError as error:
+                # The next samples may be without a finger.
                 self._from += TARE_SAMPLES
+                self._supervisor.refuse(AUTO_ZERO[0], str(error))
 
     def auto_zero(self, tribometer: Tribometer, signature: int) -> None:
         """Tare by command.
@@ -63,20 +63,27 @@ class Taring:
         ------
         Abort
             VALUE for a wrong signature; STATE where a tare is barred, without enough samples, and
-            with a null outside its window, which the Message tells.
+            with a null outside its window. With the reason.
         """
         if signature != ZERO:
-            raise Abort(AbortCode.VALUE)
+            raise Abort(
+                AbortCode.VALUE, f"{NOT_TARED}the value is not the signature {ZERO:08X}h, 'zero'"
+            )
         if self._supervisor.tare_barred:
-            raise Abort(AbortCode.STATE)
+            raise Abort(
+                AbortCode.STATE,
+                f"{NOT_TARED}disarm first, and take away a force that has tripped a limit",
+            )
         try:
             self._tare(tribometer)
-        except (RuntimeError, ValueError) as error:
-            raise Abort(AbortCode.STATE) from error
+        except RuntimeError as error:
+            raise Abort(AbortCode.STATE, f"{NOT_TARED}{error}") from error
+        except ValueError as error:
+            raise Abort(AbortCode.STATE, str(error)) from error
 
     def _tare(self, tribometer: Tribometer) -> None:
         zeros = tribometer.null()
-        self._require_null(zeros)
+        self._window.require(zeros)
         tribometer.offsets = zeros
         for entry, zero in zip(self._zeros, zeros, strict=True):
             entry.value = entry.quantise(zero)
@@ -84,15 +91,3 @@ class Taring:
         # Zeros of 0 N are restored as none, but a tare was made.
         self._awaited = False
         self._supervisor.note_zero()
-
-    def _require_null(self, zeros: Forces) -> None:
-        """Refuse zeros outside the window by ValueError; the Message says so, unless of a fault."""
-        message = self._message
-        try:
-            self._window.require(zeros)
-        except ValueError as error:
-            if not self._supervisor.latched:
-                message.value = str(error)
-            raise
-        if message.value.startswith(NOT_TARED):
-            message.value = ""

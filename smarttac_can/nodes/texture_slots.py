@@ -29,8 +29,6 @@ class TextureSlots:
         self._entries = [od[f"{TABLES}.Table {number}"] for number in range(1, SLOTS + 1)]
         self._slot = od[f"{TEXTURE}.Slot"]
         self._mode = od["Mode"]
-        self._message = od["Message"]
-        self._latched = od["Diagnosis.Latched"]
         bounds = od["Setpoint.COF left"]
         self._bounds = int(bounds.low), int(bounds.high)
         self._tables: dict[Entry, TextureTable | None] = dict.fromkeys(self._entries)
@@ -61,7 +59,7 @@ class TextureSlots:
         ------
         Abort
             VALUE for what is no table that can be played, STATE for emptying the slot that is
-            played, NO_DATA for playing an empty one; the Message says why.
+            played, NO_DATA for playing an empty one; with the reason.
         """
         if entry in self._tables:
             self._take(entry, value)
@@ -72,23 +70,17 @@ class TextureSlots:
 
     def _require(self, number: int) -> None:
         if self._tables[self._entries[number - 1]] is None:
-            raise self._refusal(AbortCode.NO_DATA, f"texture slot {number} is empty")
+            raise Abort(AbortCode.NO_DATA, f"texture slot {number} is empty")
 
     def _take(self, entry: Entry, data: bytes) -> None:
         try:
             table = self._read(data)
         except ValueError as error:
-            raise self._refusal(AbortCode.VALUE, f"texture refused: {error}") from error
+            raise Abort(AbortCode.VALUE, f"texture refused: {error}") from error
         chosen = entry is self._entries[self._slot.value - 1]
         if table is None and chosen and self._mode.value == Mode.TEXTURE:
-            raise self._refusal(AbortCode.STATE, "texture is played: its slot cannot be emptied")
+            raise Abort(AbortCode.STATE, "texture is played: its slot cannot be emptied")
         self._tables[entry] = table
-
-    def _refusal(self, code: AbortCode, reason: str) -> Abort:
-        """Have the Message say why, unless it says why a fault is latched."""
-        if not self._latched.value:
-            self._message.value = reason
-        return Abort(code)
 
     def _read(self, data: bytes) -> TextureTable | None:
         if not data:

@@ -118,12 +118,20 @@ class Abort(Exception):  # noqa: N818 - the term of CiA 301
     ----------
     code
         SDO abort code, given to the client as it is.
+    reason
+        What the code does not say: what was refused and what to do, one line; empty if there is no
+        more to say. It is not in the text of the exception, which a client can make of the code.
     """
 
-    def __init__(self, code: int) -> None:
+    def __init__(self, code: int, reason: str = "") -> None:
         self.code = code
+        self.reason = reason
         text = ABORT_TEXT[AbortCode(code)] if code in ABORT_TEXT else "manufacturer specific"
         super().__init__(f"abort {code:08X}: {text}")
+
+    def explain(self, name: str) -> str:
+        """Return why a write to an object was refused, in one line."""
+        return self.reason or f"{name}: {self.args[0]}"
 
 
 class EmergencyCode(IntEnum):

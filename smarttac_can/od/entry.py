@@ -182,9 +182,9 @@ class Entry:
             if not isinstance(value, int if self.data_type in _INTEGER else int | float):
                 raise Abort(AbortCode.LENGTH)
             if value < self.low:
-                raise Abort(AbortCode.TOO_LOW)
+                raise Abort(AbortCode.TOO_LOW, f"{self.name} {value} is below {self.low}")
             if value > self.high:
-                raise Abort(AbortCode.TOO_HIGH)
+                raise Abort(AbortCode.TOO_HIGH, f"{self.name} {value} is above {self.high}")
             if value != value:  # noqa: PLR0124 - NaN would slip through both limits
                 raise Abort(AbortCode.VALUE)
         elif not isinstance(value, str if self.data_type in TEXT else bytes):

@@ -28,11 +28,13 @@ from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import Abort
+from smarttac_can.od.cia import Abort, DataType
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 STATE, VALUE, READ_ONLY = 0x08000022, 0x06090030, 0x06010002
+NO_DATA = 0x08000024
 TOO_HIGH, TOO_LOW = 0x06090031, 0x06090032
 OFF, OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY = range(6)
 
@@ -255,8 +257,133 @@ def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
     assert stimulator.block.cascade.parameters == parameters
     changing = {"Contact", "Vibration", "Plate input", "Cycle", "AI input PV", "Drive"}
     for entry, value in zip(stimulator.od, before, strict=True):
-        if entry.name.partition(".")[0] not in changing and entry.name != "Plate temperature":
+        if entry.name.partition(".")[0] not in {*changing, "Plate temperature", "Message"}:
             assert entry.read() == value, entry.name
+
+
+AUTO_ZERO = "AI auto-zero.AI auto-zero force x"
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "reason"),
+    [
+        ("Mode", 1, "Mode 1 needs NMT OPERATIONAL: start the node, it goes on with Mode 0"),
+        (
+            "Controlword",
+            1,
+            "not armed: the node is not in NMT OPERATIONAL, start it, and the gauges are not tared"
+            ", lift the finger and tare",
+        ),
+        ("Controlword", 0x40, "Controlword 0040h has bits without a meaning"),
+        ("Setpoint.Voltage", 20_001, "Setpoint.Voltage 20001 is above 20000"),
+        ("Setpoint.COF left", 499, "Setpoint.COF left 499 is below 500"),
+        (AUTO_ZERO, 1, "not tared: the value is not the signature 6F72657Ah, 'zero'"),
+        (AUTO_ZERO, 0x6F72657A, "not tared: a tare needs 64 samples, 0 were seen"),
+        ("Simulation.Seed", 77, "Simulation.Seed is an object of the plate node here"),
+        ("Texture.Slot", 9, "Texture.Slot 9 is above 4"),
+        (
+            "Statusword",
+            0,
+            "Statusword: abort 06010002: attempt to write a read only object",
+        ),
+    ],
+)
+def test_the_message_says_why_a_write_was_refused(name: str, raw: int, reason: str) -> None:
+    """Also in PRE-OPERATIONAL, and instead of the reason of a refusal before."""
+    line, _, stimulator = both_nodes()
+    assert line.write(stimulator, "Limit.Voltage", 20_001) == TOO_HIGH
+    assert line.write(stimulator, name, raw) != 0
+    assert stimulator.od["Message"].value == reason
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "reason"),
+    [
+        ("Controlword", 8, "Controlword 0008h"),
+        (AUTO_ZERO, 0x6F72657A, "not tared: disarm first"),
+        ("Producer heartbeat time", 0, "Producer heartbeat time stays 500, as a drive is possible"),
+        ("Limit.Voltage", 15_001, "Limit.Voltage stays 15000, as a drive is possible: a higher"),
+        ("Store parameters.Save all parameters", 0x65766173, "parameters are not stored"),
+    ],
+)
+def test_the_message_says_why_a_write_was_refused_while_running(
+    name: str, raw: int, reason: str
+) -> None:
+    """A refused tare or watch left the texture standing there."""
+    line, _, stimulator = driving()
+    assert line.write(stimulator, "Mode", 6) == NO_DATA
+    assert stimulator.od["Message"].value == "texture slot 1 is empty"
+    assert line.write(stimulator, name, raw) in (STATE, VALUE)
+    assert stimulator.od["Message"].value.startswith(reason)
+
+
+def test_a_refusal_without_an_object_is_told_too() -> None:
+    line, _, stimulator = both_nodes()
+    entry = Entry(0x5FFF, 3, "none", DataType.UNSIGNED8, "rw")
+    assert line.write_entry(stimulator, entry, 0) == 0x06020000
+    assert stimulator.od["Message"].value == (
+        "5FFFh sub-index 3: abort 06020000: object does not exist in the object dictionary"
+    )
+
+
+def test_what_is_accepted_then_takes_the_reason_away() -> None:
+    line, _, stimulator = both_nodes()
+    assert line.write(stimulator, "Setpoint.Voltage", 20_001) == TOO_HIGH
+    assert line.write(stimulator, "Friction law", 0) == 0
+    assert stimulator.od["Message"].value != ""
+    assert line.write(stimulator, "Setpoint.Voltage", 0) == 0
+    assert stimulator.od["Message"].value == ""
+
+
+@pytest.mark.parametrize("by_rpdo", [False, True])
+@pytest.mark.parametrize(
+    ("mode", "name", "hint"),
+    [
+        (OFF, "Setpoint.Voltage", "running at 0 V: Mode is 0 (off), write another"),
+        (OPEN_LOOP, "Setpoint.Voltage", "Setpoint.Voltage is 0 in Mode 1, write another value"),
+        (AMPLITUDE, "Setpoint.Amplitude", "Setpoint.Amplitude is 0 in Mode 2, write another value"),
+        (AMPLITUDE_RESONANCE, "Setpoint.Amplitude", "Setpoint.Amplitude is 0 in Mode 3"),
+    ],
+)
+def test_a_run_that_is_asked_for_nothing_says_what_is_missing(
+    mode: int, name: str, hint: str, by_rpdo: bool
+) -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    for word in (0, 1):
+        assert line.write(stimulator, "Controlword", word) == 0
+    assert line.write(stimulator, "Mode", mode) == 0
+    if by_rpdo:
+        for word in (1, 3):
+            line.send(Frame(0x220, bytes((word, 0, mode))))
+    else:
+        assert line.write(stimulator, "Controlword", 3) == 0
+    assert stimulator.block.state is State.RUNNING
+    for _ in range(2):
+        assert hint in stimulator.od["Message"].value
+        line.sync(3)
+    if mode == OFF:
+        assert line.write(stimulator, "Mode", OPEN_LOOP) == 0
+    assert line.write(stimulator, name, 1000) == 0
+    line.sync(3)
+    assert stimulator.od["Message"].value == ""
+
+
+def test_the_hint_of_a_run_ends_with_it() -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    line.run(stimulator, OPEN_LOOP)
+    assert stimulator.od["Message"].value.startswith("running at 0 V")
+    assert line.write(stimulator, "Controlword", 0) == 0
+    assert stimulator.od["Message"].value == ""
+
+
+@pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE, FRICTION])
+def test_a_run_that_is_asked_for_something_says_nothing(mode: int) -> None:
+    _, _, stimulator = driving(mode)
+    assert stimulator.od["Message"].value == ""
 
 
 def test_parameters_are_in_force_from_the_next_cycle() -> None:
@@ -383,6 +510,7 @@ def test_why_it_turned_itself_off_is_told_until_the_next_mode() -> None:
     line.sync(2)
     assert "loaded" in stimulator.od["Message"].value
     assert line.read(stimulator, "Mode") == OFF
+    assert line.write(stimulator, "Setpoint.Voltage", 100) == 0
     assert line.write(stimulator, "Mode", OPEN_LOOP) == 0
     line.sync()
     assert stimulator.od["Message"].value == ""

@@ -324,25 +324,52 @@ def unwatched() -> Loop:
 def test_who_is_not_watched_cannot_arm_and_is_told_why() -> None:
     loop = unwatched()
     loop.supervisor.command(0)
-    assert loop.message == "", "to disarm takes no watch"
-    with pytest.raises(Abort):
+    with pytest.raises(Abort) as refused:
         loop.supervisor.command(ARM)
-    told = loop.message
-    assert told.endswith("send a heartbeat")
+    assert refused.value.reason == "not armed, as nobody would be missed: send a heartbeat"
     loop.supervisor.watched = True
-    with pytest.raises(Abort):
+    with pytest.raises(Abort) as refused:
         loop.supervisor.command(RUN)
-    assert loop.message == told, "until a word is obeyed"
+    assert refused.value.reason == (
+        "Controlword 0002h is refused in state ready: write 0, then 1 (arm), then 3 (run)"
+    )
     loop.supervisor.command(ARM)
+
+
+def test_a_refusal_is_told_until_its_record_takes_a_write() -> None:
+    loop = Loop()
+    loop.supervisor.refuse("Setpoint.Voltage", "too high")
+    loop.supervisor.accept("Mode")
+    assert loop.message == "too high"
+    loop.supervisor.accept("Setpoint.Amplitude")
     assert loop.message == ""
+    loop.supervisor.refuse("Mode", "none")
+    loop.od["Message"].value = "about something else"
+    loop.supervisor.accept("Mode")
+    assert loop.message == "about something else"
+
+
+def test_a_latched_fault_and_what_somebody_has_to_mend_outlast_a_refusal() -> None:
+    loop = Loop(State.ARMED)
+    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.supervisor.refuse("Mode", "none")
+    loop.supervisor.accept("Mode")
+    assert loop.message == BUS_OFF_TEXT
+    loop = Loop()
+    loop.supervisor.trip(Watchdog.DOUBLE)
+    told = loop.message
+    loop.supervisor.refuse("Mode", "none")
+    assert loop.message == "none"
+    loop.supervisor.accept("Mode")
+    assert loop.message == told
 
 
 def test_it_is_told_only_where_the_watch_is_all_that_lacks() -> None:
     loop = unwatched()
     loop.cycle(STUCK)
-    with pytest.raises(Abort):
+    with pytest.raises(Abort) as refused:
         loop.supervisor.command(ARM)
-    assert loop.message == ""
+    assert refused.value.reason == f"not armed: {WATCHDOGS[Watchdog.STUCK].text}"
 
 
 @pytest.mark.parametrize(
