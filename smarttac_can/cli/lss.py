@@ -44,19 +44,27 @@ def _identity(_ctx: click.Context, _param: click.Parameter, text: str | None) ->
     help="Vendor, product, revision and serial number in hexadecimal; without, fastscan.",
 )
 @click.option("--store", is_flag=True, help="Have the device keep it over a power cut.")
+@click.option("--force", is_flag=True, help="Also if a device answers with that node-ID already.")
 @bus_options
 @timeout_option
 def lss(
-    node_id: int, identity: Identity | None, store: bool, bus: BusChoice, timeout: float
+    node_id: int,
+    identity: Identity | None,
+    store: bool,
+    force: bool,
+    bus: BusChoice,
+    timeout: float,
 ) -> None:
     """Give a device the node-ID NODE_ID, by its identity or the first that has none.
+
+    A node-ID that another device answers with is refused.
 
     A device that has a node-ID already is reset (NMT reset communication) to take the new one.
     """
     with plain_errors():
         with closing_network(bus) as network:
             assigned = assign_node_id(
-                network, node_id, identity=identity, store=store, timeout=timeout
+                network, node_id, identity=identity, store=store, timeout=timeout, force=force
             )
         if not assigned.booted:
             raise NodeNotFoundError(

@@ -12,7 +12,16 @@ from canopen import lss
 from canopen.lss import LssError
 
 from smarttac_can.master.errors import NodeNotFoundError, RefusedError
-from smarttac_can.od.cia import BOOT_UP, HEARTBEAT_ID, LAST_NODE_ID, NMT_ID, NMTCommand
+from smarttac_can.od.cia import (
+    BOOT_UP,
+    DEVICE_TYPE,
+    HEARTBEAT_ID,
+    LAST_NODE_ID,
+    NMT_ID,
+    SDO_RX_ID,
+    SDO_TX_ID,
+    NMTCommand,
+)
 
 _FASTSCAN_S: Final = 0.1
 """How long silence lasts that is an answer of fastscan; half of its 132 questions get none."""
@@ -63,8 +72,11 @@ def assign_node_id(
     identity: Identity | None,
     store: bool,
     timeout: float,
+    force: bool = False,
 ) -> Assigned:
     """Give a device its node-ID and have it start with that.
+
+    Unless forced, it waits first whether another device answers with that node-ID.
 
     Parameters
     ----------
@@ -78,13 +90,15 @@ def assign_node_id(
         Whether the device keeps the node-ID over a power cut.
     timeout
         Longest wait for an answer, and for the boot-up, in s.
+    force
+        Whether the node-ID may be in use.
 
     Raises
     ------
     NodeNotFoundError
         If no such device answers.
     RefusedError
-        If the device takes no such node-ID, or cannot store it.
+        If the node-ID is in use, or the device does not take it, or cannot store it.
     """
     master = network.lss
     booted: list[bytes] = []
@@ -98,6 +112,8 @@ def assign_node_id(
         master.RESPONSE_TIMEOUT = timeout
         with _refusals("tell its node-ID"):
             present = master.inquire_node_id()
+        if not force and present != node_id:
+            _require_unused(network, node_id, timeout)
         network.subscribe(HEARTBEAT_ID + node_id, lambda _id, data, _at: booted.append(bytes(data)))
         with _refusals(f"take node-ID {node_id}"):
             master.configure_node_id(node_id)
@@ -111,6 +127,32 @@ def assign_node_id(
     wait_until(lambda: BOOT_UP in booted, timeout)
     network.unsubscribe(HEARTBEAT_ID + node_id)
     return Assigned(identity, previous, BOOT_UP in booted)
+
+
+def _require_unused(network: canopen.Network, node_id: int, timeout: float) -> None:
+    """Refuse a node-ID with which a device answers SDO or node guarding, or is heard."""
+    heard: list[int] = []
+
+    def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
+        heard.append(can_id)
+
+    listened = (HEARTBEAT_ID + node_id, SDO_TX_ID + node_id)
+    for can_id in listened:
+        network.subscribe(can_id, hear)
+    try:
+        request = bytes((0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0))
+        network.send_message(SDO_RX_ID + node_id, request)
+        # A stopped device answers no SDO, and may have no heartbeat.
+        network.send_message(HEARTBEAT_ID + node_id, b"", remote=True)
+        wait_until(lambda: bool(heard), timeout)
+    finally:
+        for can_id in listened:
+            network.unsubscribe(can_id, hear)
+    if heard:
+        raise RefusedError(
+            f"node-ID {node_id} is in use: a device answers with it; choose another one (a scan "
+            "shows those in use), or force it"
+        )
 
 
 def wait_until(come: Callable[[], bool], seconds: float) -> None:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import canopen
 import pytest
 from click.testing import CliRunner, Result
 from nodes_on_a_bus import multicast_options, processes
@@ -22,6 +23,7 @@ from smarttac_can.host.node import HostedNode
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
 from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.od.cia import DataType
 from smarttac_can.od.eds import load_eds
 
 RICH = Path(__file__).parent.parent / "eds" / "rich.eds"
@@ -52,8 +54,15 @@ def running(channel: str, *nodes: HostedNode) -> Iterator[tuple[str, ...]]:
             thread.join(10.0)
 
 
-def rich(node_id: int, storage: Memory | None = None, *, autostart: bool = False) -> PlainNode:
+def rich(
+    node_id: int,
+    storage: Memory | None = None,
+    *,
+    autostart: bool = False,
+    serial: int = 0x2A,
+) -> PlainNode:
     od = load_eds(RICH.read_text(), 5 if node_id == 255 else node_id)
+    od.entry(0x1018, 4).value = serial
     return PlainNode(Device(od, autostart=autostart, storage=storage, node_id=node_id))
 
 
@@ -84,7 +93,8 @@ def test_scan_tells_state_identity_and_eds() -> None:
 
 def test_the_name_of_a_device_does_nothing_to_a_terminal() -> None:
     node = rich(5)
-    node.device.od.entry(0x1008).default = "\x1b[31mred"
+    name = node.device.od.entry(0x1008)
+    name.data_type, name.default = DataType.OCTET_STRING, b"\x1b[31mred"
     with running("scan", node) as bus:
         result = run("scan", *bus)
     assert result.stdout.splitlines()[1].split()[2] == "\\x1b[31mred"
@@ -200,6 +210,38 @@ def test_lss_moves_a_device_by_its_identity() -> None:
     assert (wrong.exit_code, none.exit_code) == (1, 1)
     assert "no device with the identity 00000123:00000007:00010000:0000002B" in wrong.stderr
     assert "no device without node-ID answers fastscan" in none.stderr
+
+
+@pytest.mark.parametrize("state", [1, 2, 128])
+def test_lss_refuses_a_node_id_that_is_in_use(state: int) -> None:
+    """Also that of a device which is stopped, answers no SDO and has no heartbeat."""
+    other, device = rich(6, serial=7), rich(5)
+    with running(f"lss-in-use-{state}", other, device) as bus:
+        with canopen.Network() as network:
+            network.connect(interface="virtual", channel=f"lss-in-use-{state}")
+            client = network.add_node(6, canopen.ObjectDictionary())
+            client.sdo.download(0x1017, 0, bytes(2))
+            network.send_message(0, [state, 6])
+        result = run("lss", "6", "--identity", RICH_IDENTITY, *bus, "--timeout", "0.5")
+        kept = device.device.node_id
+        forced = run("lss", "6", "--identity", RICH_IDENTITY, "--force", *bus)
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    assert result.stderr == (
+        "Error: node-ID 6 is in use: a device answers with it; choose another one (a scan shows "
+        "those in use), or force it\n"
+    )
+    assert kept == 5
+    assert forced.exit_code == 0, forced.output
+    assert device.device.node_id == 6
+
+
+def test_lss_stores_the_node_id_that_a_device_has() -> None:
+    memory = Memory()
+    with running("lss-same", rich(5, memory)) as bus:
+        result = run("lss", "5", "--identity", RICH_IDENTITY, "--store", *bus, "--timeout", "5")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"{RICH_IDENTITY} has node-ID 5, stored; it had 5\n"
 
 
 @pytest.mark.parametrize("identity", ["1:2:3", "1:2:3:x", "1:2:3:100000000", "1:2:3:-4", ""])
