@@ -1,11 +1,13 @@
 """The examples run as they stand, beside a node or through the tool they are written for."""
 
+import os
 import re
 import runpy
 import struct
 import subprocess
 import sys
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import pytest
@@ -84,10 +86,28 @@ def configured(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def test_the_commands_of_the_page_make_the_configuration(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "how-to" / "integrate-with-a-master.md").read_text()
+    console = page.partition("## With lely core or ROS 2")[2].split("```")[1]
+    commands = [line[2:] for line in console.splitlines() if line.startswith("$ ")]
+    assert len(commands) == 3
+    copytree(EXAMPLES, tmp_path / "examples")
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    for command in commands:
+        subprocess.run(
+            command.split(), cwd=tmp_path, env={**os.environ, "PATH": path},
+            check=True, capture_output=True, timeout=60,
+        )  # fmt: skip
+    names = {file.name for file in (tmp_path / "config").iterdir()}
+    assert names >= {"master.dcf", "stimulator.bin"}
+
+
 def test_dcfgen_takes_the_bus_configuration(configured: Path) -> None:
     master = load_eds((configured / "master.dcf").read_text(), 1)
     assert master.number(0x1F81, NODE_ID) & 0b101 == 0b101, "a slave that is booted"
     assert master.number(0x1017) == 100
+    assert master.number(0x1005) == 0x4000_0080, "it produces the SYNC that TPDO 2 comes with"
+    assert master.number(0x1006) == 10_000
 
 
 def test_the_stimulator_takes_each_write_that_dcfgen_has_made(configured: Path) -> None:
@@ -110,4 +130,7 @@ def test_the_stimulator_takes_each_write_that_dcfgen_has_made(configured: Path) 
     assert at == len(data)
     assert mapped == [0, 1, 2, 3, 4, 0]
     assert device.od.number(0x1801, 1) == 0x280 + NODE_ID
+    device.receive(Frame(0, bytes((1, NODE_ID))))
+    for _ in range(3):
+        assert [frame.can_id for frame in device.receive(Frame(0x80))] == [0x280 + NODE_ID]
     assert device.od.number(0x1016, 1) == 0x0001_03E8

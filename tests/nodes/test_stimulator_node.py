@@ -113,6 +113,28 @@ def test_a_wrong_cycle_period_is_reported_once_and_stops_the_drive() -> None:
     assert ids(line.send(SYNC, *measurement(2)))[:2] == [EMCY_STIMULATOR, DRIVE]
 
 
+def test_a_master_that_downloads_the_defaults_stops_no_loop() -> None:
+    """All of the EDS but signatures, mappings in force, and the links to the plate."""
+    line, plate, node = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    line.nmt(PREOP, node.device.node_id)
+    linked = {(index, 1) for index in (0x1404, 0x1405, 0x1406, 0x1804)} | {(0x1016, 4)}
+    signatures = {0x1010, 0x1011, 0x6125}
+    for entry in stimulator_od():
+        mapping = 0x1600 <= entry.index < 0x1800 or 0x1A00 <= entry.index < 0x1C00
+        apart = mapping or (entry.index, entry.subindex) in linked or entry.index in signatures
+        if entry.writable and entry.size and not apart:
+            assert line.write_entry(node, entry, entry.default) == 0, entry.name
+    line.nmt(START, node.device.node_id)
+    frames = line.sync(100)
+    assert EMCY_STIMULATOR not in ids(frames)
+    assert line.write(node, "Setpoint.Voltage", 2000) == 0
+    line.run(node, OPEN_LOOP)
+    line.sync(5)
+    assert plate.od["Stage.Voltage"].value == 2000
+
+
 def test_event_timers_alone_publish_every_100_ms() -> None:
     line, _ = waiting()
     assert [ids(line.advance(1)) for _ in range(99)] == [[]] * 99
