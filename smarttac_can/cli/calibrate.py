@@ -23,7 +23,7 @@ from smarttac_can.bench.gauge_samples import mean_gauges
 from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
 from smarttac_can.cli.options import OLD_FILE, BusChoice, FiniteRange, stimulator_options
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
-from smarttac_can.cli.result_file import result_file, result_path
+from smarttac_can.cli.result_file import force_option, result_file, result_path
 
 
 @click.command(
@@ -32,6 +32,7 @@ from smarttac_can.cli.result_file import result_file, result_path
 )
 @click.argument("plan", type=OLD_FILE)
 @click.option("--certificate", type=result_path, required=True, help="JSON file for the results.")
+@force_option()
 @stimulator_options
 @click.option(
     "--gravity",
@@ -58,8 +59,6 @@ def calibrate(
     too much ends with 1, and changes nothing in the stimulator; the certificate says what.
     """
     _refuse_the_plan(certificate, plan)
-    if certificate.is_file():
-        raise click.ClickException(f"{certificate} exists: give the certificate another name")
     with plain_errors(), ExitStack() as stack:
         with plain_errors(ValueError):
             placings = read_plan(plan)

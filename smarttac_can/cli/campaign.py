@@ -10,19 +10,21 @@ import click
 from click.core import ParameterSource
 
 from smarttac_can.campaign.cluster import ClusterError
-from smarttac_can.campaign.folder import write_folder
+from smarttac_can.campaign.folder import FILES, PICTURE, write_folder
 from smarttac_can.campaign.record import Record, RecordError
 from smarttac_can.campaign.runner import run_campaign
 from smarttac_can.campaign.summary import lines, summary
-from smarttac_can.cli.options import NEW_FOLDER, law_option, seed_option
+from smarttac_can.cli.options import NEW_FILE, law_option, seed_option
 from smarttac_can.cli.plain_errors import need_matplotlib, plain_errors
 from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.reproduction import dead_time_option
 from smarttac_can.cli.result_file import (
+    force_option,
     json_file_option,
     opened_results,
     report_results,
-    result_path,
+    result_folder,
+    result_folder_path,
 )
 from smarttac_can.population.cases import CASES
 from smarttac_can.population.compiled import can_compile
@@ -64,15 +66,16 @@ _FINGERS_MAX = 1_000_000
 )
 @click.option(
     "--resume",
-    type=result_path,
+    type=NEW_FILE,
     help="File that keeps the fingers that were run, and from which an interrupted run goes on.",
 )
 @json_file_option
 @click.option(
     "--output",
-    type=NEW_FOLDER,
+    type=result_folder_path,
     help="Folder for results, a table of all fingers, and a picture.",
 )
+@force_option()
 @click.pass_context
 def campaign(
     context: click.Context,
@@ -117,8 +120,7 @@ def campaign(
         )
     with plain_errors(ClusterError, RecordError), ExitStack() as stack:
         results_file = opened_results(stack, json_file)
-        if output is not None:
-            output.mkdir(parents=True, exist_ok=True)
+        folder = None if output is None else stack.enter_context(result_folder(output, FILES))
         record = None if resume is None else stack.enter_context(Record(resume, chosen))
         result = run_campaign(
             chosen,
@@ -129,7 +131,8 @@ def campaign(
             progress=stack.enter_context(progress_bar("campaign")),
         )
         results = summary(chosen, result)
-        picture = None if output is None else write_folder(output, results, result.rows)
+        if folder is not None:
+            write_folder(folder, results, result.rows)
         report_results(results, lines(results), results_file)
-    if picture is not None:
-        click.echo(f"picture: {picture}", err=json_file == Path("-"))
+    if output is not None:
+        click.echo(f"picture: {output / PICTURE}", err=json_file == Path("-"))

@@ -10,13 +10,15 @@ from pathlib import Path
 
 import click
 
-from smarttac_can.cli.options import EDS_FILE, NEW_FILE, NODE_ID, SECONDS, BusChoice, bus_options
+from smarttac_can.cli.options import EDS_FILE, NODE_ID, SECONDS, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import naming, plain_errors
 from smarttac_can.cli.result_file import (
+    force_option,
     json_file_option,
     opened_results,
     report_results,
     result_file,
+    result_path,
 )
 from smarttac_can.conformance.case import Case, Failure
 from smarttac_can.conformance.description import DeviceDescription
@@ -71,8 +73,9 @@ def _chosen(
     metavar="ID",
     help="Case such as SDO-07, or group such as SDO; may come several times.",
 )
-@click.option("--report", type=NEW_FILE, help="Markdown file for the report.")
+@click.option("--report", type=result_path, help="Markdown file for the report.")
 @json_file_option
+@force_option()
 def conform(
     *,
     eds: Path,

@@ -13,7 +13,6 @@ import click
 
 from smarttac_can.cli.options import (
     EDS_FILE,
-    NEW_FILE,
     NODE_ID,
     BusChoice,
     bus_options,
@@ -21,7 +20,14 @@ from smarttac_can.cli.options import (
     timeout_option,
 )
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
-from smarttac_can.cli.result_file import json_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_option,
+    opened_results,
+    report_results,
+    result_file,
+    result_path,
+)
 from smarttac_can.cli.scan import PACKAGED
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
@@ -41,9 +47,9 @@ _VENDOR_AND_PRODUCT = (1, 2)
 """Sub-indices of the identity object."""
 
 eds_file = click.argument("file", type=EDS_FILE, metavar="EDS")
-output_option = click.option(
+_output_option = click.option(
     "--output",
-    type=NEW_FILE,
+    type=result_path,
     help="File to write instead of stdout.",
 )
 
@@ -66,6 +72,7 @@ def eds() -> None:
 @timeout_option
 @bus_options
 @json_option
+@force_option()
 def check(
     file: Path,
     device: bool,
@@ -101,7 +108,8 @@ def check(
 
 @eds.command(epilog="Example: smarttac eds show stimulator --output stimulator.eds")
 @eds_file
-@output_option
+@_output_option
+@force_option()
 def show(file: Path, output: Path | None) -> None:
     """Write the EDS itself, byte for byte, for a master that wants the file."""
     with plain_errors():
@@ -109,12 +117,14 @@ def show(file: Path, output: Path | None) -> None:
         if output is None:
             click.echo(data, nl=False)
         else:
-            output.write_bytes(data)
+            with result_file(output) as made:
+                made.buffer.write(data)
 
 
 @eds.command(epilog="Example: smarttac eds doc plate --output plate.md")
 @eds_file
-@output_option
+@_output_option
+@force_option()
 def doc(file: Path, output: Path | None) -> None:
     """Write the reference of all PDOs and objects in Markdown."""
     with plain_errors():
@@ -125,7 +135,8 @@ def doc(file: Path, output: Path | None) -> None:
 @eds.command(epilog="Example: smarttac eds dbc stimulator --node-id 32 --output run.dbc")
 @eds_file
 @click.option("--node-id", type=NODE_ID, default=1, show_default=True)
-@output_option
+@_output_option
+@force_option()
 def dbc(file: Path, node_id: int, output: Path | None) -> None:
     """Write a DBC of the default PDOs, EMCY and heartbeat, with scales and units, for analysers.
 
@@ -183,7 +194,8 @@ def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
     help="Value of an object, by name (Limit.Voltage) or section (1017, 2010sub1): raw, or with a"
     " unit as in '80 V'.",
 )
-@output_option
+@_output_option
+@force_option()
 def dcf(
     file: Path, node_id: int, bitrate: int, values: dict[str, str], output: Path | None
 ) -> None:
@@ -221,4 +233,5 @@ def _write(text: str, output: Path | None) -> None:
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:
-        output.write_text(text, encoding="utf-8")
+        with result_file(output) as made:
+            made.write(text)

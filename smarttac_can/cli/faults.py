@@ -19,6 +19,7 @@ from smarttac_can.cli.options import FiniteRange, seed_option
 from smarttac_can.cli.plain_errors import naming, plain_errors
 from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.result_file import (
+    force_option,
     json_file_option,
     opened_results,
     report_results,
@@ -73,6 +74,7 @@ _jobs_option = click.option(
     "  smarttac faults --verify faults.log faults.json"
 )
 @json_file_option
+@force_option()
 @click.option(
     "--log",
     "log_file",
@@ -201,6 +203,7 @@ def _read_rows(rows: Path) -> Any:
 @seed_option("Seed of all that happens.")
 @_jobs_option
 @json_file_option
+@force_option()
 def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> None:
     """Let everything happen for hours of simulated time, and check every cycle.
 

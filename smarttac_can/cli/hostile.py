@@ -10,7 +10,12 @@ import click
 from smarttac_can.cli.options import seed_option
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.cli.progress import progress_bar
-from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_file_option,
+    opened_results,
+    report_results,
+)
 from smarttac_can.trials.hostile import Hostile, HostileReport
 
 
@@ -18,6 +23,7 @@ from smarttac_can.trials.hostile import Hostile, HostileReport
 @click.option("--actions", type=click.IntRange(min=1), required=True, help="Frames that are sent.")
 @seed_option("Seed of all that happens.")
 @json_file_option
+@force_option()
 def hostile(actions: int, seed: int, json_file: Path | None) -> None:
     """Let a third node send anything to a driven pair, and check every cycle.
 

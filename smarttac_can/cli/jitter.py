@@ -10,9 +10,16 @@ from typing import Any
 
 import click
 
-from smarttac_can.cli.options import NEW_FOLDER, NODE_ID, BusChoice, bus_options
+from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
 from smarttac_can.cli.plain_errors import need_matplotlib, plain_errors
-from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_file_option,
+    opened_results,
+    report_results,
+    result_folder,
+    result_folder_path,
+)
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.timing.frozen_stage import SHORTEST_MS
 from smarttac_can.timing.loop_run import LoopRun, measure_loop
@@ -63,9 +70,10 @@ _ROWS = {
 @json_file_option
 @click.option(
     "--output",
-    type=NEW_FOLDER,
+    type=result_folder_path,
     help=f"Folder for a histogram, {PICTURE}.",
 )
+@force_option()
 def jitter(
     bus: BusChoice,
     plate_node: int | None,
@@ -76,9 +84,10 @@ def jitter(
 ) -> None:
     """Measure how punctual the 1 kHz loop is on this machine and bus."""
     with plain_errors(), ExitStack() as stack:
+        folder = None
         if output is not None:
             need_matplotlib()
-            output.mkdir(parents=True, exist_ok=True)
+            folder = stack.enter_context(result_folder(output, ()))
         results = opened_results(stack, json_file)
         stop = stack.enter_context(stop_on_signals())
         run = measure_loop(
@@ -97,8 +106,8 @@ def jitter(
         state = None if run.state is None else run.state.name.lower()
         ending = {"state": state, "message": run.message, "refused": run.refused}
         report_results(figures | ending, _table(figures, run, plate_node), results)
-        if output is not None:
-            _draw(run.timing, output / PICTURE)
+        if folder is not None:
+            _draw(run.timing, folder / PICTURE)
     if plate_node is None and not run.ran:
         raise click.ClickException(f"the loop never ran: {run.message}")
 

@@ -59,7 +59,6 @@ EDS_FILE = click.types.FuncParamType(_eds_path)
 EDS_FILE.name = "EDS"
 OLD_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 NEW_FILE = click.Path(dir_okay=False, path_type=Path)
-NEW_FOLDER = click.Path(file_okay=False, path_type=Path)
 NODE_ID = click.IntRange(1, 127)
 SECONDS = FiniteRange(min=0.01, max=3600)
 _OWN_OPTIONS = ("interface", "channel", "bitrate")

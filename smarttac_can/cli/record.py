@@ -22,7 +22,12 @@ from smarttac_can.cli.options import (
     timeout_option,
 )
 from smarttac_can.cli.plain_errors import plain_errors
-from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_file_option,
+    opened_results,
+    report_results,
+)
 from smarttac_can.host.process_signals import stop_on_signals
 
 _LONGEST_S = 7 * 24 * 3600.0
@@ -56,6 +61,7 @@ _SILENT_S = 1.0
 )
 @timeout_option
 @json_file_option
+@force_option("Replace an older --json file; FILE and --raw are never replaced.")
 def record(
     *,
     file: Path,

@@ -17,7 +17,12 @@ from smarttac_can.cli.nodes import blaming, load_device
 from smarttac_can.cli.options import NODE_ID, OLD_FILE, require_image
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.process import lockstep_option
-from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_file_option,
+    opened_results,
+    report_results,
+)
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
 from smarttac_can.host.log_file import read_log
@@ -70,6 +75,7 @@ _TOLD: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "st
     help="What it had stored as it was switched on; the file stays as it is.",
 )
 @json_file_option
+@force_option()
 def replay(
     *,
     log: Path,

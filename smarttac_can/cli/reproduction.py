@@ -12,15 +12,22 @@ import click
 
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.cli.options import NEW_FOLDER, law_option, seed_option
+from smarttac_can.cli.options import law_option, seed_option
 from smarttac_can.cli.plain_errors import naming, need_matplotlib, one_line, plain_errors
 from smarttac_can.cli.progress import progress_bar
-from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_file_option,
+    opened_results,
+    report_results,
+    result_folder,
+    result_folder_path,
+)
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions, SubjectSet
 from smarttac_can.paper.provenance import EMERGES, fitted
-from smarttac_can.paper.report import table_text, write_report
+from smarttac_can.paper.report import FILES, INDEX, table_text, write_report
 from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, friction_step
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
 from smarttac_can.paper.vibration_table import vibration_table
@@ -65,7 +72,7 @@ dead_time_option = click.option(
 )
 output_option = click.option(
     "--output",
-    type=NEW_FOLDER,
+    type=result_folder_path,
     help="Folder for traces, results and, over the bus, the candump log.",
 )
 
@@ -73,6 +80,7 @@ output_option = click.option(
 @click.command(epilog="Example: smarttac demo")
 @_noise_seed_option
 @output_option
+@force_option()
 def demo(seed: int, output: Path | None) -> None:
     """Run all experiments over a virtual CAN bus and show them beside the paper.
 
@@ -81,19 +89,22 @@ def demo(seed: int, output: Path | None) -> None:
     """
     with plain_errors():
         need_matplotlib()
-        folder = output or Path(f"smarttac-demo-{datetime.now():%Y%m%d-%H%M%S}")
+        made = output or Path(f"smarttac-demo-{datetime.now():%Y%m%d-%H%M%S}")
         conditions = Conditions(seed=seed)
-        with progress_bar("running") as progress:
-            traces, results = run_reproduction(
-                frozenset(FIGURES), conditions, link="bus", folder=folder, progress=progress
+        with result_folder(made, FILES) as folder:
+            with progress_bar("running") as progress:
+                traces, results = run_reproduction(
+                    frozenset(FIGURES), conditions, link="bus", folder=folder, progress=progress
+                )
+            late = Conditions(seed=seed, dead_time=loop_dead_time(BIT_RATE))
+            _, delayed = run_reproduction(_VIBRATION, late)
+            click.echo(table_text(results))
+            click.echo(
+                "The same with the time that the loop's frames take at worst on a real bus:\n"
             )
-        late = Conditions(seed=seed, dead_time=loop_dead_time(BIT_RATE))
-        _, delayed = run_reproduction(_VIBRATION, late)
-        click.echo(table_text(results))
-        click.echo("The same with the time that the loop's frames take at worst on a real bus:\n")
-        click.echo(dead_time_table(results, delayed))
-        page = _write_report(folder, traces, results)
-    click.echo(f"pictures: {page}")
+            click.echo(dead_time_table(results, delayed))
+            _write_report(folder, traces, results)
+    click.echo(f"pictures: {made / INDEX}")
 
 
 @click.command(
@@ -134,6 +145,7 @@ def demo(seed: int, output: Path | None) -> None:
 @_noise_seed_option
 @json_file_option
 @output_option
+@force_option()
 def reproduce(
     *,
     what: tuple[str, ...],
@@ -161,9 +173,10 @@ def reproduce(
     )
     with plain_errors(), ExitStack() as stack:
         file = opened_results(stack, json_file)
+        folder = None if output is None else stack.enter_context(result_folder(output, FILES))
         with progress_bar("running") as progress:
             _, results = run_reproduction(
-                wanted, conditions, link=link, folder=output, progress=progress
+                wanted, conditions, link=link, folder=folder, progress=progress
             )
         tables = [table_text(results)]
         if wanted & _VIBRATION:

@@ -16,7 +16,12 @@ from smarttac_can.cli.options import (
     timeout_option,
 )
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
-from smarttac_can.cli.result_file import json_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_option,
+    opened_results,
+    report_results,
+)
 from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
 from smarttac_can.host.eds_files import read_eds, read_eds_file
@@ -41,6 +46,7 @@ _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "ED
     help="Compare with this EDS, too.",
 )
 @json_option
+@force_option()
 def scan(
     bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], json_file: Path | None
 ) -> None:

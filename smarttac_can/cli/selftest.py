@@ -15,7 +15,12 @@ from smarttac_can.bench.self_test import selftest as judge
 from smarttac_can.cli.options import BusChoice, stimulator_options
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.cli.process import lockstep_option
-from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_file_option,
+    opened_results,
+    report_results,
+)
 
 
 @click.command(
@@ -25,6 +30,7 @@ from smarttac_can.cli.result_file import json_file_option, opened_results, repor
 @stimulator_options
 @lockstep_option
 @json_file_option
+@force_option()
 def selftest(
     *,
     bus: BusChoice,

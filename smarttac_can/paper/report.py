@@ -18,12 +18,19 @@ from typing import Any, NamedTuple
 from smarttac_can.bench.traces import Trace
 from smarttac_can.paper.pictures import CAPTIONS, pictures
 from smarttac_can.paper.references import PUBLISHED, TITLE, Published
+from smarttac_can.paper.reproduce import CANDUMP, RESULTS, TRACES
 from smarttac_can.population.steps import UndefinedError
 
 INSIDE, OUTSIDE, MISSING, NOT_JUDGED = "inside", "outside", "missing", ""
 _NUMBERS_OF = {"fig7": "table1"}
 """Under which key the numbers of a figure stand, where that is not its name."""
 _WHOLE_FROM = 1000
+INDEX = "index.html"
+FILES = (
+    *(TRACES, RESULTS, CANDUMP, INDEX),
+    *(f"{name}.{form}" for name in CAPTIONS for form in ("png", "svg")),
+)
+"""All files that a run of the experiments and its report may have."""
 STEP_COLUMNS = {
     "rise_time_ms": "Rise or fall (ms)",
     "overshoot_percent": "Overshoot (%)",
@@ -140,7 +147,7 @@ def write_report(
         unavailable=_unavailable_html(summary["unavailable"]),
         sha256=escape(summary["trace_sha256"]),
     )
-    index = directory / "index.html"
+    index = directory / INDEX
     index.write_text(page, encoding="utf-8", newline="\n")
     return index
 

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 from smarttac_can.campaign.chunk import COLUMNS
-from smarttac_can.campaign.folder import FINGERS, PICTURE, RESULTS, write_folder
+from smarttac_can.campaign.folder import FILES, FINGERS, RESULTS, write_folder
 from smarttac_can.campaign.runner import Result
 from smarttac_can.campaign.summary import LIMIT_CYCLE, lines, summary
 from smarttac_can.population.trial import Campaign
@@ -78,7 +78,7 @@ def test_a_folder_holds_results_fingers_and_a_picture(tmp_path):
     results = summary(CAMPAIGN, result(rows))
     picture = write_folder(tmp_path / "new" / "folder", results, rows)
     folder = picture.parent
-    assert {path.name for path in folder.iterdir()} == {RESULTS, FINGERS, PICTURE}
+    assert {path.name for path in folder.iterdir()} == {*FILES}
     assert json.loads((folder / RESULTS).read_text()) == results
     header, *table = (folder / FINGERS).read_text().splitlines()
     assert header.split(",") == ["finger", *COLUMNS]

@@ -179,7 +179,8 @@ def test_a_certificate_that_exists_is_kept(laboratory: Laboratory, tmp_path: Pat
     result = calibrate(tmp_path)
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
-    assert line == f"Error: {tmp_path}/plate.json exists: give the certificate another name"
+    cure = "choose another file, or replace it with --force"
+    assert line == f"Error: {tmp_path}/plate.json exists: {cure}"
     assert (tmp_path / "plate.json").read_text() == "of last year"
     assert laboratory.asked == []
 
@@ -211,7 +212,7 @@ def test_the_certificate_never_takes_the_place_of_the_plan(tmp_path: Path, name:
     plan = tmp_path / "plan.csv"
     plan.write_text(PLAN)
     (tmp_path / "linked.json").symlink_to(plan)
-    arguments = ["calibrate", str(plan), "--certificate", f"{tmp_path}/{name}"]
+    arguments = ["calibrate", str(plan), "--certificate", f"{tmp_path}/{name}", "--force"]
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 2
     assert "would take the place of the plan" in result.stderr

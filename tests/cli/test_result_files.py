@@ -1,0 +1,187 @@
+"""No command replaces results without ``--force``, and no old ones stay beside new ones."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from smarttac_can.cli import main
+from smarttac_can.cli.result_file import result_file, result_folder
+
+CHANNEL = ("--interface", "virtual", "--channel", "results")
+OTHER_FILE = "choose another file, or replace it with --force"
+OTHER_FOLDER = "choose another folder, or replace older results in it with --force"
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def commands(group: click.Group, above: tuple[str, ...] = ()) -> Iterator[click.Command]:
+    for command in group.commands.values():
+        if isinstance(command, click.Group):
+            yield from commands(command)
+        else:
+            yield command
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("smarttac_can.paper.experiments.PASSES", 4)
+
+
+FILES: dict[str, tuple[str | Path, ...]] = {
+    "reproduce --json": ("reproduce", "fig3", "--json"),
+    "campaign --json": ("campaign", "--fingers", "1", "--json"),
+    "faults --json": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--json"),
+    "faults --log": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--log"),
+    "soak --json": ("soak", "--hours", "0.0001", "--json"),
+    "hostile --json": ("hostile", "--actions", "5", "--json"),
+    "scan --json": ("scan", *CHANNEL, "--timeout", "0.01", "--json"),
+    "conform --json": ("conform", *CHANNEL, "--eds", "plate", "--node-id", "5", "--json"),
+    "conform --report": ("conform", *CHANNEL, "--eds", "plate", "--node-id", "5", "--report"),
+    "jitter --json": ("jitter", *CHANNEL, "--json"),
+    "replay --json": ("replay", __file__, "--json"),
+    "record --json": ("record", "new.h5", *CHANNEL, "--json"),
+    "selftest --json": ("selftest", *CHANNEL, "--json"),
+    "calibrate --certificate": ("calibrate", __file__, *CHANNEL, "--certificate"),
+    "eds check --json": ("eds", "check", "plate", "--json"),
+    "eds show --output": ("eds", "show", "plate", "--output"),
+    "eds doc --output": ("eds", "doc", "plate", "--output"),
+    "eds dbc --output": ("eds", "dbc", "plate", "--output"),
+    "eds dcf --output": (
+        *("eds", "dcf", "plate", "--node-id", "5", "--bitrate", "125000"),
+        "--output",
+    ),
+}
+
+
+@pytest.mark.parametrize("arguments", FILES.values(), ids=FILES)
+def test_a_file_with_results_is_kept(arguments: tuple[str | Path, ...], tmp_path: Path) -> None:
+    file = tmp_path / "kept"
+    file.write_text("of last week")
+    result = run(*arguments, file)
+    assert result.exit_code == 1
+    assert result.stderr == f"Error: {file} exists: {OTHER_FILE}\n"
+    assert content(tmp_path) == {"kept": b"of last week"}
+
+
+def test_each_command_with_a_file_for_results_has_force_and_a_case_here() -> None:
+    options = {
+        f"{command.name} {parameter.opts[0]}"
+        for command in commands(main)
+        for parameter in command.params
+        if parameter.opts[0] in ("--json", "--output", "--report", "--log", "--certificate")
+    }
+    with_force = {
+        command.name
+        for command in commands(main)
+        if any(parameter.opts[0] == "--force" for parameter in command.params)
+    }
+    assert {name.partition(" ")[0] for name in options} == with_force
+    cases = {name.removeprefix("eds ") for name in FILES} | set(FOLDERS)
+    assert options == cases
+
+
+FOLDERS = {
+    "reproduce --output": ("reproduce", "fig5"),
+    "demo --output": ("demo",),
+    "campaign --output": ("campaign", "--fingers", "2"),
+    "jitter --output": ("jitter", *CHANNEL),
+}
+
+
+@pytest.mark.parametrize("arguments", FOLDERS.values(), ids=FOLDERS)
+def test_a_folder_with_results_is_kept(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    for name in ("traces.csv", "results.json", "fig7.png", "fig7.svg", "index.html"):
+        (tmp_path / name).write_text(name)
+    before = content(tmp_path)
+    result = run(*arguments, "--output", tmp_path)
+    assert result.exit_code == 1
+    listed = "fig7.png, fig7.svg, index.html, 2 more"
+    assert (
+        result.stderr == f"Error: the folder {tmp_path} is not empty ({listed}): {OTHER_FOLDER}\n"
+    )
+    assert content(tmp_path) == before
+
+
+@pytest.mark.parametrize("path", ["-", "/dev/null"])
+def test_stdout_and_devices_hold_nothing(path: str) -> None:
+    assert run("reproduce", "fig3", "--json", path).exit_code == 0
+
+
+def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
+    file, folder = tmp_path / "made.json", tmp_path / "run"
+    file.touch()
+    folder.mkdir()
+    (folder / ".gitkeep").touch()
+    assert run("reproduce", "fig3", "--json", file, "--output", folder).exit_code == 0
+    assert file.read_text() == (folder / "results.json").read_text()
+    assert set(content(folder)) == {".gitkeep", "results.json", "traces.csv"}
+
+
+def test_force_leaves_nothing_of_the_run_before_and_all_that_is_not_of_one(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "run"
+    assert run("reproduce", "fig7", "--link", "bus", "--output", folder).exit_code == 0
+    assert run("report", folder).exit_code == 0
+    assert {"candump.log", "fig7.png", "index.html"} <= set(content(folder))
+    (folder / "notes.txt").write_text("mine")
+    assert run("reproduce", "fig5", "--output", folder).exit_code == 1
+    assert run("reproduce", "fig5", "--output", folder, "--force").exit_code == 0
+    assert set(content(folder)) == {"results.json", "traces.csv", "notes.txt"}
+
+
+def test_force_at_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "plate.eds"
+    file.write_text("old")
+    assert run("eds", "show", "plate", "--force", "--output", file).exit_code == 0
+    assert run("eds", "show", "plate").stdout_bytes == file.read_bytes()
+    assert set(content(tmp_path)) == {"plate.eds"}
+
+
+def test_a_campaign_draws_png_and_svg_over_an_older_one(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    few = ("campaign", "--fingers", "2", "--output", tmp_path / "out")
+    assert run(*few).exit_code == 0
+    first = content(tmp_path / "out")
+    assert set(first) == {"campaign.json", "fingers.csv", "campaign.png", "campaign.svg"}
+    assert run(*few, "--seed", "2").exit_code == 1
+    assert content(tmp_path / "out") == first
+    assert run(*few, "--seed", "2", "--force").exit_code == 0
+    assert content(tmp_path / "out")["fingers.csv"] != first["fingers.csv"]
+
+
+def fail(folder: Path) -> None:
+    with result_folder(folder, ("results.json",)) as made:
+        (made / "results.json").write_text("half")
+        raise OSError
+
+
+def test_a_run_that_fails_leaves_the_older_results(tmp_path: Path) -> None:
+    (tmp_path / "results.json").write_text("whole")
+    with pytest.raises(OSError):
+        fail(tmp_path)
+    assert content(tmp_path) == {"results.json": b"whole"}
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: result_file(path / "missing" / "file").__enter__(),
+        lambda path: result_folder(path / "file" / "below", ()).__enter__(),
+    ],
+)
+def test_the_error_names_what_was_asked_for(
+    write: Callable[[Path], object], tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError) as told:
+        write(tmp_path)
+    assert told.value.filename in (str(tmp_path / "missing/file"), str(tmp_path / "file/below"))
