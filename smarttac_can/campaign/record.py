@@ -33,6 +33,7 @@ class RecordError(Exception):
 class _Chunk:
     first: int
     rows: Rows
+    compiled: bool
 
 
 class Record:
@@ -72,17 +73,28 @@ class Record:
         """Close the file."""
         self._file.close()
 
-    def fill(self, rows: Rows) -> None:
-        """Put what was run into the rows of all fingers; of more than these there may be some."""
+    def fill(self, rows: Rows) -> set[bool]:
+        """Put what was run into the rows of all fingers; of more than these there may be some.
+
+        Returns
+        -------
+        set of bool
+            Whether the fingers were run by compiled code; both if some were.
+        """
+        compiled = set()
         for chunk in self._chunks:
             here = rows[chunk.first : chunk.first + len(chunk.rows)]
             here[:] = chunk.rows[: len(here)]
+            if len(here):
+                compiled.add(chunk.compiled)
         self._chunks.clear()
+        return compiled
 
     def add(self, numbers: range, rows: Rows) -> None:
-        """Keep a chunk."""
+        """Keep a chunk that this process, or one like it, has run."""
         crc = _crc(numbers.start, rows)
-        self._write({"first": numbers.start, "rows": rows.tolist(), "crc": crc})
+        chunk = {"first": numbers.start, "compiled": can_compile(), "rows": rows.tolist()}
+        self._write({**chunk, "crc": crc})
 
     def _write(self, line: dict[str, Any]) -> None:
         self._file.write(_line(line))
@@ -91,6 +103,7 @@ class Record:
     def _read(self, header: dict[str, Any]) -> int:
         """Read all chunks; return where the last whole line ends."""
         end = 0
+        compiled = False
         for number, line in enumerate(self._lines(), 1):
             if not line.endswith(b"\n") and len(line) < _LINE_MAX:
                 # What was torn while it began is the begin of its header, and not another's file.
@@ -100,13 +113,14 @@ class Record:
             try:
                 said = json.loads(line)
                 if number > 1:
-                    self._chunks.append(_chunk(said))
+                    self._chunks.append(_chunk(said, compiled))
                 elif not isinstance(said, dict) or "campaign" not in said:
                     raise ValueError
             except (ValueError, RecursionError) as error:
                 raise RecordError(f"{self._path}: line {number} is damaged") from error
             if number == 1:
                 self._require_same(said, header)
+                compiled = said.get("compiled", False)
             end += len(line)
         return end
 
@@ -128,21 +142,39 @@ def _line(said: dict[str, Any]) -> bytes:
 
 
 def _header(campaign: Campaign) -> dict[str, Any]:
-    """Return what the rows depend on."""
-    return {"campaign": __version__, "compiled": can_compile(), **parameters(campaign)}
+    """Return what the rows depend on.
+
+    Whether they were compiled is not a part of it: that changes at most the last bits, and somebody
+    who installs numba half-way goes on with what he has.
+    """
+    return {"campaign": __version__, **parameters(campaign)}
 
 
-def _chunk(said: Any) -> _Chunk:
-    """Return a chunk that was read; ValueError if it is none."""
+def _chunk(said: Any, compiled: bool) -> _Chunk:
+    """Return a chunk that was read; ValueError if it is none.
+
+    Parameters
+    ----------
+    said
+        The line.
+    compiled
+        What holds for a chunk that does not say: older files have it in the header alone.
+    """
     try:
+        compiled = said.get("compiled", compiled)
         first, text, crc = said["first"], said["rows"], said["crc"]
         rows = np.array(text, dtype=np.float64)
-    except (KeyError, TypeError, OverflowError) as error:
+    except (AttributeError, KeyError, TypeError, OverflowError) as error:
         raise ValueError from error
     whole = isinstance(first, int) and 0 <= first < _FINGERS_MAX and rows.ndim == 2  # noqa: PLR2004
-    if not whole or rows.shape[1] != len(COLUMNS) or _crc(first, rows) != crc:
+    if (
+        not whole
+        or not isinstance(compiled, bool)
+        or rows.shape[1] != len(COLUMNS)
+        or _crc(first, rows) != crc
+    ):
         raise ValueError
-    return _Chunk(first, rows)
+    return _Chunk(first, rows, compiled)
 
 
 def _crc(first: int, rows: Rows) -> int:

@@ -32,7 +32,8 @@ class Result(NamedTuple):
     wall_s: float
     """How long that took in s, without compiling."""
     compile_s: float
-    compiled: bool
+    compiled: bool | None
+    """Whether compiled code has run the fingers; None if it was some of them."""
 
 
 def run_campaign(
@@ -67,8 +68,7 @@ def run_campaign(
         If the cluster cannot be had, or fails.
     """
     rows = np.full((fingers, len(COLUMNS)), np.nan)
-    if record is not None:
-        record.fill(rows)
+    ways = set() if record is None else record.fill(rows)
     # A finger that ran has run for some time.
     missing = np.flatnonzero(np.isnan(rows[:, -1]))
     chunks, left, ran_s = chunks_of(missing), len(missing), 0.0
@@ -89,7 +89,10 @@ def run_campaign(
                 record.add(numbers, made)
             if progress is not None:
                 progress(1.0 - left / fingers)
-    return Result(rows, ran_s, perf_counter() - begin, compile_s, compiled)
+    if chunks or not ways:
+        ways.add(compiled)
+    of_all = ways.pop() if len(ways) == 1 else None
+    return Result(rows, ran_s, perf_counter() - begin, compile_s, of_all)
 
 
 def _in_threads(

@@ -130,6 +130,12 @@ def campaign(
             record=record,
             progress=stack.enter_context(progress_bar("campaign")),
         )
+        if result.compiled is None:
+            click.echo(
+                f"some of the fingers in {resume} were run without numba, others with it: "
+                "their last digits may differ from those of one run",
+                err=True,
+            )
         results = summary(chosen, result)
         if folder is not None:
             write_folder(folder, results, result.rows)

@@ -1,13 +1,14 @@
 """The command ``campaign``: results, files, and exit codes."""
 
 import json
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
-from smarttac_can.campaign import chunk, runner
+from smarttac_can.campaign import chunk, record, runner
 from smarttac_can.cli import main
 from smarttac_can.population import trial
 
@@ -119,3 +120,37 @@ def test_without_numba_it_says_so_and_gives_the_same(monkeypatch: pytest.MonkeyP
     assert plain["compiled"] is False
     for name, values in plain["metrics"].items():
         assert values == pytest.approx(compiled_["metrics"][name], rel=1e-6)
+
+
+def of_an_older_version(rows: Path) -> None:
+    """Make the file as it was written once: how it was run stands in the header alone."""
+    header, *chunks = (json.loads(line) for line in rows.read_text().splitlines())
+    header["compiled"] = {chunk.pop("compiled") for chunk in chunks}.pop()
+    rows.write_text("".join(json.dumps(line) + "\n" for line in (header, *chunks)))
+
+
+@pytest.mark.parametrize("written", [lambda _: None, of_an_older_version], ids=["now", "older"])
+def test_it_goes_on_after_numba_was_installed(
+    written: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip("numba")
+    rows = tmp_path / "rows"
+    some = ("campaign", "--resume", str(rows), "--json", "-", "--fingers")
+    whole = json.loads(run("campaign", "--fingers", "2", "--json", "-").stdout)
+    with monkeypatch.context() as without:
+        for module in (command, chunk, runner, record):
+            without.setattr(module, "can_compile", lambda: False)
+        without.setattr(trial, "fastest", trial.plain)
+        plain = json.loads(run(*some, "1").stdout)
+    assert plain["compiled"] is False
+    written(rows)
+    result = run(*some, "2")
+    assert result.exit_code == 0, result.stderr
+    mixed = json.loads(result.stdout)
+    assert mixed["compiled"] is None
+    assert f"some of the fingers in {rows} were run without numba" in result.stderr
+    for name, values in mixed["metrics"].items():
+        assert values == pytest.approx(whole["metrics"][name], rel=1e-6)
+    again = run(*some, "1")
+    assert json.loads(again.stdout)["rows_sha256"] == plain["rows_sha256"]
+    assert json.loads(again.stdout)["compiled"] is False
