@@ -1,10 +1,10 @@
-"""The changes of a module that tools/mutate tries: one number, comparison or clause at a time."""
+"""The changes of a module that tools/mutate tries: one number, comparison, clause or statement."""
 
 from __future__ import annotations
 
 import ast
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import CodeType
 from typing import Any, Final, NamedTuple
@@ -60,24 +60,38 @@ def variants(node: ast.AST) -> Iterator[ast.expr]:
             yield operand
 
 
-class _Replaced(ast.NodeTransformer):
-    """Puts one expression in the place of another."""
+def removals(node: ast.AST) -> Iterator[ast.stmt]:
+    """Yield `pass` for a call or another expression that stands alone, and for an assignment."""
+    match node:
+        case ast.Expr(ast.Constant()):
+            return
+        case ast.Expr() | ast.Assign() | ast.AugAssign() | ast.AnnAssign(value=ast.expr()):
+            yield ast.Pass()
 
-    def __init__(self, old: ast.AST, new: ast.expr) -> None:
+
+class _Replaced(ast.NodeTransformer):
+    """Puts one expression or statement in the place of another."""
+
+    def __init__(self, old: ast.AST, new: ast.AST) -> None:
         self._old, self._new = old, new
 
     def visit(self, node: ast.AST) -> Any:
         return self._new if node is self._old else self.generic_visit(node)
 
 
-def expressions(
+def parts(
     node: ast.AST, lines: range, inside: bool = False
-) -> Iterator[tuple[ast.expr, range]]:
-    """Yield every expression but annotations, with the lines that its statement is told by."""
+) -> Iterator[tuple[ast.expr | ast.stmt, range]]:
+    """Yield every expression but annotations, and every statement inside of a function.
+
+    With each come the lines that its statement is told by.
+    """
     if isinstance(node, ast.stmt):
         body: list[ast.stmt] = getattr(node, "body", [])
         end = body[0].lineno if body else (node.end_lineno or node.lineno) + 1
         lines = range(node.lineno, max(end, node.lineno + 1)) if inside else range(0)
+        if inside:
+            yield node, lines
     if isinstance(node, ast.expr):
         yield node, lines
     inner = inside or isinstance(node, ast.FunctionDef)
@@ -86,16 +100,17 @@ def expressions(
             continue
         for child in field if isinstance(field, list) else [field]:
             if isinstance(child, ast.AST):
-                yield from expressions(child, lines, inner)
+                yield from parts(child, lines, inner)
 
 
-def mutants_of(path: Path) -> list[Mutant]:
-    """List the changes of a module."""
+def mutants_of(path: Path, *, statements: bool = False) -> list[Mutant]:
+    """List the changes of a module: of its values, or the removals of its statements."""
+    changes: Callable[[ast.AST], Iterator[ast.AST]] = removals if statements else variants
     source = path.read_text(encoding="utf-8")
     tree, rows = ast.parse(source, str(path)), source.splitlines()
     mutants = []
-    for old, lines in expressions(tree, range(0)):
-        for new in variants(old):
+    for old, lines in parts(tree, range(0)):
+        for new in changes(old):
             ast.copy_location(new, old)
             # A deep copy in which both stand: the tree itself is for the next.
             copied = copy.deepcopy((tree, old, ast.fix_missing_locations(new)))

@@ -44,7 +44,6 @@ class DriveSender:
     def forget(self) -> None:
         """Work with whoever comes first."""
         self._node_id = _NOBODY
-        self._once_in = _NEVER
         self._wrong.clear()
         self._undisturbed = True
         self.disturbed = False

@@ -218,7 +218,7 @@ class StimulatorBlock:
 
     def _withdraw_hint(self) -> None:
         """Take the hint out of the Message: there is a voltage, or no longer a run."""
-        if self._hint and self._message.value == self._hint:
+        if self._message.value == self._hint:
             self._message.value = ""
         self._hint = ""
 

@@ -14,7 +14,7 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, UNWATCHED
+from smarttac_can.vocabulary.objects import TARE, UNWATCHED
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import CONTROL_MASK, State
 from smarttac_can.vocabulary.watchdogs import (
@@ -251,7 +251,7 @@ class Supervisor:
     def note_zero(self) -> None:
         """Take note that the gauges have a zero."""
         self.tared = True
-        self.accept(AUTO_ZERO[0])
+        self.accept(TARE)
         self.prepare()
 
     def prepare(self) -> None:

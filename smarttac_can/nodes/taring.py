@@ -8,7 +8,7 @@ from smarttac_can.nodes.settings import GAUGE_ZERO
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, ZERO
+from smarttac_can.vocabulary.objects import NOT_TARED, TARE, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
 
 
@@ -54,7 +54,7 @@ class Taring:
             except ValueError as error:
                 # The next samples may be without a finger.
                 self._from += TARE_SAMPLES
-                self._supervisor.refuse(AUTO_ZERO[0], str(error))
+                self._supervisor.refuse(TARE, str(error))
 
     def auto_zero(self, tribometer: Tribometer, signature: int) -> None:
         """Tare by command.

@@ -12,10 +12,12 @@ SIMULATION: Final = ("Simulation", "Finger", "Fault")
 """Records that belong to the simulated plate."""
 ZERO: Final = int.from_bytes(b"zero", "little")
 """Signature to write to the auto-zero object."""
+TARE: Final = "AI auto-zero"
+"""Record of the objects that take it."""
 AUTO_ZERO: Final = tuple(
-    f"AI auto-zero.AI auto-zero {channel}" for channel in ("force x", "force y", "normal force")
+    f"{TARE}.AI auto-zero {channel}" for channel in ("force x", "force y", "normal force")
 )
-"""Objects that take it, one for each channel that can be tared."""
+"""Its objects, one for each channel that can be tared."""
 NOT_TARED: Final = "not tared: "
 """How the Message begins of a tare that is refused for a null outside its window."""
 UNWATCHED: Final = "not armed, as nobody would be missed: "

@@ -404,8 +404,23 @@ def test_the_hint_of_a_run_ends_with_it() -> None:
 
 @pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE, FRICTION])
 def test_a_run_that_is_asked_for_something_says_nothing(mode: int) -> None:
-    _, _, stimulator = driving(mode)
+    line, _, stimulator = driving(mode)
     assert stimulator.od["Message"].value == ""
+    assert line.write(stimulator, "Controlword", 0) == 0
+    line.run(stimulator, mode)
+    assert stimulator.od["Message"].value == "", "before the first voltage, too"
+
+
+def test_a_refusal_outlasts_the_hint_of_a_run() -> None:
+    line, _, stimulator = both_nodes()
+    line.nmt(START)
+    line.sync(70)
+    line.run(stimulator, OPEN_LOOP)
+    line.sync()
+    assert line.write(stimulator, "Limit.Voltage", 20_001) == TOO_HIGH
+    assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
+    line.sync(3)
+    assert stimulator.od["Message"].value == "Limit.Voltage 20001 is above 20000"
 
 
 def test_parameters_are_in_force_from_the_next_cycle() -> None:

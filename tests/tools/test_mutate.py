@@ -128,6 +128,19 @@ def test_a_change_that_hangs_is_noticed(tree: Path) -> None:
     assert "2 of 2 changes tried, 0 survive" in run.stdout
 
 
+def test_a_statement_that_no_test_misses_is_listed_in_a_section_of_its_own(tree: Path) -> None:
+    (tree / "docs/reference/mutants.md").write_text("# Old\n\n## made_up/small\n\nStays.\n")
+    (tree / "made_up/small/limits.py").write_text(
+        "def over(value, armed):\n    log = []\n    last = 5\n    log.append(value)\n"
+        "    return armed and value > last\n"
+    )
+    run = mutate(tree, "--statements", "--write")
+    assert rows(run) == ["log.append(value) | log.append(value) -> pass"]
+    text = (tree / "docs/reference/mutants.md").read_text()
+    assert "## made_up/small\n\nStays.\n" in text
+    assert "## made_up/small, statements removed\n\n3 of 3 changes tried, 1 survive" in text
+
+
 @pytest.fixture
 def mutants() -> ModuleType:
     """Import the module beside the tool."""
@@ -164,6 +177,28 @@ def test_changes(source: str, changes: list[str], mutants: ModuleType, tmp_path:
     path = tmp_path / "module.py"
     path.write_text(source + "\n")
     assert sorted(mutant.change for mutant in mutants.mutants_of(path)) == changes
+
+
+@pytest.mark.parametrize(
+    ("body", "changes"),
+    [
+        ("x.act(1)", ["x.act(1) -> pass"]),
+        ("x = y = 1", ["x = y = 1 -> pass"]),
+        ("self.x += 1", ["self.x += 1 -> pass"]),
+        ("x: int = 1", ["x: int = 1 -> pass"]),
+        ("x: int", []),
+        ("'text'", []),
+        ("return x.act()", []),
+        ("if x:\n        y()", ["y() -> pass"]),
+        ("raise x", []),
+    ],
+)
+def test_statements(body: str, changes: list[str], mutants: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text(f"z = 1\n\n\ndef act(x):\n    {body}\n")
+    found = mutants.mutants_of(path, statements=True)
+    assert [mutant.change for mutant in found] == changes
+    assert all(mutant.lines for mutant in found), "it is known which tests run it"
 
 
 ROOT = TOOL.parents[1]
