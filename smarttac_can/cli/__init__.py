@@ -11,6 +11,7 @@ from smarttac_can.cli.conformance import conform
 from smarttac_can.cli.device import device
 from smarttac_can.cli.eds import eds
 from smarttac_can.cli.faults import faults, soak
+from smarttac_can.cli.fmeda import fmeda
 from smarttac_can.cli.hostile import hostile
 from smarttac_can.cli.jitter import jitter
 from smarttac_can.cli.lss import lss
@@ -40,6 +41,6 @@ def main(context: click.Context) -> None:
 
 for command in (
     demo, reproduce, report, node, plate, device, conform, scan, lss, eds, jitter, faults,
-    soak, hostile, campaign, watch, record, replay, selftest, calibrate,
+    soak, hostile, fmeda, campaign, watch, record, replay, selftest, calibrate,
 ):  # fmt: skip
     main.add_command(command)

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Final
+from typing import Final, Protocol
 
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.plant.parameters import SensorParameters
-from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 _NOISE_M: Final = 10e-9
 """What a pick-up may read too much, in m: ten times its noise."""
 _FORGOTTEN: Final = 20
 """Sound cycles after which a watch has forgotten a faulty one."""
+
+
+class Driven(Protocol):
+    """A stimulator with its plate, such as a `Rig`."""
+
+    plate_block: PlateBlock
+    od: ObjectDictionary
+    """Of the stimulator."""
+    cycles: int
+    """How many there were."""
 
 
 class TripCause:
@@ -27,7 +38,7 @@ class TripCause:
         Its plate is looked at, not what its pick-up reads.
     """
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Driven) -> None:
         self._rig = rig
         self._block = rig.plate_block
         self._trip = rig.od["Limit.Amplitude trip"]

@@ -1,0 +1,297 @@
+"""Runs in which nothing fails, and which no watchdog may end: all that users may ask for."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from math import sin
+from typing import Any, Final
+
+from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.simulated_plate import SimulatedPlate
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.od.cia import Abort
+from smarttac_can.plant.finger import FingerState, smooth
+from smarttac_can.plant.parameters import PlateParameters
+from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.subjects import SUBJECTS, Subject
+from smarttac_can.trials.trip_cause import TripCause
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, ZERO
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
+from smarttac_can.vocabulary.states import Control, State, Status
+from smarttac_can.vocabulary.textures import Axis, TextureTable
+from smarttac_can.vocabulary.watchdogs import watchdogs_in
+
+_DRIVING: Final = (
+    Mode.OPEN_LOOP,
+    Mode.AMPLITUDE,
+    Mode.AMPLITUDE_RESONANCE,
+    Mode.FRICTION,
+    Mode.TEXTURE,
+)
+_WEIGHTS: Final = (1, 4, 2, 4, 6)
+_DEAD_TIMES: Final = (0, 540, 999)
+_TARE_CYCLES: Final = TARE_SAMPLES + 6
+_IDENTIFY_CYCLES: Final = 2500
+_LEAST_COF, _MOST_COF = 500, 20000
+"""Bounds of a COF in 1e-4, those of the EDS."""
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyRun:
+    """What came of a run without a failure."""
+
+    seed: int
+    what: str
+    """What was driven, for a reader."""
+    cycles: int
+    """Cycles that were driven."""
+    ended_by: str
+    """Watchdogs that tripped, joined by +; empty if none did."""
+    cause: str
+    """What the plate itself did for them to trip; empty if that was nothing: a false trip."""
+    after: int
+    """Cycle of the drive in which they tripped; -1 for none."""
+    peak_um: float
+    """Largest true amplitude in um peak-to-peak."""
+    limited: int
+    """Cycles with the status bit LIMITED."""
+
+    @property
+    def false(self) -> bool:
+        """Whether a watchdog tripped although the plate did nothing for that."""
+        return bool(self.ended_by) and not self.cause
+
+
+class _Finger:
+    """A finger that slides to and fro, and may lift and land again and again."""
+
+    __slots__ = ("_force", "_lifted", "_lifts", "_omega", "_period", "_press", "_travel")
+
+    def __init__(self, draw: random.Random) -> None:
+        self._force = draw.choice((0.0, 0.05, 0.2, 0.5, 1.0, 1.5, draw.uniform(0.05, 1.5)))
+        self._travel = draw.uniform(5e-3, 15e-3)
+        self._omega = draw.uniform(0.01, 0.15) / self._travel
+        self._lifts = bool(draw.randrange(2))
+        self._period = draw.uniform(0.1, 0.6)
+        self._lifted = draw.uniform(0.2, 0.7)
+        self._press = draw.choice((10e-3, 20e-3, 100e-3))
+
+    def __str__(self) -> str:
+        lifting = f", lifting each {self._period:.2f} s" if self._lifts else ""
+        return f"{self._force:.2f} N at {1e3 * self._omega * self._travel:.0f} mm/s{lifting}"
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s from the start of the run."""
+        begin = (_TARE_CYCLES + 20) * TICK
+        Fn = self._force * smooth((time - begin) / self._press)
+        if self._lifts and time > begin + self._press:
+            phase = (time - begin) / self._period % 1.0
+            Fn *= 1.0 - smooth((phase - 1.0 + self._lifted) * self._period / self._press)
+            if time - begin > self._period:
+                Fn = min(Fn, self._force * smooth(phase * self._period / self._press))
+        return FingerState(self._travel * sin(self._omega * time), Fn)
+
+
+def _subject(draw: random.Random) -> Subject:
+    """Draw one of the subjects, or a random fingertip of the population."""
+    if not draw.randrange(3):
+        return draw.choice(SUBJECTS)
+    return replace(
+        SUBJECTS[1],
+        mu0=draw.uniform(0.3, 0.9),
+        rho=draw.uniform(0.15, 0.5),
+        W0=draw.uniform(0.8e-6, 3e-6),
+        p=draw.uniform(1.0, 2.0),
+        load_damping=draw.choice((5.0, 14.0, draw.uniform(5.0, 14.0))),
+        exponent=draw.uniform(0.7, 1.0),
+    )
+
+
+def _texture(draw: random.Random) -> TextureTable:
+    """Draw a texture, of which many ask for more than any finger gives: all are legal."""
+    count = draw.choice((2, 5, 20, 100))
+    low = draw.choice((_LEAST_COF, draw.randrange(_LEAST_COF, 5000)))
+    high = draw.choice((_MOST_COF, 6000, draw.randrange(low + 1, _MOST_COF)))
+    if draw.randrange(2):
+        values = (low,) * count + (high,) * count
+    else:
+        values = tuple(draw.randrange(low, high + 1) for _ in range(2 * count))
+    if draw.randrange(2):
+        return TextureTable(Axis.POSITION, True, 0, draw.randrange(20_000, 500_000), values)
+    return TextureTable(Axis.TIME, True, 0, draw.randrange(500, 20_000), values)
+
+
+class _Bench:
+    """A stimulator with the plate inside, for one run after the other."""
+
+    def __init__(self) -> None:
+        self.plate_block = PlateBlock(plate_od())
+        self.od = stimulator_od()
+        self.block = StimulatorBlock(self.od, self.plate_block)
+        self.cycles = 0
+
+
+_bench: Final = cache(_Bench)
+
+
+def _cycle(block: StimulatorBlock, count: int) -> None:
+    for _ in range(count):
+        block.tick()
+
+
+def _try(block: StimulatorBlock, name: str, raw: int | bytes) -> None:
+    """Write what the stimulator may refuse, as a user's script would."""
+    try:
+        block.write(name, raw)
+    except Abort:
+        return
+
+
+def healthy_run(seed: int) -> HealthyRun:
+    """Run without a failure, for one to two seconds.
+
+    Parameters
+    ----------
+    seed
+        Of all that is drawn, 0 or more.
+    """
+    draw = random.Random(seed)
+    bench = _bench()
+    block = bench.block
+    block.od.reset()
+    block.power_on()
+    dead_time = draw.choice(_DEAD_TIMES)
+    law, friction = draw.choice(list(VibrationLaw)), draw.choice(list(Law))
+    for name, raw in (
+        ("Controller.Vibration law", law),
+        ("Friction law", friction),
+        ("Controller.Dead time", dead_time),
+        ("Simulation.Drive instant", dead_time),
+        ("Texture table.Table 1", _texture(draw).pack()),
+    ):
+        block.write(name, raw)
+    block.write(START_RUN, 1)
+    finger, ambient = _Finger(draw), draw.choice((20.0, draw.uniform(15.0, 30.0)))
+    behind = bench.plate_block.behind
+    assert isinstance(behind, SimulatedPlate)
+    plate = behind.plate = Plate(
+        PlateParameters(), _subject(draw), finger, seed=seed, ambient=ambient,
+        dead_time=dead_time * 1e-6,
+    )  # fmt: skip
+    identifies = not draw.randrange(4)
+    if identifies:
+        # The finger waits: it is at rest as long as the run is that of the identification.
+        behind.plate = Plate(
+            PlateParameters(), SUBJECTS[0], _Still(), seed=seed, ambient=ambient,
+            dead_time=dead_time * 1e-6,
+        )  # fmt: skip
+        _tare(block)
+        _arm(block, Mode.IDENTIFY)
+        for _ in range(_IDENTIFY_CYCLES):
+            block.tick()
+            if not block.od["Mode"].value:
+                break
+        block.write("Controlword", 0)
+        block.write(START_RUN, 1)
+        behind.plate = plate
+    _tare(block)
+    return _driven(seed, draw, bench, f"{law.name} {friction.name} {dead_time} us, {finger}")
+
+
+class _Still:
+    """No finger."""
+
+    def at(self, time: float) -> FingerState:  # noqa: ARG002 - the same at all times
+        """Return the lifted state."""
+        return FingerState(0.0, 0.0)
+
+
+def _tare(block: StimulatorBlock) -> None:
+    _cycle(block, _TARE_CYCLES)
+    block.write(AUTO_ZERO[0], ZERO)
+    _cycle(block, 4)
+
+
+def _arm(block: StimulatorBlock, mode: Mode) -> None:
+    block.write("Mode", mode)
+    for word in (0, Control.ARM, Control.ARM | Control.RUN):
+        block.write("Controlword", word)
+
+
+def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> HealthyRun:
+    """Drive with set-points that jump, and say what came of it."""
+    block, od, plate = bench.block, bench.od, bench.plate_block.plate
+    low = od["Limit.Lowest frequency"].value
+    high = od["Limit.Highest frequency"].value
+    resonance = round(plate.resonance * 100.0)
+    mode = draw.choices(_DRIVING, _WEIGHTS)[0]
+    hops = not draw.randrange(3)
+
+    def jump() -> None:
+        um = draw.choice((0, 500, 1000, 2000, 3000, draw.randrange(3001)))
+        _try(block, "Setpoint.Amplitude", um)
+        _try(block, "Setpoint.Voltage", draw.randrange(15001))
+        cof = draw.choice((2000, 3000, draw.randrange(_LEAST_COF, _MOST_COF)))
+        _try(block, "Setpoint.COF left", cof)
+        _try(block, "Setpoint.COF right", min(cof + draw.randrange(3000), _MOST_COF))
+        if hops:
+            near = resonance + draw.randrange(-30_000, 30_001)
+            frequency = draw.choice((near, resonance, low, high))
+            _try(block, "Setpoint.Frequency", min(max(frequency, low), high))
+
+    jump()
+    _arm(block, mode)
+    modes = [mode.name]
+    cycles = draw.randrange(1000, 2001)
+    pause = draw.choice((10, 30, 100, 400))
+    trip_cause, cause = TripCause(bench), ""
+    status, bit = od["Statusword"], int(Status.LIMITED)
+    limited, peak, ended, after = 0, 0.0, "", -1
+    for cycle in range(cycles):
+        if cycle and not cycle % pause:
+            jump()
+            if not draw.randrange(8):
+                mode = draw.choices(_DRIVING, _WEIGHTS)[0]
+                modes.append(mode.name)
+                _try(block, "Mode", mode)
+        block.tick()
+        bench.cycles += 1
+        trip_cause.look()
+        peak = max(peak, abs(plate.W))
+        limited += bool(status.value & bit)
+        if block.supervisor.latched:
+            ended = "+".join(w.name for w in watchdogs_in(block.supervisor.latched))
+            cause = trip_cause.of(block.supervisor.latched) or ""
+            after = cycles = cycle
+            break
+        if block.state is not State.RUNNING:
+            ended, after = block.od["Message"].value or "not running", cycle
+            break
+    block.write("Controlword", 0)
+    return HealthyRun(
+        seed=seed,
+        what=f"{'+'.join(modes)} {what}{', hops of the frequency' if hops else ''}",
+        cycles=cycles,
+        ended_by=ended,
+        cause=cause,
+        after=after,
+        peak_um=round(peak * 1e6, 3),
+        limited=limited,
+    )
+
+
+def healthy_as_json(runs: list[HealthyRun]) -> dict[str, Any]:
+    """Return the runs as JSON has them, those that ended in a fault one by one."""
+    ended = [asdict(run) | {"false": run.false} for run in runs if run.ended_by]
+    return {
+        "runs": len(runs),
+        "cycles": sum(run.cycles for run in runs),
+        "limited": sum(run.limited for run in runs),
+        "ended": len(ended),
+        "false": sum(run.false for run in runs),
+        "faults": ended,
+    }

@@ -1,0 +1,848 @@
+"""A sweep of sensor failures: what each one does to the plate before something ends it.
+
+One sensor fails in each cell of the sweep, in one of the ways of `FAILURES`, while the stimulator
+drives the simulated plate inside: no bus, lockstep. The stimulator is a black box here. What counts
+is the true vibration of the plate, not what its pick-up reads. `PROMISES` says how far that may go.
+
+A cell is run from rest: tare without a finger, arm, drive, and let the sensor fail at its onset.
+An identification comes before that where the cell asks for one.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
+from math import cos, floor, pi, sin
+from multiprocessing import get_context
+from typing import Any, Final, NamedTuple, TypeVar
+
+from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.simulated_plate import SimulatedPlate
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.od.cia import Abort
+from smarttac_can.plant.finger import FingerState, smooth
+from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, SensorParameters
+from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.sensors import PICKUP_SATURATED
+from smarttac_can.plant.subjects import SUBJECTS, Subject
+from smarttac_can.trials.workers import end_with_parent, interrupts_held
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, ZERO
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Measurement
+from smarttac_can.vocabulary.states import Control, State, Status
+from smarttac_can.vocabulary.textures import Axis, TextureTable
+from smarttac_can.vocabulary.watchdogs import watchdogs_in
+
+# --- What is promised --------------------------------------------------------------------------
+
+
+class Promise(NamedTuple):
+    """What holds for the true vibration while one sensor fails."""
+
+    bare_um: float = 3.27
+    """Bound without contact in um peak-to-peak: the range of the pick-up."""
+    touched_um: float = 5.0
+    """Bound with contact."""
+    contact_N: float = 0.1
+    """Normal force from which the gauges show a contact."""
+    lowest_gain: float = 0.9
+    """Lowest share of the data sheet's gain that an identification is believed at. Without an
+    identification, or with one of a pick-up that had failed before, the bound without contact is
+    higher by its inverse."""
+    cycles: int = 20
+    """Cycles above the bound, in total."""
+    gauge_lag: int = 7
+    """Cycles more where a finger lands or lifts: the flexure and filter of the gauges."""
+    energy_J: float = 0.2
+    """Energy lost in the plate in the cycles above the bound."""
+
+
+PROMISES: Final = Promise()
+
+
+class Exclusion(NamedTuple):
+    """Cells that physics forbids to hold."""
+
+    applies: Callable[[Cell], bool]
+    why: str
+
+
+EXCLUSIONS: Final[tuple[Exclusion, ...]] = ()
+
+# --- How a sensor fails ------------------------------------------------------------------------
+
+PICKUP_SENSORS: Final = ("d", "q", "both")
+GAUGE_SENSORS: Final = ("S1", "S2", "S3", "S4", "S5", "S6")
+THERMOMETER: Final = "T"
+SENSORS: Final = (*PICKUP_SENSORS, *GAUGE_SENSORS, THERMOMETER)
+KINDS: Final = ("gain", "offset", "stuck", "noise", "delayed", "swapped")
+"""Units of a size: gain 1; offset, noise (standard deviation) and stuck (noise on it) converter
+counts of 0.1 nm, 0.1 mN or 10 mK; delayed cycles."""
+
+
+class Failure(NamedTuple):
+    """How a sensor fails: in the first `on` of each `of` cycles."""
+
+    sensor: str
+    kind: str
+    size: float = 0.0
+    on: int = 1
+    of: int = 1
+
+    def __str__(self) -> str:
+        sometimes = f":{self.on}/{self.of}" if self.of > 1 else ""
+        return f"{self.sensor}:{self.kind}:{self.size:g}{sometimes}"
+
+    @property
+    def name(self) -> str:
+        """What the rows of a summary are."""
+        sensor = {"T": "thermometer"}.get(self.sensor, self.sensor)
+        if self.sensor in PICKUP_SENSORS:
+            sensor = f"pick-up {self.sensor}"
+        elif self.sensor in GAUGE_SENSORS:
+            sensor = "lateral gauge" if self.sensor in ("S1", "S2") else "normal gauge"
+        kind = self.kind
+        if kind == "gain":
+            kind = "gain below 1" if self.size < 1.0 else "gain above 1"
+        elif kind == "stuck" and self.size:
+            kind = "stuck with noise"
+        return f"{sensor}: {kind}{' now and then' if self.of > 1 else ''}"
+
+
+_FAILURE: Final = re.compile(
+    rf"({'|'.join(SENSORS)}):({'|'.join(KINDS)}):(-?[0-9.e+-]+)(?::([0-9]+)/([1-9][0-9]*))?"
+)
+
+
+def parse_failure(text: str) -> Failure:
+    """Return the failure that its `str` names.
+
+    Raises
+    ------
+    ValueError
+        If there is no such failure.
+    """
+    found = _FAILURE.fullmatch(text)
+    if found is None:
+        raise ValueError(f"failure {text!r} is not SENSOR:KIND:SIZE or SENSOR:KIND:SIZE:ON/OF")
+    sensor, kind, size, on, of = found.groups("1")
+    return Failure(sensor, kind, float(size), int(on), int(of))
+
+
+GAINS: Final = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.2, 1.5, 2.0)
+FINE_GAINS: Final = tuple(n / 20 for n in (*range(20), *range(21, 41)))
+_SOMETIMES: Final = ((4, 5), (1, 2), (1, 5))
+
+
+def failures(gains: Sequence[float] = GAINS) -> list[Failure]:
+    """Return all ways in which a sensor fails, with these gains."""
+    found = [Failure(axis, "gain", gain) for axis in PICKUP_SENSORS for gain in gains]
+    for axis in ("d", "q"):
+        found += [Failure(axis, "offset", size) for size in (-10000, -500, 500, 10000)]
+        found += [Failure(axis, "stuck", size) for size in (0, 1, 5)]
+        found += [Failure(axis, "noise", size) for size in (500, 5000)]
+        found += [Failure(axis, "gain", 0.0, on, of) for on, of in _SOMETIMES]
+        found += [Failure(axis, "delayed", size) for size in (1, 2, 5)]
+    found += [Failure("both", "delayed", size) for size in (1, 2, 3, 4, 5)]
+    found += [Failure("both", "swapped")]
+    found += [Failure("both", "gain", 0.0, on, of) for on, of in _SOMETIMES]
+    for gauge in GAUGE_SENSORS:
+        found += [Failure(gauge, "gain", gain) for gain in (0.0, 0.5, 1.5, 2.0)]
+        found += [Failure(gauge, "offset", size) for size in (-20000, -500, 500, 20000)]
+        found += [Failure(gauge, "stuck", size) for size in (0, 1)]
+        found += [Failure(gauge, "noise", 2000), Failure(gauge, "delayed", 5)]
+        found += [Failure(gauge, "offset", 20000, on, of) for on, of in _SOMETIMES]
+    found += [Failure(THERMOMETER, "gain", gain) for gain in (0.0, 0.5, 2.0)]
+    found += [Failure(THERMOMETER, "offset", size) for size in (-2000, -100, 100, 2000)]
+    found += [Failure(THERMOMETER, "stuck", size) for size in (0, 1)]
+    found += [Failure(THERMOMETER, "noise", 200), Failure(THERMOMETER, "offset", 2000, 1, 2)]
+    return found
+
+
+_SENSORS: Final = SensorParameters()
+_PLATE: Final = ResonatorParameters()
+_SOUND: Final = (1.0, 1.0)
+
+
+class FailingPlate(Plate):
+    """A plate, one sensor of which fails from a tick on.
+
+    A gain of the pick-up is lost before its converter, everything else happens to its counts.
+    """
+
+    __slots__ = ("_draw", "_failure", "_held", "_onset", "_past")
+
+    def __init__(
+        self,
+        subject: Subject,
+        finger: CellFinger,
+        *,
+        failure: Failure,
+        onset: int,
+        seed: int,
+        ambient: float,
+        dead_time: float,
+    ) -> None:
+        super().__init__(
+            PlateParameters(), subject, finger, seed=seed, ambient=ambient, dead_time=dead_time
+        )
+        self._failure = failure
+        self._onset = onset
+        self._draw = random.Random(seed)
+        self._held: dict[str, float] = {}
+        self._past: deque[Measurement] = deque(
+            maxlen=int(failure.size) + 1 if failure.kind == "delayed" else 1
+        )
+
+    def sample(self) -> Measurement:
+        """Return what the sensors report at the present tick; to be called once a tick."""
+        sensor, kind, size, on, of = self._failure
+        since = self.tick - self._onset
+        failing = since >= 0 and since % of < on
+        self._pickup = None
+        if failing and kind == "gain" and sensor in PICKUP_SENSORS:
+            self._pickup = (1.0 if sensor == "q" else size, 1.0 if sensor == "d" else size)
+        sound = super().sample()
+        if kind == "delayed":
+            self._past.append(sound)
+        if not failing or self._pickup is not None:
+            return sound
+        W, gauges, temperature, saturated = sound
+        if kind == "swapped":
+            return sound._replace(W=complex(W.imag, W.real))
+        if sensor == "both":
+            return sound._replace(W=self._past[0].W)
+        if sensor in GAUGE_SENSORS:
+            number = int(sensor[1]) - 1
+            count, ended = self._count(sensor, gauges[number], _SENSORS.gauge_resolution)
+            changed = list(gauges)
+            changed[number] = count * _SENSORS.gauge_resolution
+            bit = 1 << number
+            saturated = saturated & ~bit | (bit if ended else 0)
+            s1, s2, s3, s4, s5, s6 = changed
+            return sound._replace(gauges=(s1, s2, s3, s4, s5, s6), saturated=saturated)
+        if sensor == THERMOMETER:
+            step = _SENSORS.temperature_resolution
+            return sound._replace(temperature=self._count(sensor, temperature, step)[0] * step)
+        step = _SENSORS.pickup_resolution
+        value = W.real if sensor == "d" else W.imag
+        count, ended = self._count(sensor, value, step)
+        W = complex(count * step, W.imag) if sensor == "d" else complex(W.real, count * step)
+        return sound._replace(W=W, saturated=saturated | (PICKUP_SATURATED if ended else 0))
+
+    def _count(self, sensor: str, si: float, step: float) -> tuple[int, bool]:
+        """Return what a failed sensor counts, and whether that is the end of its range."""
+        kind, size = self._failure.kind, self._failure.size
+        count = si / step
+        if kind == "gain":
+            count *= size
+        elif kind == "offset":
+            count += size
+        elif kind == "noise":
+            count += self._draw.gauss(0.0, size)
+        elif kind == "stuck":
+            count = self._held.setdefault(sensor, count)
+            if size:
+                count += self._draw.gauss(0.0, size)
+        elif kind == "delayed":
+            past = self._past[0]
+            if sensor in GAUGE_SENSORS:
+                count = past.gauges[int(sensor[1]) - 1] / step
+            else:
+                count = (past.W.real if sensor == "d" else past.W.imag) / step
+        whole, limit = floor(count + 0.5), _SENSORS.full_scale
+        return max(-limit, min(limit, whole)), abs(whole) >= limit
+
+
+# --- A cell ------------------------------------------------------------------------------------
+
+LEAST_DAMPING, MOST_DAMPING = 5.0, 14.0
+"""Damping in N s/m that a finger of 0.5 N adds, of all fingertips of the simulation."""
+MOTIONS: Final = ("none", "holding", "landing", "lifting")
+ONSETS: Final = ("before", "steady", "step")
+IDENTIFIED: Final = ("no", "sound", "failed")
+"""Whether the plate was identified; `failed`: while the sensor had failed already."""
+DRIVING: Final = tuple(mode for mode in Mode if mode is not Mode.OFF)
+TUNED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
+"""Modes that keep the frequency of the set-point."""
+BY_FRICTION: Final = (Mode.FRICTION, Mode.TEXTURE)
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A run of the sweep."""
+
+    failure: str = "d:gain:0.05"
+    onset: str = "steady"
+    mode: str = "AMPLITUDE"
+    law: str = "PI"
+    """Vibration law."""
+    friction: str = "MEASURED"
+    """Friction law."""
+    detuning: float = 0.0
+    """Frequency of the set-point over the resonance at 20 degC, in Hz."""
+    setpoint: float = 3.0
+    """Amplitude in um; in open loop the voltage that makes it at the resonance; in friction modes
+    that without a finger."""
+    cof: float = 0.3
+    """Lower reference of the COF; the upper one is 0.1 more."""
+    motion: str = "none"
+    force: float = 0.5
+    """Normal force in N."""
+    damping: float = 8.0
+    """Damping in N s/m that the finger adds at 0.5 N."""
+    dead_time: int = 0
+    """Time from the tick until a drive is in force, in us."""
+    identified: str = "no"
+    ambient: float = 20.0
+    """Temperature of plate and surroundings in degC."""
+    cycles: int = 300
+    """Cycles from the onset on."""
+    seed: int = 1
+
+    def __str__(self) -> str:
+        return ",".join(
+            f"{field.name}={value:g}" if isinstance(value, float) else f"{field.name}={value}"
+            for field in fields(self)
+            if (value := getattr(self, field.name)) != field.default
+            or field.name in ("failure", "mode")
+        )
+
+
+def parse_cell(text: str) -> Cell:
+    """Return the cell that its `str` names: NAME=VALUE, separated by commas.
+
+    Raises
+    ------
+    ValueError
+        If there is no such cell.
+    """
+    chosen: dict[str, Any] = {}
+    kinds: dict[str, Callable[[str], Any]] = {
+        name: type(value) for name, value in asdict(Cell()).items()
+    }
+    for part in text.split(","):
+        name, equals, value = part.partition("=")
+        if not equals or name not in kinds:
+            raise ValueError(f"{part!r} is not NAME=VALUE with one of {', '.join(kinds)}")
+        try:
+            chosen[name] = kinds[name](value)
+        except ValueError:
+            raise ValueError(f"{name} {value!r} is no number") from None
+    cell = Cell(**chosen)
+    parse_failure(cell.failure)
+    for name, value, known in (
+        ("onset", cell.onset, ONSETS),
+        ("mode", cell.mode, [mode.name for mode in DRIVING]),
+        ("law", cell.law, [law.name for law in VibrationLaw]),
+        ("friction", cell.friction, [law.name for law in Law]),
+        ("motion", cell.motion, MOTIONS),
+        ("identified", cell.identified, IDENTIFIED),
+    ):
+        if value not in known:
+            raise ValueError(f"{name} {value!r} is none of {', '.join(known)}")
+    return cell
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What a cell has come to."""
+
+    cell: str
+    failure: str
+    """Name of the failure mode."""
+    ended_by: str
+    """The first watchdogs that tripped, joined by +; empty if nothing ended the run."""
+    after: int
+    """Cycles from the onset, or from the first drive if that is later, until the fault; -1 for
+    none."""
+    peak_um: float
+    """Largest true amplitude in um peak-to-peak."""
+    in_a_row: int
+    """Cycles with a true amplitude above the bound, in a row."""
+    above: int
+    """The same in total."""
+    energy_J: float
+    """Energy lost in the plate in those cycles."""
+    limited: int
+    """Cycles with the status bit LIMITED."""
+    cof_error: float
+    """Mean of the true error of the COF under a sliding finger, from the onset on."""
+    violation: str = ""
+    """Which promise it breaks."""
+    excluded: str = ""
+    """Why it need not hold one."""
+
+
+_TARE_CYCLES: Final = TARE_SAMPLES + 6
+_FIRST_DRIVE: Final = _TARE_CYCLES + 4
+_STEADY: Final = _FIRST_DRIVE + 120
+NOT_ARMED: Final = "not armed"
+"""What ended a cell that never drove: the failure was seen before."""
+_RING: Final = 10
+"""Cycles after the end of a run in which the plate still rings."""
+_IDENTIFY_CYCLES: Final = 2500
+_PRESS: Final = 20e-3
+_LIFT: Final = 5e-3
+_LOW: Final = 0.2
+"""Set-point before a step over that after it."""
+_STROKE, _OMEGA = 12e-3, 2.0 * pi * 0.8
+_SLIDING: Final = 0.5
+
+
+class CellFinger:
+    """A finger that slides to and fro, lands once, and lifts if told.
+
+    Parameters
+    ----------
+    force
+        Normal force in N.
+    lands, lifts
+        Times in s; None for never.
+    """
+
+    __slots__ = ("_force", "_lands", "_lifts")
+
+    def __init__(self, force: float, lands: float | None, lifts: float | None) -> None:
+        self._force = force
+        self._lands = lands
+        self._lifts = lifts
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s from the start of the run."""
+        Fn = 0.0 if self._lands is None else self._force * smooth((time - self._lands) / _PRESS)
+        if self._lifts is not None:
+            Fn *= 1.0 - smooth((time - self._lifts) / _LIFT)
+        return FingerState(_STROKE * sin(_OMEGA * time), Fn)
+
+
+_LIFTED: Final = CellFinger(0.0, None, None)
+_TEXTURE: Final = "Texture table.Table 1"
+
+
+@cache
+def _subject(damping: float) -> Subject:
+    return replace(SUBJECTS[1], load_damping=damping)
+
+
+class _Bench:
+    """A stimulator with a plate inside that is used for one cell after the other."""
+
+    def __init__(self) -> None:
+        self.plate = PlateBlock(plate_od())
+        self.block = StimulatorBlock(stimulator_od(), self.plate)
+
+    def forget(self) -> None:
+        """Begin as a device that was never used."""
+        self.block.od.reset()
+        self.block.power_on()
+
+    def begin(self, cell: Cell, finger: CellFinger, failure: Failure, onset: int) -> None:
+        """Begin a run, tare without a finger, and arm."""
+        block = self.block
+        write = block.write
+        low = round(cell.cof * 1e4)
+        grating = TextureTable(
+            Axis.POSITION, repeats=True, start=0, step=100_000,
+            values=(low,) * 10 + (low + 1000,) * 10,
+        )  # fmt: skip
+        frequency = _PLATE.f0 + cell.detuning
+        for name, raw in (
+            (_TEXTURE, grating.pack()),
+            ("Controller.Vibration law", VibrationLaw[cell.law]),
+            ("Friction law", Law[cell.friction]),
+            ("Controller.Dead time", cell.dead_time),
+            ("Simulation.Drive instant", cell.dead_time),
+            ("Setpoint.Frequency", round(frequency * 100.0)),
+            ("Setpoint.COF left", low),
+            ("Setpoint.COF right", low + 1000),
+        ):
+            write(name, raw)
+        write(START_RUN, 1)
+        behind = self.plate.behind
+        assert isinstance(behind, SimulatedPlate)
+        behind.plate = FailingPlate(
+            _subject(cell.damping), finger, failure=failure, onset=onset, seed=cell.seed,
+            ambient=cell.ambient, dead_time=cell.dead_time * 1e-6,
+        )  # fmt: skip
+        for _ in range(_TARE_CYCLES):
+            block.tick()
+        with suppress(Abort):  # a gauge that has failed bars its tare
+            write(AUTO_ZERO[0], ZERO)
+        for _ in range(_FIRST_DRIVE - _TARE_CYCLES - 1):
+            block.tick()
+
+    def end(self) -> None:
+        """Disarm, and reset a fault once nothing fails."""
+        block = self.block
+        block.write("Controlword", 0)
+        if block.state is State.FAULT:
+            block.write(START_RUN, 1)
+            block.tick()
+            block.write("Controlword", Control.FAULT_RESET)
+            block.write("Controlword", 0)
+
+    def arm(self) -> bool:
+        """Arm and run; say whether that was taken."""
+        try:
+            for word in (Control.ARM, Control.ARM | Control.RUN):
+                self.block.write("Controlword", word)
+        except Abort:  # a sensor that has failed bars it
+            return False
+        return True
+
+    def set(self, cell: Cell, share: float) -> None:
+        """Ask for a share of the set-point."""
+        write = self.block.write
+        um = cell.setpoint * share
+        write("Setpoint.Amplitude", round(um * 1e3))
+        write("Setpoint.Voltage", min(round(um * 1e-6 / _PLATE.gain * 100.0), 20000))
+
+    def identify(self, cell: Cell, failure: Failure, onset: int) -> None:
+        """Identify the plate without a finger; what comes of it stays in force."""
+        self.begin(cell, _LIFTED, failure, onset)
+        self.block.write("Mode", Mode.IDENTIFY)
+        if self.arm():
+            for _ in range(_IDENTIFY_CYCLES):
+                self.block.tick()
+                if self.block.state is not State.RUNNING or not self.block.od["Mode"].value:
+                    break
+        self.end()
+
+
+_NEVER: Final = 1 << 40
+
+
+@cache
+def _fresh_bench() -> _Bench:
+    return _Bench()
+
+
+@cache
+def _identified_bench(dead_time: int) -> _Bench:
+    """Return a bench that has identified its plate, all sensors sound."""
+    bench = _Bench()
+    sound = Cell(dead_time=dead_time)
+    bench.identify(sound, parse_failure(sound.failure), _NEVER)
+    return bench
+
+
+def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
+    """Run a cell.
+
+    Parameters
+    ----------
+    cell
+        What to run.
+    promise
+        What it is held against.
+    """
+    failure = parse_failure(cell.failure)
+    mode = Mode[cell.mode]
+    if cell.identified == "sound" and mode is not Mode.IDENTIFY:
+        bench = _identified_bench(cell.dead_time)
+    else:
+        bench = _fresh_bench()
+        bench.forget()
+        if cell.identified == "failed":
+            bench.identify(cell, failure, 0)
+    onset = 0 if cell.onset == "before" else _STEADY
+    lands = None if cell.motion == "none" else (_FIRST_DRIVE + 10) * TICK
+    lifts = None
+    reference = max(onset, _FIRST_DRIVE)
+    if cell.motion == "landing":
+        lands = (reference + 60) * TICK
+    elif cell.motion == "lifting":
+        lifts = (reference + 100) * TICK
+    finger = CellFinger(cell.force, lands, lifts)
+    bench.begin(cell, finger, failure, onset)
+    return _watched(cell, failure, bench, reference, promise)
+
+
+def bounds(cell: Cell, promise: Promise = PROMISES) -> tuple[float, float]:
+    """Return the bounds of the true amplitude in m, without and with contact."""
+    share = 1.0 if cell.identified == "sound" and cell.mode != "IDENTIFY" else promise.lowest_gain
+    return promise.bare_um * 1e-6 / share, promise.touched_um * 1e-6
+
+
+class _Meter:
+    """Running figures of the true vibration.
+
+    Parameters
+    ----------
+    plate
+        Whose they are.
+    bare, touched
+        Bounds of the amplitude in m without and with contact.
+    contact
+        Normal force in N from which there is contact.
+    """
+
+    def __init__(self, plate: Plate, bare: float, touched: float, contact: float) -> None:
+        self._plate = plate
+        self._bare, self._touched, self._contact = bare, touched, contact
+        self.peak = self._square = 0.0
+        self.above = self._row = self.in_a_row = 0
+
+    def look(self) -> None:
+        """Look at a cycle."""
+        plate = self._plate
+        W = abs(plate.W)
+        self.peak = max(self.peak, W)
+        if self._bare < W and (plate.Fn <= self._contact or self._touched < W):
+            self._square += W * W
+            self.above += 1
+            self._row += 1
+            self.in_a_row = max(self.in_a_row, self._row)
+        else:
+            self._row = 0
+
+    @property
+    def energy(self) -> float:
+        """Energy in J that the bare plate loses in the cycles above the bound."""
+        velocity = pi * _PLATE.f0
+        return 0.5 * _PLATE.damping * velocity * velocity * self._square * TICK
+
+
+def _watched(
+    cell: Cell, failure: Failure, bench: _Bench, reference: int, promise: Promise
+) -> Result:
+    """Drive, and keep the figures of the plate."""
+    block, tick = bench.block, bench.block.tick
+    plate, supervisor = bench.plate.plate, block.supervisor
+    meter = _Meter(plate, *bounds(cell, promise), promise.contact_N)
+    look = meter.look
+    steps = cell.onset == "step"
+    bench.set(cell, _LOW if steps else 1.0)
+    block.write("Mode", Mode[cell.mode])
+    ended, after = "", -1
+    last = reference + cell.cycles
+    if not bench.arm():
+        block.write("Mode", Mode.OFF)
+        ended, after, last = NOT_ARMED, 0, _FIRST_DRIVE + _RING
+    status, bit = block.od["Statusword"], int(Status.LIMITED)
+    limited = 0
+    errors: list[float] = []
+    while plate.tick < last:
+        if steps and plate.tick == reference:
+            bench.set(cell, 1.0)
+        tick()
+        look()
+        limited += bool(status.value & bit)
+        mu_ref = block.cascade.mu_ref
+        if mu_ref and plate.tick > reference and _slides(plate, promise.contact_N):
+            errors.append(abs(plate.mu_true - mu_ref))
+        if not ended and supervisor.latched:
+            ended = "+".join(w.name for w in watchdogs_in(supervisor.latched))
+            after = plate.tick - reference
+            last = min(last, plate.tick + _RING)
+    bench.end()
+    result = Result(
+        str(cell), failure.name, ended, after, round(meter.peak * 1e6, 3), meter.in_a_row,
+        meter.above, round(meter.energy, 4), limited,
+        round(sum(errors) / len(errors), 4) if errors else 0.0,
+    )  # fmt: skip
+    violation = broken_promise(cell, result, promise)
+    if violation:
+        for applies, why in EXCLUSIONS:
+            if applies(cell):
+                return replace(result, excluded=why)
+    return replace(result, violation=violation)
+
+
+def _slides(plate: Plate, contact: float) -> bool:
+    return plate.Fn > contact and abs(cos(_OMEGA * plate.tick * TICK)) > _SLIDING
+
+
+def broken_promise(cell: Cell, result: Result, promise: Promise = PROMISES) -> str:
+    """Return which promise a cell breaks; empty for none."""
+    most = promise.cycles
+    if cell.motion in ("landing", "lifting"):
+        most += promise.gauge_lag
+    bare, touched = bounds(cell, promise)
+    where = f"{bare * 1e6:.2f} um without contact, {touched * 1e6:.2f} um with it"
+    if result.above > most:
+        return f"{result.above} cycles above {where}; {most} are promised"
+    if result.energy_J > promise.energy_J:
+        return f"{result.energy_J:g} J above {where}; {promise.energy_J:g} J are promised"
+    return ""
+
+
+# --- Which cells -------------------------------------------------------------------------------
+
+_DETUNINGS: Final = (0.0, -90.0, 90.0, -300.0, 300.0, -690.0, 610.0)
+"""In Hz; the last two are the ends of the range."""
+_FORCES: Final = (0.05, 0.2, 0.5, 1.0, 2.0)
+_DEAD_TIMES: Final = (0, 540, 999)
+
+
+def _drawn(draw: random.Random, failure: Failure, mode: Mode, cycles: int, *, grid: bool) -> Cell:
+    """Draw all of a cell but its failure and its mode."""
+
+    def number(choices: Sequence[float], low: float, high: float) -> float:
+        return draw.choice(choices) if grid else round(draw.uniform(low, high), 3)
+
+    motion = draw.choice(MOTIONS if mode is not Mode.IDENTIFY else ("none", "none", "landing"))
+    if mode in BY_FRICTION and motion == "none" and draw.randrange(4):
+        motion = "holding"
+    # The frequency of the set-point matters little where the resonance is tracked.
+    detuned = mode in TUNED or not draw.randrange(3)
+    return Cell(
+        failure=str(failure),
+        onset=draw.choice(ONSETS),
+        mode=mode.name,
+        law=draw.choice(list(VibrationLaw)).name,
+        friction=draw.choice(list(Law)).name,
+        detuning=number(_DETUNINGS, -400.0, 400.0) if detuned else 0.0,
+        setpoint=number((1.0, 3.0, 3.0), 0.3, 3.0),
+        cof=number((0.25, 0.35), 0.2, 0.5),
+        motion=motion,
+        force=number(_FORCES, 0.03, 2.2),
+        damping=number((LEAST_DAMPING, MOST_DAMPING), LEAST_DAMPING, MOST_DAMPING),
+        dead_time=draw.choice(_DEAD_TIMES) if grid else draw.randrange(1000),
+        identified=draw.choices(IDENTIFIED, (4, 4, 1))[0],
+        ambient=20.0 if grid else round(draw.uniform(15.0, 35.0), 1),
+        cycles=900 if mode is Mode.IDENTIFY else cycles,
+        seed=draw.randrange(1, 1 << 16),
+    )
+
+
+COARSE_SEED: Final = 27
+_OF_PICKUP: Final = 2
+"""Cells for each of the failures of the pick-up in a mode, for one of the others."""
+
+
+def grid_cells(*, fine: bool = False) -> list[Cell]:
+    """Return a deterministic sweep of the grid.
+
+    Each failure meets each mode; the other factors are drawn so that all of their values meet.
+    """
+    draw = random.Random(COARSE_SEED)
+    cells = []
+    for failure in failures(FINE_GAINS if fine else GAINS):
+        pickup = failure.sensor in PICKUP_SENSORS
+        for mode in DRIVING:
+            count = (16 if pickup else 4) if fine else (_OF_PICKUP if pickup else 1)
+            if mode is Mode.IDENTIFY:
+                count = count // 4 if fine else int(pickup and failure.kind == "gain")
+            cells += [
+                _drawn(draw, failure, mode, 1000 if fine else 200, grid=True) for _ in range(count)
+            ]
+    return cells
+
+
+def random_cells(count: int, seed: int) -> list[Cell]:
+    """Return cells drawn from the continuous ranges.
+
+    Parameters
+    ----------
+    count
+        How many; the first of them do not depend on it.
+    seed
+        Of all of them.
+    """
+    draw = random.Random(seed)
+    return [_random_cell(draw) for _ in range(count)]
+
+
+def _random_cell(draw: random.Random) -> Cell:
+    known = failures()
+    failure = draw.choice(known)
+    if failure.kind == "gain":
+        failure = failure._replace(size=round(draw.uniform(0.0, 2.0), 3))
+    elif failure.kind in ("offset", "noise"):
+        failure = failure._replace(size=round(failure.size * draw.uniform(0.05, 1.5)))
+    if failure.of > 1 or not draw.randrange(10):
+        of = draw.randrange(2, 12)
+        failure = failure._replace(on=draw.randrange(1, of), of=of)
+    mode = draw.choices(DRIVING, (2, 4, 4, 4, 1, 4))[0]
+    return _drawn(draw, failure, mode, draw.choice((250, 1000)), grid=False)
+
+
+# --- Running many ------------------------------------------------------------------------------
+
+Progress = Callable[[float], None]
+Item = TypeVar("Item")
+Outcome = TypeVar("Outcome")
+_CHUNK: Final = 8
+
+
+def run_all(
+    run: Callable[[Item], Outcome],
+    items: Sequence[Item],
+    *,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Iterator[Outcome]:
+    """Run items in their order, in this process or in several.
+
+    Parameters
+    ----------
+    run
+        What to do with each; a function of a module.
+    items
+        Such as cells.
+    workers
+        Processes that share them.
+    progress
+        Called with the share that is done, 0..1.
+    """
+    tell = progress or (lambda _share: None)
+    for n, outcome in enumerate(_mapped(run, items, workers), 1):
+        tell(n / len(items))
+        yield outcome
+
+
+def _mapped(
+    run: Callable[[Item], Outcome], items: Sequence[Item], workers: int
+) -> Iterable[Outcome]:
+    if workers == 1 or len(items) < _CHUNK:
+        yield from map(run, items)
+        return
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent)
+    try:
+        with interrupts_held():
+            outcomes = pool.map(run, items, chunksize=_CHUNK)
+        yield from outcomes
+    finally:
+        with interrupts_held():
+            pool.shutdown(cancel_futures=True)
+
+
+# --- What came of it ---------------------------------------------------------------------------
+
+
+def summary(results: Sequence[Result]) -> dict[str, dict[str, Any]]:
+    """Return the worst of each failure mode, and how often what ended it."""
+    table: dict[str, dict[str, Any]] = {}
+    for result in results:
+        row = table.setdefault(
+            result.failure,
+            {"cells": 0, "ended": {}, "peak_um": 0.0, "above": 0, "energy_J": 0.0, "violations": 0},
+        )
+        row["cells"] += 1
+        by = result.ended_by or "nothing"
+        row["ended"][by] = row["ended"].get(by, 0) + 1
+        for name in ("peak_um", "above", "energy_J"):
+            row[name] = max(row[name], getattr(result, name))
+        row["violations"] += bool(result.violation)
+    return table
+
+
+def as_json(results: Sequence[Result]) -> dict[str, Any]:
+    """Return the results as JSON has them."""
+    return {
+        "promise": PROMISES._asdict(),
+        "cells": len(results),
+        "violations": sum(bool(result.violation) for result in results),
+        "excluded": sum(bool(result.excluded) for result in results),
+        "summary": summary(results),
+        "results": [asdict(result) for result in results],
+    }
