@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from smarttac_can.device.application import Application
@@ -103,13 +103,13 @@ class Access:
 
     def _write(self, entry: Entry, data: bytes) -> None:
         value: Any = entry.unpack(data)
-        owners = self._owners.get(entry.index, ())
+        owners: Sequence[Service] = self._owners.get(entry.index, ())
         for owner in owners:
             owner.check(entry, value)
         self._application.on_write(entry, value)
         # A master that writes back what it read must not restart timers and counts.
         if value == entry.value:
-            return
+            owners = [owner for owner in owners if owner.begins_anew]
         entry.value = value
         for owner in owners:
             owner.apply(entry)

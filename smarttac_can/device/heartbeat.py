@@ -29,12 +29,13 @@ _STATE: Final = 0x7F
 
 
 class HeartbeatProducer(Service):
-    """Sends the NMT state every producer time, at once when that is written.
+    """Sends the NMT state every producer time, and at once when that is written.
 
     After a reset the boot-up message counts as the first one.
     """
 
     states: ClassVar = ALL_STATES
+    begins_anew: ClassVar = True
 
     def __init__(self, port: Port, od: ObjectDictionary) -> None:
         super().__init__(port, od, (HEARTBEAT_PRODUCER,))
@@ -62,7 +63,7 @@ class HeartbeatProducer(Service):
         super().enter(state)
 
     def apply(self, entry: Entry) -> None:
-        """Begin anew with another producer time, by a heartbeat at once."""
+        """Begin anew with the producer time that was written, by a heartbeat at once."""
         super().apply(entry)
         if self._period:
             self._send()

@@ -20,9 +20,12 @@ class Service:
         NMT states it lives in; a service that is not alive neither listens nor sends.
     objects
         Indices whose values are its parameters.
+    begins_anew
+        Whether it acts on a write of the value that an object has already, as on any other.
     """
 
     states: ClassVar[frozenset[NMTState]] = frozenset()
+    begins_anew: ClassVar[bool] = False
 
     def __init__(self, port: Port, od: ObjectDictionary, objects: tuple[int, ...]) -> None:
         self.port = port
@@ -65,7 +68,7 @@ class Service:
         """Stop timers and drop what is pending."""
 
     def listen(self) -> None:
-        """Register with the port for the CAN-IDs it listens to; called while alive."""
+        """Register with the port for the CAN-IDs it listens to while it is alive."""
 
     @property
     def sends(self) -> tuple[int, ...]:

@@ -40,12 +40,36 @@ def test_a_late_call_sends_one_heartbeat_and_keeps_the_phase() -> None:
     play(device, "+ 35ms\n< 720 05\n+ 4ms\n+ 1ms\n< 720 05")
 
 
-def test_writing_the_same_period_back_does_not_restart_it() -> None:
-    device = started()
-    download(device, 0x1017, 0, 10, 2)
-    device.advance(9000)
-    download(device, 0x1017, 0, 10, 2)
-    play(device, "+ 1ms\n< 720 05")
+def test_writing_the_same_period_sends_a_heartbeat_at_once_and_begins_anew() -> None:
+    play(
+        started(),
+        """
+        > 620 2B 17 10 00 0A 00 00 00     # 10 ms
+        < 720 05
+        < 5A0 60 17 10 00 00 00 00 00
+        + 9ms
+        > 620 2B 17 10 00 0A 00 00 00     # the same 10 ms
+        < 720 05
+        < 5A0 60 17 10 00 00 00 00 00
+        + 9ms
+        + 1ms
+        < 720 05
+        + 9ms
+        + 1ms
+        < 720 05
+        """,
+    )
+
+
+def test_no_heartbeat_is_sent_when_0_is_written_again() -> None:
+    play(
+        started(),
+        """
+        > 620 2B 17 10 00 00 00 00 00
+        < 5A0 60 17 10 00 00 00 00 00
+        100x + 1ms
+        """,
+    )
 
 
 def test_another_period_begins_at_once() -> None:
