@@ -38,9 +38,11 @@ class HesitantBus(PythonCanBus):
         super().__init__(**options)
         self._pauses = pauses
 
-    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+    def receive(
+        self, timeout: float, patience: float = 0.0, *, every: bool = False
+    ) -> Frame | None:
         time.sleep(self._pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)))
-        return super().receive(timeout, patience)
+        return super().receive(timeout, patience, every=every)
 
 
 def stimulator_with_plate(*, lockstep: bool = True) -> StimulatorNode:

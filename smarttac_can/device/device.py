@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from smarttac_can.device.access import Access
 from smarttac_can.device.application import Application
 from smarttac_can.device.collision import Collision
@@ -316,19 +318,26 @@ class Device:
         return self._port.take()
 
     def _listen(self) -> None:
-        self._port.listeners.clear()
-        self._port.listen(NMT_ID, self._nmt.on_frame)
-        for service in self._services:
-            if service.alive:
-                service.listen()
+        # A host drops frames before the device has seen the command in front of them: it is told
+        # what any NMT state would hear. A device without node-ID has no other state.
+        waiting = self._nmt.state is NMTState.INITIALISING
+        self._register([service for service in self._services if service.alive or not waiting])
+        heard = frozenset(self._port.listeners)
+        self._register([service for service in self._services if service.alive])
         self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
         sync, emcy = self._sync.can_id, self._emergency.can_id
         loop = [tpdo.can_id for tpdo in self._loop_tpdos if tpdo.valid]
         urgent = (sync, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
         sent = frozenset(can_id for service in self._services for can_id in service.sends)
-        heard = frozenset(self._port.listeners)
         self.ids = Identifiers(heard, frozenset(urgent), emcy, sent, sync)
+
+    def _register(self, services: Iterable[Service]) -> None:
+        """Have NMT and these services, and nobody else, listen."""
+        self._port.listeners.clear()
+        self._port.listen(NMT_ID, self._nmt.on_frame)
+        for service in services:
+            service.listen()
 
     def _take_parameters(self) -> None:
         self._listen()

@@ -15,7 +15,8 @@ class Identifiers(NamedTuple):
     """CAN-IDs that matter to whoever connects a device to a bus."""
 
     heard: frozenset[int] = frozenset()
-    """Of frames that it listens to; all others may be dropped before they get here."""
+    """Of frames that it listens to in one NMT state or another; those of another identifier may be
+    dropped before they get here, and the device ignores what its present state does not serve."""
     urgent: frozenset[int] = frozenset()
     """Of its frames that go before others and are of no use late: SYNC, EMCY, error control, and
     the TPDOs that somebody's control loop waits for."""

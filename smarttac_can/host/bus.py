@@ -33,7 +33,9 @@ class Bus(Protocol):
             If it takes none at all.
         """
 
-    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+    def receive(
+        self, timeout: float, patience: float = 0.0, *, every: bool = False
+    ) -> Frame | None:
         """Return the next frame of another party that is listened to.
 
         Parameters
@@ -42,6 +44,8 @@ class Bus(Protocol):
             Longest wait for a frame in s; 0 takes what is there.
         patience
             How long, in s, it may take to pass over frames that are there and not listened to.
+        every
+            Whether a frame that is not listened to is returned, too.
 
         Returns
         -------
@@ -55,7 +59,12 @@ class Bus(Protocol):
         """
 
     def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Pass over frames with other identifiers from now on; at first none are."""
+        """Pass over frames with other identifiers from now on; at first none are.
+
+        Frames that wait already, and those that were passed to nobody yet, are judged by the new
+        identifiers, so that a frame may follow the one that makes it wanted at once. In a flood a
+        bus may drop frames before that, by the identifiers of that time.
+        """
 
     def close(self) -> None:
         """Leave the bus and free its sockets and handles; may be called twice.

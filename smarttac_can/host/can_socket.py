@@ -12,6 +12,7 @@ from errno import EBADF
 from secrets import token_hex
 from select import select
 from struct import Struct
+from time import monotonic
 from typing import Final, Protocol
 
 import can
@@ -36,6 +37,12 @@ except ImportError:  # python-can says so itself when such a bus is opened
     msgpack = None
 
 _MOST_BYTES: Final = 4096
+_FLOOD: Final = 100
+_FLOOD_S: Final = 0.01
+"""So many frames that are passed over in less than this time are a flood: a bus of 1 Mbit/s carries
+nine of 8 bytes in a millisecond."""
+_CLOSED_S: Final = 1.0
+"""For how long the kernel drops them then."""
 _NOW: Final[int] = getattr(socket, "MSG_DONTWAIT", 0)
 
 
@@ -167,6 +174,11 @@ class CanSocket:
         self._socket = socket.socket(fileno=os.dup(bus.fileno()))
         self._codec = codec
         self._can_ids: frozenset[int] | None = None
+        self._passed = 0
+        self._first_passed = 0.0
+        self._closed_until: float | None = None
+        if codec.mark:
+            hear_only(bus, None, codec.mark)
         self._address = None if group is None else (group, self._socket.getsockname()[1])
 
     def send(self, frame: Frame) -> None:
@@ -191,6 +203,9 @@ class CanSocket:
         OSError
             If it is closed.
         """
+        if self._closed_until is not None and monotonic() >= self._closed_until:
+            self._closed_until = None
+            hear_only(self._bus, None, self._codec.mark)
         try:
             # epoll and poll round up to milliseconds.
             return bool(select((self._socket,), (), (), timeout)[0])
@@ -198,17 +213,41 @@ class CanSocket:
             raise OSError(EBADF, os.strerror(EBADF)) from error
 
     def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Drop frames with other identifiers, and echoes: in the kernel where it can."""
+        """Pass over frames with other identifiers; in a flood of them the kernel drops them."""
         self._can_ids = can_ids
-        hear_only(self._bus, can_ids, self._codec.mark)
+        if self._closed_until is not None:
+            hear_only(self._bus, can_ids, self._codec.mark)
 
-    def read(self) -> tuple[bool, Frame | None]:
-        """Take what is there: whether there was anything, and the frame if it is one to hear."""
+    def read(self, *, every: bool = False) -> tuple[bool, Frame | None]:
+        """Take what is there: whether there was anything, and the frame if it is one to hear.
+
+        Parameters
+        ----------
+        every
+            Whether every frame is.
+        """
         try:
             data = self._socket.recv(_MOST_BYTES, _NOW)
         except BlockingIOError:
             return False, None
-        return True, self._codec.decode(data, self._can_ids)
+        frame = self._codec.decode(data, None if every else self._can_ids)
+        if frame is None:
+            self._note_passed()
+        return True, frame
+
+    def _note_passed(self) -> None:
+        """Count what was passed over; have the kernel drop the like if it is a flood."""
+        if not self._passed:
+            self._first_passed = monotonic()
+        self._passed += 1
+        if self._passed < _FLOOD:
+            return
+        self._passed = 0
+        now = monotonic()
+        if now - self._first_passed < _FLOOD_S and self._can_ids is not None:
+            if self._closed_until is None:
+                hear_only(self._bus, self._can_ids, self._codec.mark)
+            self._closed_until = now + _CLOSED_S
 
     def close(self) -> None:
         """Close the socket."""

@@ -40,30 +40,33 @@ _JUMP, _JUMP_IF_EQUAL, _JUMP_IF_NOT_BELOW, _RETURN = 0x05, 0x15, 0x35, 0x06
 _ACCEPT: Final = (_RETURN, 0, 0, 0xFFFF)
 
 
-def hear_only(bus: can.BusABC, can_ids: Iterable[int], own: bytes = b"") -> None:
+def hear_only(bus: can.BusABC, can_ids: Iterable[int] | None, own: bytes = b"") -> None:
     """Have the kernel drop frames with other identifiers on their way to a bus of python-can.
 
-    Of udp_multicast frames in another layout than python-can's pass. All pass on other interfaces,
-    where the system cannot, and for more than 200 identifiers: the caller looks as well.
+    What comes before the process has changed its mind is lost. Of udp_multicast frames in another
+    layout than python-can's pass. All pass on other interfaces, and where the system cannot: the
+    caller looks as well.
 
     Parameters
     ----------
     can_ids
-        Identifiers of 11 bits that are heard.
+        Identifiers of 11 bits that are heard. None stands for all, as do more than 200.
     own
         What the channel of the party's own frames begins with on udp_multicast, of whole words of 4
         bytes: these echoes are dropped, too. Empty for none; SocketCAN has none.
     """
-    wanted = sorted(can_ids)
-    many = len(wanted) > _MOST_IDS
+    wanted = None if can_ids is None else sorted(can_ids)
+    if wanted is not None and len(wanted) > _MOST_IDS:
+        wanted = None
     if isinstance(bus, SocketcanBus):
         filters: can.typechecking.CanFilters = [
-            {"can_id": can_id, "can_mask": CAN_ID_MASK, "extended": False} for can_id in wanted
+            {"can_id": can_id, "can_mask": CAN_ID_MASK, "extended": False}
+            for can_id in wanted or ()
         ]
-        bus.set_filters(None if many else filters)
+        bus.set_filters(None if wanted is None else filters)
     elif isinstance(bus, UdpMulticastBus) and sys.platform == "linux":
         with socket.socket(fileno=os.dup(bus.fileno())) as same, suppress(OSError):
-            _attach(same, [_ACCEPT] if many else _program(wanted, own))
+            _attach(same, _program(wanted, own))
 
 
 def hold_more(bus: can.BusABC) -> None:
@@ -79,14 +82,22 @@ def hold_more(bus: can.BusABC) -> None:
                     same.setsockopt(socket.SOL_SOCKET, option, _MOST_HELD)
 
 
-def _program(can_ids: list[int], own: bytes) -> list[tuple[int, int, int, int]]:
-    """Compare the identifier in a frame: rows of code, jump if true, jump if false, constant."""
+def _program(can_ids: list[int] | None, own: bytes) -> list[tuple[int, int, int, int]]:
+    """Compare the identifier in a frame: rows of code, jump if true, jump if false, constant.
+
+    None stands for any identifier.
+    """
     value = _UDP_HEADER + ID_AT + len(ID_KEY)
     two_bytes, one_byte, compare = 8, 11, 13
-    drop = compare + len(can_ids)
-    echo = drop + 1
+    echo = compare if can_ids is None else compare + len(can_ids) + 1
     look = _is_own(value + _CHANNEL_AT, own) if own else []
     accept = echo + len(look)
+    compared = [
+        (_JUMP_IF_EQUAL, echo - at - 1, 0, can_id)
+        for at, can_id in enumerate(can_ids or (), compare)
+    ]
+    if can_ids is not None:
+        compared.append((_RETURN, 0, 0, 0))
     return [
         (_LOAD_WORD, 0, 0, _UDP_HEADER + ID_AT),
         (_JUMP_IF_EQUAL, 0, accept - 2, int.from_bytes(ID_KEY[:4], "big")),
@@ -101,8 +112,7 @@ def _program(can_ids: list[int], own: bytes) -> list[tuple[int, int, int, int]]:
         (_JUMP, 0, 0, compare - 11),
         (_INDEX, 0, 0, 2),
         (_LOAD_BYTE, 0, 0, value + 1),
-        *((_JUMP_IF_EQUAL, echo - at - 1, 0, can_id) for at, can_id in enumerate(can_ids, compare)),
-        (_RETURN, 0, 0, 0),
+        *compared,
         *look,
         _ACCEPT,
     ]

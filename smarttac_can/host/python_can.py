@@ -136,7 +136,9 @@ class PythonCanBus:
         if self._log is not None:
             self._log(time_ns() // 1000, frame)
 
-    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+    def receive(
+        self, timeout: float, patience: float = 0.0, *, every: bool = False
+    ) -> Frame | None:
         """Return the next classical 11-bit frame of another party that is listened to.
 
         Parameters
@@ -145,6 +147,8 @@ class PythonCanBus:
             Longest wait in s; 0 takes what is there.
         patience
             How long, in s, it may take to pass over frames that are there and not listened to.
+        every
+            Whether a frame that is not listened to is returned, too.
 
         Returns
         -------
@@ -159,7 +163,7 @@ class PythonCanBus:
         end = monotonic() + timeout
         try:
             while True:
-                there, frame = self._take(timeout)
+                there, frame = self._take(timeout, every)
                 if frame is not None:
                     if self._log is not None:
                         self._log(time_ns() // 1000, frame)
@@ -174,7 +178,7 @@ class PythonCanBus:
             raise BusError(f"cannot receive: {error}") from error
 
     def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Pass over frames with other identifiers from now on; in the kernel where it can."""
+        """Pass over frames with other identifiers from now on; in a flood the kernel does."""
         if self._log is not None:
             return
         self._can_ids = can_ids
@@ -196,19 +200,19 @@ class PythonCanBus:
         except (can.CanError, OSError) as error:
             raise BusError(f"cannot leave the bus: {error}") from error
 
-    def _take(self, timeout: float) -> tuple[bool, Frame | None]:
-        """Wait for a frame: whether one came, and what it is if it is one to hear."""
+    def _take(self, timeout: float, every: bool) -> tuple[bool, Frame | None]:
+        """Wait for a frame: whether one came, and what it is if it is one to return."""
         if self._socket is not None:
             if timeout > 0.0 and not self._socket.wait(timeout):
                 return False, None
-            return self._socket.read()
+            return self._socket.read(every=every)
         message = self._bus.recv(timeout)
         if message is None:
             return False, None
         frame = to_frame(message)
-        if frame is None or (self._can_ids is not None and frame.can_id not in self._can_ids):
-            return True, None
-        return True, frame
+        can_ids = None if every else self._can_ids
+        heard = frame is not None and (can_ids is None or frame.can_id in can_ids)
+        return True, frame if heard else None
 
     def _is_queue_full(self, reason: can.CanError | OSError) -> bool:
         number = reason.error_code if isinstance(reason, can.CanError) else reason.errno

@@ -23,7 +23,8 @@ def kind(frame: Frame) -> tuple[int, bool, int]:
 class ReadAhead:
     """Takes frames of a bus one by one, as they came.
 
-    Frames that were read ahead passed the `Bus.listen_to` of that time.
+    Frames that were read ahead are judged by what is listened to when they are taken: a frame in
+    front of them may change it.
 
     Parameters
     ----------
@@ -42,14 +43,22 @@ class ReadAhead:
         self._bus = bus
         self._clock = clock
         self._ahead: deque[Frame] = deque()
+        self._can_ids: frozenset[int] | None = None
         self._looked = clock()
         self.late = False
 
+    def listen_to(self, can_ids: frozenset[int]) -> None:
+        """Pass over frames with other identifiers from now on, as `Bus.listen_to` does."""
+        self._can_ids = can_ids
+        self._bus.listen_to(can_ids)
+
     def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
         """Return the next frame, as `Bus.receive` does."""
-        if self._ahead:
-            self.late = False
-            return self._ahead.popleft()
+        while self._ahead:
+            waiting = self._ahead.popleft()
+            if self._can_ids is None or waiting.can_id in self._can_ids:
+                self.late = False
+                return waiting
         frame = self._bus.receive(timeout, patience)
         before, self._looked = self._looked, self._clock()
         self.late = self._looked - before >= 1000 * LATE_US
@@ -64,7 +73,10 @@ class ReadAhead:
         now = self._clock()
         end = now + _READING_NS
         longest = 0
-        while now < end and (frame := self._bus.receive(0.0, (end - now) * 1e-9)) is not None:
+        while now < end:
+            frame = self._bus.receive(0.0, (end - now) * 1e-9, every=True)
+            if frame is None:
+                break
             self._ahead.append(frame)
             before, now = now, self._clock()
             longest = max(longest, now - before)

@@ -77,7 +77,9 @@ class ReconnectingBus:
         except BusError as error:
             self._lose(error)
 
-    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+    def receive(
+        self, timeout: float, patience: float = 0.0, *, every: bool = False
+    ) -> Frame | None:
         """Return the next frame of another party, or None after timeout s; tries to get back."""
         if self._bus is None:
             self._try_again()
@@ -85,7 +87,7 @@ class ReconnectingBus:
             self._pause(min(timeout, _NAP_S))
             return None
         try:
-            frame = self._bus.receive(timeout, patience)
+            frame = self._bus.receive(timeout, patience, every=every)
         except BusError as error:
             self._lose(error)
             return None

@@ -132,9 +132,9 @@ class _Run:
         # Before the answer: who is told that it is watched may send its first heartbeat at once.
         if self._node.ids is not self._ids:
             self._ids = self._node.ids
-            # In lockstep SYNC is the time of a stopped node, too, which does not hear it.
+            # In lockstep SYNC is the time of a node that waits for a node-ID, too.
             heard = self._ids.heard | {self._ids.sync} if self._lockstep else self._ids.heard
-            self._bus.listen_to(heard)
+            self._inbox.listen_to(heard)
         if frames:
             self._outbox.put(frames)
             self._send()

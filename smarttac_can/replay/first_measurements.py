@@ -31,8 +31,8 @@ _TICKS: Final = 1 << 8
 class FirstMeasurements:
     """Holds measurements back from the start of a node until its first drive tells which it heard.
 
-    A bus gives a node what it listens to. Until its process has heard of the start it listens to no
-    measurement, so the first ones may pass it by.
+    The logger may have heard the start before a measurement that the node heard in front of it; and
+    a filter of the node's bus may have dropped the first ones.
 
     Parameters
     ----------

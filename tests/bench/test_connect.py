@@ -262,11 +262,13 @@ class StallingBus(PythonCanBus):
 
     calls = 0
 
-    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+    def receive(
+        self, timeout: float, patience: float = 0.0, *, every: bool = False
+    ) -> Frame | None:
         self.calls += 1
         if self.calls % 100 == 0:
             time.sleep(0.12)
-        return super().receive(timeout, patience)
+        return super().receive(timeout, patience, every=every)
 
 
 def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(

@@ -77,7 +77,9 @@ class Queue:
         self.sent.append((self.now, frame))
         self.inbox.extend(self.answer(frame))
 
-    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+    def receive(
+        self, timeout: float, patience: float = 0.0, *, every: bool = False
+    ) -> Frame | None:
         for look in self.watch:
             look(self.now)
         end = self.now + round(timeout * 1e6)

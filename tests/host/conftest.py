@@ -9,10 +9,10 @@ from typing import Any
 import can.interfaces.virtual
 import psutil
 import pytest
-from toy_node import ToyNode
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.host.node import HostedNode
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
 
@@ -48,7 +48,7 @@ class LocalLine:
         self.port = self.bus.connect(self.inbox.append)
         self.clocked = False
 
-    def run(self, node: ToyNode, *, lockstep: bool) -> None:
+    def run(self, node: HostedNode, *, lockstep: bool) -> None:
         self.clocked |= not lockstep
         self.bus.attach(node, lockstep=lockstep)
 
@@ -78,7 +78,7 @@ class PythonCanLine:
         self.stopping = threading.Event()
         self.threads: list[threading.Thread] = []
 
-    def run(self, node: ToyNode, *, lockstep: bool) -> None:
+    def run(self, node: HostedNode, *, lockstep: bool) -> None:
         bus = self.connect()
         thread = threading.Thread(
             target=lambda: run_node(node, bus, self.stopping.is_set, lockstep=lockstep)

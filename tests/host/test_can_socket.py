@@ -3,6 +3,7 @@
 import socket
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import can
@@ -401,20 +402,94 @@ class KernelFilters(SocketcanBus):
         self.asked.append(filters)
 
 
-def test_on_socketcan_the_kernel_drops_what_is_not_listened_to() -> None:
-    mine, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    with mine, other:
-        bus = KernelFilters(mine)
-        under_test = open_socket(bus, "vcan0")
+class Flooded:
+    """A CAN socket in front of frames that nobody wants, and a clock that is set by hand."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 0.0
+        monkeypatch.setattr(can_socket, "monotonic", lambda: self.now)
+        mine, self.other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.bus = KernelFilters(mine)
+        under_test = open_socket(self.bus, "vcan0")
         assert under_test is not None
-        under_test.listen_to(frozenset({0x700, 0x080}))
-        wanted = [
-            {"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in (0x080, 0x700)
-        ]
-        assert bus.asked == [wanted]
-        other.send(SocketCan().encode(Frame(600)))
-        assert under_test.read() == (True, None)
-        under_test.close()
+        self.under_test = under_test
+
+    def flood(self, number: int, each: float) -> None:
+        """Read frames that take so many s each."""
+        for _ in range(number):
+            self.other.send(SocketCan().encode(Frame(0x600)))
+            assert self.under_test.read() == (True, None)
+            self.now += each
+
+    @property
+    def let_in(self) -> list[set[object] | None]:
+        """Identifiers that the kernel was told of, None for all."""
+        return [asked and {entry["can_id"] for entry in asked} for asked in self.bus.asked]
+
+    def close(self) -> None:
+        self.under_test.close()
+        self.bus.end.close()
+        self.other.close()
+
+
+@pytest.fixture
+def flooded(monkeypatch: pytest.MonkeyPatch) -> Iterator[Flooded]:
+    with closing(Flooded(monkeypatch)) as made:
+        made.under_test.listen_to(frozenset({0x700, 0x080}))
+        yield made
+
+
+def test_the_kernel_drops_nothing_at_the_pace_of_a_bus(flooded: Flooded) -> None:
+    flooded.flood(2000, 111e-6)
+    assert flooded.let_in == [], "8 bytes at 1 Mbit/s"
+
+
+def test_in_a_flood_the_kernel_drops_what_is_not_listened_to(flooded: Flooded) -> None:
+    flooded.flood(99, 50e-6)
+    assert flooded.let_in == []
+    flooded.flood(1, 50e-6)
+    assert flooded.let_in == [{0x700, 0x080}]
+    assert flooded.bus.asked == [
+        [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in (0x080, 0x700)]
+    ]
+
+
+def test_what_is_wanted_anew_in_a_flood_is_let_in_at_once(flooded: Flooded) -> None:
+    flooded.flood(100, 50e-6)
+    flooded.under_test.listen_to(frozenset({0x181}))
+    assert flooded.let_in == [{0x700, 0x080}, {0x181}]
+
+
+def test_a_second_after_a_flood_the_kernel_lets_all_in(flooded: Flooded) -> None:
+    flooded.flood(100, 50e-6)
+    flooded.now += 0.5
+    # Of what waited already more may come.
+    flooded.flood(100, 50e-6)
+    flooded.now += 0.98
+    flooded.under_test.wait(0.0)
+    assert flooded.let_in == [{0x700, 0x080}]
+    flooded.now += 0.03
+    flooded.under_test.wait(0.0)
+    assert flooded.let_in == [{0x700, 0x080}, None]
+    flooded.under_test.listen_to(frozenset({0x181}))
+    flooded.flood(99, 50e-6)
+    assert len(flooded.let_in) == 2
+    flooded.flood(1, 50e-6)
+    assert flooded.let_in[2:] == [{0x181}]
+
+
+def test_frames_that_are_listened_to_are_no_flood(flooded: Flooded) -> None:
+    for _ in range(1000):
+        flooded.other.send(SocketCan().encode(Frame(0x700)))
+        assert flooded.under_test.read() == (True, Frame(0x700))
+    assert flooded.let_in == []
+
+
+def test_every_frame_is_read_for_who_judges_it_later(pair: Pair) -> None:
+    under_test, other = pair
+    under_test.listen_to(frozenset({1}))
+    other.send(written(under_test, Frame(2)))
+    assert under_test.read(every=True) == (True, Frame(2))
 
 
 def test_only_an_interface_whose_bytes_are_known_is_used(monkeypatch: pytest.MonkeyPatch) -> None:

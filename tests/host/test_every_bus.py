@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable
 
+import pytest
+from back_to_back import CASES, Client, make_node, make_node_without_id, node_id_and_sdo
 from conftest import GUARD_S, Line, LocalLine
 from toy_node import (
     AT_SYNC,
@@ -165,3 +167,20 @@ def test_stop_leaves_the_plate_at_zero(line: Line) -> None:
     line.receive()
     line.stop()
     assert line.receive() == Frame(OFF + 1, bytes(2))
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+@pytest.mark.parametrize("case", CASES)
+def test_what_follows_a_command_at_once_is_not_lost(line: Line, case: str, lockstep: bool) -> None:
+    node = make_node()
+    line.run(node, lockstep=lockstep)
+    line.receive()
+    CASES[case](Client(line.send, line.receive), node)
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_what_follows_the_first_node_id_at_once_is_not_lost(line: Line, lockstep: bool) -> None:
+    node = make_node_without_id()
+    line.run(node, lockstep=lockstep)
+    wait_until(lambda: node.ids.heard != frozenset())
+    node_id_and_sdo(Client(line.send, line.receive))

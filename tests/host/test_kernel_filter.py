@@ -78,21 +78,35 @@ def test_what_is_written_otherwise_passes(multicast: dict[str, Any]) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
 @pytest.mark.parametrize("rtr", [False, True])
-@pytest.mark.parametrize("heard", [WIDTHS, {*WIDTHS, *range(0x200, 0x2BE)}])
+@pytest.mark.parametrize(
+    "heard", [None, WIDTHS, {*WIDTHS, *range(0x200, 0x2BE)}, range(0x000, 0x800)]
+)
 def test_own_echoes_do_not_reach_the_socket_and_equal_frames_of_others_do(
-    multicast: dict[str, Any], heard: Iterable[int], rtr: bool
+    multicast: dict[str, Any], heard: Iterable[int] | None, rtr: bool
 ) -> None:
     with can.Bus(**multicast) as mine, can.Bus(**multicast) as other:
         sockets = [open_socket(bus, multicast["channel"]) for bus in (mine, other)]
         me, another = (party for party in sockets if party is not None)
         with closing(me), closing(another):
-            me.listen_to(frozenset(heard))
+            hear_only(mine, heard, me._codec.mark)
             for can_id in WIDTHS:
                 me.send(Frame(can_id, b"", rtr))
                 another.send(Frame(can_id, b"", rtr))
                 other.send(can.Message(arbitration_id=can_id, is_extended_id=False))
             other.send(LAST)
             assert passed(mine) == [can_id for can_id in WIDTHS for _ in range(2)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
+def test_echoes_are_dropped_from_the_beginning_on(multicast: dict[str, Any]) -> None:
+    with can.Bus(**multicast) as mine, can.Bus(**multicast) as other:
+        me = open_socket(mine, multicast["channel"])
+        assert me is not None
+        with closing(me):
+            me.send(Frame(0x181))
+            other.send(can.Message(arbitration_id=0x182, is_extended_id=False))
+            other.send(LAST)
+            assert passed(mine) == [0x182]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
@@ -116,7 +130,9 @@ def test_on_socketcan_it_is_the_filter_of_the_interface() -> None:
         hear_only(bus, frozenset(range(200)))
         assert [entry["can_id"] for entry in bus.asked[0] or []] == list(range(200))
         hear_only(bus, frozenset(range(201)))
-        assert bus.asked[1] is None
+        hear_only(bus, None)
+        hear_only(bus, frozenset())
+        assert bus.asked[1:] == [None, None, []]
 
 
 def test_elsewhere_nothing_happens() -> None:

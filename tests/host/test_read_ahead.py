@@ -93,9 +93,11 @@ def test_frames_that_nobody_listens_to_do_not_end_the_reading() -> None:
     patience: list[float] = []
 
     class Filtering(Host):
-        def receive(self, timeout: float, patience_s: float = 0.0) -> Frame | None:
+        def receive(
+            self, timeout: float, patience_s: float = 0.0, *, every: bool = False
+        ) -> Frame | None:
             patience.append(patience_s)
-            return super().receive(timeout)
+            return super().receive(timeout, every=every)
 
     host = Filtering([(1, SYNC)] * 4, until=0, frame_cost=300)
     inbox = ReadAhead(host, host.clock)
@@ -111,3 +113,35 @@ def test_on_a_silent_bus_it_waits_as_the_bus_does() -> None:
     assert host.now == 5000
     assert inbox.receive(0.005) == SYNC
     assert host.now == 9000
+
+
+def test_what_was_read_is_judged_when_it_is_taken() -> None:
+    host = Host([(1, frame) for frame in (SYNC, OTHER, REQUESTED, OTHER)], until=0)
+    inbox = ReadAhead(host, host.clock)
+    inbox.listen_to(frozenset({SYNC.can_id}))
+    host.now = 1
+    inbox.read()
+    assert inbox.receive(0.0) == SYNC
+    # The frame in front has made another one wanted, and one unwanted.
+    inbox.listen_to(frozenset({REQUESTED.can_id}))
+    assert host.listened == [{SYNC.can_id}, {REQUESTED.can_id}]
+    assert inbox.receive(0.0) == REQUESTED
+    assert inbox.receive(0.0) is None
+
+
+def test_every_frame_is_read_ahead() -> None:
+    asked: list[bool] = []
+
+    class Filtering(Host):
+        def receive(
+            self, timeout: float, patience: float = 0.0, *, every: bool = False
+        ) -> Frame | None:
+            asked.append(every)
+            return super().receive(timeout, patience)
+
+    host = Filtering([(1, SYNC), (1, OTHER)], until=0)
+    inbox = ReadAhead(host, host.clock)
+    host.now = 1
+    inbox.receive(0.0)
+    inbox.read()
+    assert asked == [False, True, True]

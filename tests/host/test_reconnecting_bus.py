@@ -25,7 +25,7 @@ class Interface:
         self.tries: list[float] = []
         self.sent: list[Frame] = []
         self.inbox: list[Frame] = []
-        self.waits: list[tuple[float, float]] = []
+        self.waits: list[tuple[float, float, bool]] = []
         self.filters: list[frozenset[int]] = []
         self.open = 0
 
@@ -53,9 +53,9 @@ class Connection:
         self.interface.room -= 1
         self.interface.sent.append(frame)
 
-    def receive(self, timeout: float, patience: float) -> Frame | None:
+    def receive(self, timeout: float, patience: float, *, every: bool) -> Frame | None:
         self.check()
-        self.interface.waits.append((timeout, patience))
+        self.interface.waits.append((timeout, patience, every))
         if self.interface.inbox:
             return self.interface.inbox.pop(0)
         self.interface.sleep(timeout)
@@ -247,13 +247,13 @@ def test_what_is_listened_to_is_in_force_again_on_a_bus_that_is_back():
     assert interface.filters == [{1}, {2}, {2}]
 
 
-def test_timeout_and_patience_are_those_of_the_bus():
+def test_timeout_patience_and_whether_every_frame_counts_are_those_of_the_bus():
     interface = Interface()
     bus, _ = lasting(interface)
     interface.inbox = [HELLO]
     assert bus.receive(0.5, 0.008) == HELLO
-    assert bus.receive(0.25) is None
-    assert interface.waits == [(0.5, 0.008), (0.25, 0.0)]
+    assert bus.receive(0.25, every=True) is None
+    assert interface.waits == [(0.5, 0.008, False), (0.25, 0.0, True)]
 
 
 def test_without_a_bus_nobody_waits_longer_than_asked_for():

@@ -101,7 +101,9 @@ class Host:
             raise QueueFullError("queue full")
         self.sent.append((self.now, frame))
 
-    def receive(self, timeout: float, patience: float = 0.0) -> Frame | None:
+    def receive(
+        self, timeout: float, patience: float = 0.0, *, every: bool = False
+    ) -> Frame | None:
         end = self.now + round(timeout * 1e6)
         self._arrive()
         if not self._queue:

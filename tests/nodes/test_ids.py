@@ -7,6 +7,7 @@ from line import DRIVE, MEASUREMENT, START, both_nodes, plate_inside
 from smarttac_can.device.frame import Frame
 
 SYNC, NMT = 0x080, 0x000
+STOP, PRE_OPERATIONAL = 0x02, 0x80
 
 
 def test_the_frames_of_the_loop_are_urgent_and_public_ones_are_not() -> None:
@@ -31,6 +32,15 @@ def test_everything_that_has_an_effect_is_heard() -> None:
     for each in (plate, node):
         for can_id in set(range(0x800)) - each.ids.heard:
             assert each.receive(Frame(can_id, bytes(8))) == []
+
+
+def test_what_is_heard_is_the_same_in_every_nmt_state() -> None:
+    line, plate, node = both_nodes()
+    for each in (plate, node):
+        heard = each.ids.heard
+        for command in (START, STOP, PRE_OPERATIONAL, STOP, START, PRE_OPERATIONAL):
+            line.nmt(command)
+            assert each.ids.heard == heard
 
 
 def test_another_identifier_makes_them_others() -> None:

@@ -158,10 +158,10 @@ def test_a_bus_that_is_unplugged_is_told_and_comes_back(
                 raise BusError("there is no such adapter")
             super().__init__(**options)
 
-        def receive(self, timeout: float, patience: float = 0.0) -> Any:
+        def receive(self, timeout: float, patience: float = 0.0, *, every: bool = False) -> Any:
             if not plugged:
                 raise BusError("cannot receive: the adapter is gone")
-            return super().receive(timeout, patience)
+            return super().receive(timeout, patience, every=every)
 
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         nonlocal plugged
