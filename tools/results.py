@@ -164,8 +164,8 @@ def lowest_amplitude(traces: Iterable[Trace]) -> float:
     """Smallest amplitude in um within 40 ms after an up-step of the reference."""
     lowest = []
     for trace in traces:
-        rises = np.diff(trace.mu_ref) > 0
-        for switch in np.flatnonzero(rises & (trace.mu_ref[:-1] > 0)).tolist():
+        # Without a reference it is NaN, which does not rise.
+        for switch in np.flatnonzero(np.diff(trace.cof_reference) > 0).tolist():
             lowest.append(np.min(trace.amplitude_um[switch : switch + 40]))
     return float(np.min(lowest))
 

@@ -9,7 +9,7 @@ from smarttac_can.bench.errors import (
 )
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.recording import Recording
-from smarttac_can.bench.recording_file import make_recording
+from smarttac_can.bench.recording_file import RecordedData, make_recording, read_recording
 from smarttac_can.bench.self_test import selftest
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
@@ -41,6 +41,7 @@ __all__ = [
     "NotRunningError",
     "Placing",
     "Reading",
+    "RecordedData",
     "Recording",
     "RefusedError",
     "RunInterruptedError",
@@ -56,6 +57,7 @@ __all__ = [
     "plate_od",
     "read_csv",
     "read_plan",
+    "read_recording",
     "selftest",
     "sha256",
     "stimulator_od",

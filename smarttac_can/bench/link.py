@@ -8,21 +8,11 @@ from pathlib import Path
 from typing import NamedTuple, NoReturn, Protocol
 
 from smarttac_can.bench.published import PublishedPdo
+from smarttac_can.bench.traces import COLUMNS
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary
 
-RECORDED = (
-    "Contact.Tick",
-    "Contact.COF",
-    "Contact.COF reference",
-    "Vibration.Amplitude",
-    "Vibration.Voltage",
-    "Vibration.Frequency",
-    "Contact.Tangential force",
-    "Contact.Normal force",
-    "Contact.Position",
-    "Statusword",
-)
+RECORDED = tuple(column.object for column in COLUMNS)
 """Objects of the stimulator that a run records, a column each, in the order of a trace."""
 
 HELD = ("Statusword",)

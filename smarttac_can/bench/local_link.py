@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NoReturn
@@ -10,8 +10,9 @@ from typing import Final, NoReturn
 from smarttac_can.bench.link import PUBLISHED, RECORDED, FrameSource, Hear, Row, Snapshot, never
 from smarttac_can.bench.published import published_pdos
 from smarttac_can.bench.refused import refused_write
+from smarttac_can.device.frame import Frame
 from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.master.requests import download, downloaded
+from smarttac_can.master.requests import download, downloaded, downloading
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
 
@@ -84,10 +85,8 @@ class LocalLink:
             self._block.write(name, raw)
         except Abort as error:
             raise refused_write(entry, raw, error) from error
-        if self._hear is not None:
-            node_id = self._block.od.node_id
-            for frame in (download(node_id, entry, raw), downloaded(node_id, entry)):
-                self._hear(frame.can_id, frame.data)
+        node_id = self._block.od.node_id
+        self._tell((download(node_id, entry, raw), downloaded(node_id, entry)))
 
     def read_table(self, name: str) -> bytes:
         """Read an object that is a DOMAIN."""
@@ -105,6 +104,7 @@ class LocalLink:
             self._block.write(name, data)
         except Abort as error:
             raise RefusedError(f"cannot write {name}: {error}", error.code) from error
+        self._tell(downloading(self._block.od.node_id, self._block.od[name], data))
 
     def snapshot(self) -> Snapshot:
         """Return the present values of the published objects; their age is 0 s."""
@@ -155,6 +155,12 @@ class LocalLink:
 
     def close(self) -> None:
         """Do nothing: there is no bus to leave."""
+
+    def _tell(self, frames: Iterable[Frame]) -> None:
+        """Tell the frames of a write that there would be with a bus."""
+        if self._hear is not None:
+            for frame in frames:
+                self._hear(frame.can_id, frame.data)
 
     def _tell_cycle(self, hear: Hear) -> None:
         """Tell the TPDOs of a cycle; the one with the status if it has changed."""

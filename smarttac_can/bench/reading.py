@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isnan, nan
 from typing import Final, Self
 
 from smarttac_can.bench.errors import NotRunningError
@@ -14,7 +15,7 @@ from smarttac_can.vocabulary.states import State, Status, state_in
 _STATUS: Final = sum(Status)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Reading:
     """What the stimulator published last."""
 
@@ -30,8 +31,8 @@ class Reading:
     """Tangential force in N."""
     normal_force: float
     """Normal force in N."""
-    cof: float | None
-    """Coefficient of friction; None while no finger touches."""
+    cof: float
+    """Coefficient of friction; NaN while no finger touches."""
     amplitude: float
     """Vibration amplitude in um peak-to-peak."""
     voltage: float
@@ -42,6 +43,15 @@ class Reading:
     """Plate temperature in degC."""
     position: float
     """Position of the finger in mm from the middle of the plate."""
+
+    def __repr__(self) -> str:
+        cof = "no contact" if isnan(self.cof) else f"COF {self.cof:.4f}"
+        return (
+            f"<Reading of {self.age:.3f} s ago: {self.state}, mode {self.mode}, {self.status!r}; "
+            f"{cof}, Ft {self.tangential_force:.3f} N, Fn {self.normal_force:.3f} N, "
+            f"{self.amplitude:.4f} um, {self.voltage:.2f} V, {self.frequency:.2f} Hz, "
+            f"{self.temperature:.2f} degC, position {self.position:.2f} mm>"
+        )
 
     @classmethod
     def from_snapshot(cls, snapshot: Snapshot, od: ObjectDictionary) -> Self:
@@ -70,7 +80,7 @@ class Reading:
             status=Status(raw["Statusword"] & _STATUS),
             tangential_force=value("Contact.Tangential force", "N"),
             normal_force=value("Contact.Normal force", "N"),
-            cof=value("Contact.COF", "") or None,
+            cof=value("Contact.COF", "") or nan,
             amplitude=value("Vibration.Amplitude", "um"),
             voltage=value("Vibration.Voltage", "V"),
             frequency=value("Vibration.Frequency", "Hz"),

@@ -1,4 +1,4 @@
-"""What happened beside the rows of a recording: set-points, emergencies, markers, restarts."""
+"""What happened beside the rows: set-points, textures, emergencies, markers, restarts."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 from smarttac_can.bench.recorded_rows import RecordedPdo
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_log import FRAME, MARK, MARK_END, Records
-from smarttac_can.master.requests import takes, written
+from smarttac_can.master.requests import Downloads, Written
 from smarttac_can.od.cia import BOOT_UP, EMCY_ID, HEARTBEAT_ID, MANUFACTURER_FIRST
 from smarttac_can.od.data_types import unpack
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import START_RUN
+from smarttac_can.vocabulary.textures import TABLE_NAMES
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 _EMCY_BYTES: Final = 8
@@ -29,6 +30,7 @@ class Kind(Enum):
 
     MARKER = auto()
     SET_POINT = auto()
+    TEXTURE = auto()
     EMERGENCY = auto()
     RESTART = auto()
 
@@ -44,7 +46,9 @@ class Event(NamedTuple):
     """Of a marker or an emergency; name of the object whose value changed."""
     node_id: int = 0
     raw: int = 0
-    """Raw value of the object, or emergency error code."""
+    """Raw value of the object, emergency error code, or slot of a texture."""
+    table: bytes = b""
+    """Of a texture, as it was written; empty where the slot was emptied."""
 
 
 class EventReader:
@@ -77,7 +81,7 @@ class EventReader:
         self._tpdos = [pdo.can_id for pdo in tpdos]
         self._commanded = {pdo.can_id: pdo for pdo in commanded}
         self._known = dict(known)
-        self._asked: dict[Entry, bytes] = {}
+        self._downloads = {number: Downloads(number) for number in ods}
         self._text = b""
 
     def take(self, records: Records) -> list[Event]:
@@ -122,24 +126,25 @@ class EventReader:
         elif frame.can_id == EMCY_ID + node_id and len(frame.data) == _EMCY_BYTES:
             code = int.from_bytes(frame.data[:2], "little")
             yield Event(Kind.EMERGENCY, at, time_ns, _emergency(code, frame.data), node_id, code)
-        elif request := written(frame, node_id):
-            entry = od.get(*request.address)
-            if entry is not None and entry.size == len(request.data):
-                self._asked[entry] = request.data
-        else:
-            asked = [entry for entry in self._asked if od.get(entry.index, entry.subindex) is entry]
-            for entry in asked:
-                if takes(frame, node_id, entry):
-                    yield from self._taken(at, time_ns, node_id, entry)
+        elif taken := self._downloads[node_id].hear(frame):
+            entry = od.get(*taken.address)
+            if entry is not None:
+                yield from self._taken(at, time_ns, node_id, entry, taken)
 
-    def _taken(self, at: int, time_ns: int, node_id: int, entry: Entry) -> Iterable[Event]:
+    def _taken(
+        self, at: int, time_ns: int, node_id: int, entry: Entry, taken: Written
+    ) -> Iterable[Event]:
         """Read that a node has taken a value."""
-        raw = unpack(entry.data_type, self._asked.pop(entry))
-        if isinstance(raw, int) and entry.index >= MANUFACTURER_FIRST:
-            self._known[entry.name] = raw
-            yield Event(Kind.SET_POINT, at, time_ns, entry.name, node_id, raw)
-        if entry.name == START_RUN:
-            yield Event(Kind.RESTART, at, time_ns, node_id=node_id)
+        if entry.name in TABLE_NAMES:
+            slot = TABLE_NAMES.index(entry.name) + 1
+            yield Event(Kind.TEXTURE, at, time_ns, entry.name, node_id, slot, taken.data)
+        elif entry.size == len(taken.data):
+            raw = unpack(entry.data_type, taken.data)
+            if isinstance(raw, int) and entry.index >= MANUFACTURER_FIRST:
+                self._known[entry.name] = raw
+                yield Event(Kind.SET_POINT, at, time_ns, entry.name, node_id, raw)
+            if entry.name == START_RUN:
+                yield Event(Kind.RESTART, at, time_ns, node_id=node_id)
 
 
 def _emergency(code: int, data: bytes) -> str:

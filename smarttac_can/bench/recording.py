@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from functools import partial
@@ -14,14 +14,15 @@ from smarttac_can import __version__
 from smarttac_can.bench.link import Link
 from smarttac_can.bench.published import PublishedPdo
 from smarttac_can.bench.recorded_rows import TICK
-from smarttac_can.bench.recording_file import Summary, make_recording, require_h5py
+from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.host.file_errors import reason
 from smarttac_can.host.frame_log import FrameLog
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import IDENTITY, MANUFACTURER_FIRST, PROFILE_FIRST
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.textures import TABLE_NAMES
 
-_LONGEST_MARKER: Final = 1000
+_LONGEST_TEXT: Final = 1000
 _INPUT: Final = "Plate input."
 """Record that a plate node writes in every cycle: no setting."""
 _NAMES: Final = (
@@ -45,6 +46,8 @@ class Recording:
         it, with ``.log`` after the name.
     raw
         File for all frames of the bus in a format of python-can; None for none.
+    metadata
+        Texts of up to 1000 characters, by the names in `METADATA`.
     stop
         Called when an error ends the block, before the file is made.
 
@@ -62,8 +65,15 @@ class Recording:
         od: ObjectDictionary,
         path: Path,
         raw: Path | None,
+        metadata: Mapping[str, str],
         stop: Callable[[], object],
     ) -> None:
+        for name, text in metadata.items():
+            if not isinstance(text, str) or len(text) > _LONGEST_TEXT:
+                raise ValueError(
+                    f"{name} {text!r:.60} is no text of 0 to {_LONGEST_TEXT} characters"
+                )
+        self._metadata = {name: metadata.get(name, "") for name in METADATA}
         self._link = link
         self._od = od
         self.path = path
@@ -74,6 +84,13 @@ class Recording:
         self._log: FrameLog | None = None
         self._stack = ExitStack()
         self._cycles = 0
+
+    def __repr__(self) -> str:
+        if self.summary is not None:
+            state = f"{self.summary.rows} rows, {self.summary.lost} ticks lost"
+        else:
+            state = f"{self._cycles} cycles so far" if self.goes_on else "not being recorded"
+        return f"<Recording {str(self.path)!r}: {state}>"
 
     @property
     def log_path(self) -> Path:
@@ -100,8 +117,8 @@ class Recording:
         BenchError
             If the recording has not begun, or is over.
         """
-        if not isinstance(text, str) or not 1 <= len(text) <= _LONGEST_MARKER:
-            raise ValueError(f"marker {text!r:.60} is no text of 1 to {_LONGEST_MARKER} characters")
+        if not isinstance(text, str) or not 1 <= len(text) <= _LONGEST_TEXT:
+            raise ValueError(f"marker {text!r:.60} is no text of 1 to {_LONGEST_TEXT} characters")
         if self._log is None:
             raise BenchError(f"{self.path} is not being recorded: markers go into a recording")
         self._log.mark(text)
@@ -109,13 +126,18 @@ class Recording:
     def check(self) -> None:
         """Raise BenchError if nothing is written any more, such as on a full disk."""
         if self._log is not None and self._log.error is not None:
-            reason = self._log.error.strerror or self._log.error
-            raise BenchError(f"{self.log_path} takes no more: {reason}")
+            why = self._log.error.strerror or self._log.error
+            raise BenchError(f"{self.log_path} takes no more: {why}; {self._cure}")
+
+    @property
+    def _cure(self) -> str:
+        return (
+            f"what was recorded is in {self.log_path}: make room, then smarttac record --recover "
+            f"{self.log_path} {self.path} makes the file"
+        )
 
     def __enter__(self) -> Self:
-        require_h5py()
-        if self.path.exists():
-            raise BenchError(f"{self.path} exists: give the recording another name")
+        require_new(self.path)
         head = self._head()
         last = [pdo["can_id"] for pdo in head["published"] if pdo["every_cycle"]][-1]
         with ExitStack() as stack:
@@ -170,16 +192,13 @@ class Recording:
             raise BenchError(f"cannot write {self.log_path}: {reason(error)}") from error
 
     def _make_file(self, log: FrameLog) -> None:
+        if log.error is not None:
+            raise BenchError(f"{self.path} could not be made: {reason(log.error)}; {self._cure}")
         try:
-            if log.error is not None:
-                raise log.error
             self.summary = make_recording(self.log_path, self.path)
             self.log_path.unlink()
         except OSError as error:
-            raise BenchError(
-                f"{self.path} could not be made: {reason(error)}; what was recorded is "
-                f"in {self.log_path}, for smarttac record --recover"
-            ) from error
+            raise BenchError(f"{error}; {self._cure}") from error
 
     def _hearing(self, log: FrameLog, last: int) -> Callable[[int, bytes], None]:
         """Return what takes the frames; those with the identifier `last` end a cycle."""
@@ -216,6 +235,8 @@ class Recording:
             "commanded": [_pdo(pdo, False) for pdo in source.commanded],
             "held": {name: self._link.read(name) for name in held},
             "settings": self._settings(),
+            "metadata": self._metadata,
+            "textures": self._textures(),
         }
 
     def _identity(self) -> dict[str, Any]:
@@ -233,6 +254,16 @@ class Recording:
                 with suppress(RefusedError):
                     settings[entry.name] = self._link.read(entry.name)
         return settings
+
+    def _textures(self) -> dict[int, str]:
+        """Read the tables that are in the slots, as far as the device has any, in hexadecimal."""
+        tables = {}
+        for slot, name in enumerate(TABLE_NAMES, 1):
+            if self._od.find(name) is not None:
+                with suppress(RefusedError):
+                    if table := self._link.read_table(name):
+                        tables[slot] = table.hex()
+        return tables
 
 
 def _pdo(pdo: PublishedPdo, every_cycle: bool) -> dict[str, Any]:

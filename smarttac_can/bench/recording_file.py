@@ -1,36 +1,69 @@
-"""The HDF5 file of a recording, made of its log."""
+"""The HDF5 file of a recording: made of its log, and read.
+
+Channels have the names, the units and the NaN of the arrays of a `Trace`. What else is mapped keeps
+the name of its object. `_UNITS` says which unit of a kind the whole file has, settings too.
+
+A file of format 1 has names and units of the objects, and neither textures nor metadata; it is read
+as if it were of format 2.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from decimal import Decimal
+from functools import cached_property
 from importlib.util import find_spec
+from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from smarttac_can.bench.recorded_events import Kind
+from smarttac_can.bench.recorded_events import Event, Kind
 from smarttac_can.bench.recorded_frames import Dated, RecordedFrames
 from smarttac_can.bench.recorded_rows import Rows
+from smarttac_can.bench.textures import Texture
+from smarttac_can.bench.traces import COLUMNS, Floats, Integers, data_frame
+from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.host.file_errors import in_words
 from smarttac_can.host.frame_log import RECORD, FrameLogReader, Records
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.ini import EDSError
+from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
+from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 
 if TYPE_CHECKING:
     import h5py
+    import pandas
 
-FORMAT: Final = "SMARTTAC recording 1"
-WITHOUT_CONTACT: Final = ("Contact.COF", "Contact.COF reference")
-"""Objects that are 0 where there is none: not a number in the file."""
+FORMAT: Final = "SMARTTAC recording 2"
+_FORMAT_1: Final = "SMARTTAC recording 1"
+SUFFIXES: Final = (".h5", ".hdf5")
+METADATA: Final = ("subject", "operator", "notes")
+"""Names of what a person may say of a recording."""
+_UNITS: Final = {"mV": "V", "mN": "N", "nm": "um", "um": "mm"}
+"""Units of a file by those that the object dictionary displays: of places mm, of amplitudes um."""
+_STATUS, _MODE = "Statusword", "Mode display"
+_NAMES: Final = {column.object: column.name for column in COLUMNS} | {
+    "Plate temperature": "temperature_degc",
+    _MODE: "mode",
+}
+"""Names of channels by object; others have the name of their object."""
+_NAN_AT_0: Final = [column.object for column in COLUMNS if column.nan_at_0]
 _CHUNK_ROWS: Final = 8192
 _NOT_OF_A_RECORDING: Final = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 """What a head of another form raises."""
 _EVERY_CYCLE, _ON_CHANGE = "every cycle", "on change, held"
+_NS: Final = 1_000_000_000
+_PLACE_UNITS: Final = {Axis.POSITION: ("mm", 1e-6), Axis.TIME: ("s", 1e-6)}
 
 
 class Summary(NamedTuple):
@@ -44,6 +77,8 @@ class Summary(NamedTuple):
     """How often ticks began anew, and once."""
     markers: int
     set_points: int
+    textures: int
+    """How many were written, or emptied."""
     emergencies: int
     damaged: int
     """Records of the log that were cut or damaged."""
@@ -53,6 +88,24 @@ def require_h5py() -> None:
     """Raise BenchError, before a recording begins, if its file could not be made."""
     if find_spec("h5py") is None:
         raise BenchError("recordings need h5py: pip install 'smarttac-can[record]'")
+
+
+def require_new(path: Path) -> None:
+    """Refuse, before a recording begins, a file that could not be made.
+
+    Raises
+    ------
+    BenchError
+        If h5py is missing, the suffix is not that of HDF5, or there is such a file.
+    """
+    require_h5py()
+    if path.suffix.lower() not in SUFFIXES:
+        raise BenchError(
+            f"{path}: a recording is an HDF5 file, whose suffix is {' or '.join(SUFFIXES)}: "
+            f"name it {path.with_suffix(SUFFIXES[0]).name}"
+        )
+    if path.exists():
+        raise BenchError(f"{path} exists: give the recording another name")
 
 
 @in_words()
@@ -69,25 +122,29 @@ def make_recording(log: Path, path: Path) -> Summary:
     Raises
     ------
     BenchError
-        If there is such a file, h5py is missing, or the log is none of a recording.
+        If there is such a file, its suffix is not ``.h5`` or ``.hdf5``, h5py is missing, or the
+        log is none of a recording.
     OSError
-        If a file cannot be read or written.
+        If a file cannot be read or written, as on a full disk.
     """
-    require_h5py()
+    require_new(path)
     import h5py  # noqa: PLC0415 - an extra, and slow
 
-    if path.exists():
-        raise BenchError(f"{path} exists: give the recording another name")
     try:
         reader = FrameLogReader(log)
     except ValueError as error:
         raise BenchError(str(error)) from error
     part = path.with_name(f"{path.name}.part")
-    _make_empty(part, path)
     try:
-        frames = RecordedFrames(reader.head)
-        with h5py.File(part, "w") as file:
-            summary = _write(file, reader, frames)
+        with _open_part(part, path, log) as disk:
+            frames = RecordedFrames(reader.head)
+            try:
+                with h5py.File(disk, "w") as file:
+                    summary = _write(file, reader, frames, disk.check)
+            finally:
+                # What HDF5 makes of what it reads back is not the reason.
+                disk.check()
+            os.fsync(disk.fileno())
         part.rename(path)
     except (*_NOT_OF_A_RECORDING, EDSError) as error:
         raise BenchError(f"{log} cannot be understood: {error}") from error
@@ -96,20 +153,72 @@ def make_recording(log: Path, path: Path) -> Summary:
     return summary
 
 
-def _make_empty(part: Path, path: Path) -> None:
-    """Make the file that is to become another; of what hinders that h5py says what it thinks."""
+def _open_part(part: Path, path: Path, log: Path) -> _Disk:
+    """Open the file that is to become another; what hinders that is said of the other."""
     try:
-        part.open("wb").close()
+        return _Disk(part, path, log)
     except OSError as error:
         error.filename = str(path)
         raise
 
 
-def _write(file: h5py.File, reader: FrameLogReader, frames: RecordedFrames) -> Summary:
+class _Disk(FileIO):
+    """A file for h5py that never fails, and keeps why it has; HDF5 crashes on a full disk.
+
+    Parameters
+    ----------
+    part
+        The file.
+    path
+        What it is to become, for the error.
+    log
+        Of what it is made, for the error.
+    """
+
+    def __init__(self, part: Path, path: Path, log: Path) -> None:
+        super().__init__(part, "w+")
+        self._path = path
+        self._log = log
+        self._error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of it, or nothing once a write has failed."""
+        left = memoryview(data).cast("B")
+        try:
+            while len(left) and self._error is None:
+                left = left[self._put(left) :]
+        except OSError as error:
+            self._error = error
+        return memoryview(data).nbytes
+
+    def _put(self, data: memoryview) -> int:
+        return super().write(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the size."""
+        try:
+            if self._error is None:
+                super().truncate(size)
+        except OSError as error:
+            self._error = error
+        return size or 0
+
+    def check(self) -> None:
+        """Raise the error of the first write that has failed."""
+        if self._error is not None:
+            cure = f"make room, or name a file on another disk; {self._log} stays as it is"
+            raise OSError(self._error.errno, f"{self._error.strerror}: {cure}", str(self._path))
+
+
+def _write(
+    file: h5py.File, reader: FrameLogReader, frames: RecordedFrames, check: Callable[[], None]
+) -> Summary:
+    """Write all of it; `check` raises what the disk has refused."""
     own = frames.ods[int(reader.head["node_id"])]
     columns = _Columns(file, own, frames.channels)
     for records in reader.chunks():
         columns.append(frames.take(records))
+        check()
     columns.append(frames.take(_NONE, last=True))
     columns.describe()
     _describe(file, reader.head, frames.ods)
@@ -117,6 +226,7 @@ def _write(file: h5py.File, reader: FrameLogReader, frames: RecordedFrames) -> S
     _table(file, "gaps", "run:i8 first_tick:i8 last_tick:i8 ticks:i8 host_time_ns:i8", gaps)
     by_kind = {kind: [e for e in frames.events if e.event.kind is kind] for kind in Kind}
     _write_events(file, frames.ods, by_kind)
+    _write_textures(file, reader.head, by_kind[Kind.TEXTURE])
     return Summary(
         rows=columns.rows,
         lost=sum(gap[3] for gap in gaps),
@@ -124,6 +234,7 @@ def _write(file: h5py.File, reader: FrameLogReader, frames: RecordedFrames) -> S
         runs=columns.runs,
         markers=len(by_kind[Kind.MARKER]),
         set_points=len(by_kind[Kind.SET_POINT]),
+        textures=len(by_kind[Kind.TEXTURE]),
         emergencies=len(by_kind[Kind.EMERGENCY]),
         damaged=reader.damaged,
     )
@@ -137,7 +248,9 @@ class _Columns:
         self._od, self._channels, self._file = od, channels, file
         self._times = {name: _growing(file, name, "i8") for name in ("tick", "run", "host_time_ns")}
         group = file.create_group("channels", track_order=True)
-        self._values = {name: _growing(group, name, _dtype(od[name])) for name in channels}
+        self._values = {
+            name: _growing(group, _NAMES.get(name, name), _dtype(od[name])) for name in channels
+        }
 
     def append(self, rows: Rows) -> None:
         """Append rows."""
@@ -145,7 +258,7 @@ class _Columns:
         for name, values in times.items():
             _append(self._times[name], values)
         for name, dataset in self._values.items():
-            _append(dataset, _physical(self._od[name], rows.values[name]))
+            _append(dataset, _in_unit(self._od[name], rows.values[name]))
         self.rows += len(rows.tick)
         if len(rows.run):
             self.runs = int(rows.run[-1]) + 1
@@ -162,8 +275,9 @@ class _Columns:
         )
         for name, dataset in self._values.items():
             entry = self._od[name]
-            dataset.attrs["units"] = entry.unit.symbol or "1"
-            dataset.attrs["resolution"] = float(entry.unit.number)
+            dataset.attrs["units"] = _unit(entry) or "1"
+            dataset.attrs["resolution"] = _step(entry)
+            dataset.attrs["object"] = name
             dataset.attrs["sampling"] = _EVERY_CYCLE if self._channels[name] else _ON_CHANGE
             if name in _MEANINGS:
                 dataset.attrs["meaning"] = _MEANINGS[name]
@@ -178,14 +292,43 @@ def _write_events(
     changes = []
     for dated in events[Kind.SET_POINT]:
         entry = ods[dated.event.node_id][dated.event.text]
-        value = dated.event.raw * float(entry.unit.number)
-        row = (dated.event.node_id, entry.name, value, entry.unit.symbol or "1")
+        value = dated.event.raw * _step(entry)
+        row = (dated.event.node_id, entry.name, value, _unit(entry) or "1")
         changes.append((*_when(dated), *row))
     _table(file, "set_points", f"{when} node_id:i8 name:s value:f8 units:s", changes)
     emergencies = [
         (*_when(e), e.event.node_id, e.event.raw, e.event.text) for e in events[Kind.EMERGENCY]
     ]
     _table(file, "emergencies", f"{when} node_id:i8 code:i8 text:s", emergencies)
+
+
+def _write_textures(file: h5py.File, head: Mapping[str, Any], written: list[Dated]) -> None:
+    """Write a dataset for each table that was in a slot at the beginning, or came into one."""
+    group = file.create_group("textures", track_order=True)
+    group.attrs["description"] = "COF of tables of textures; before is 1 of those there before"
+    began = int(datetime.fromisoformat(head["created"]).timestamp()) * _NS
+    # Logs of version 0.1.0 and before do not have them.
+    before = [
+        (Dated(Event(Kind.TEXTURE, 0, began, raw=int(slot), table=bytes.fromhex(table)), 0, -1), 1)
+        for slot, table in head.get("textures", {}).items()
+    ]
+    for number, (dated, was_before) in enumerate([*before, *((dated, 0) for dated in written)]):
+        try:
+            table = TextureTable.unpack(dated.event.table) if dated.event.table else None
+        except ValueError:
+            # Frames of it were not heard.
+            table = None
+        values = np.array(() if table is None else table.values) * COF_COUNT
+        dataset = group.create_dataset(str(number), data=values)
+        attrs = dataset.attrs
+        attrs["units"], attrs["slot"], attrs["before"] = "1", dated.event.raw, was_before
+        attrs["host_time_ns"], attrs["run"], attrs["tick"] = _when(dated)
+        attrs["complete"] = int(table is not None or not dated.event.table)
+        if table is not None:
+            unit, count = _PLACE_UNITS[table.axis]
+            attrs["axis"], attrs["axis_units"] = table.axis.name.lower(), unit
+            attrs["start"], attrs["step"] = table.start * count, table.step * count
+            attrs["repeats"] = int(table.repeats)
 
 
 def _when(dated: Dated) -> tuple[int, int, int]:
@@ -200,10 +343,14 @@ def _describe(
     file.attrs["format"] = FORMAT
     for name in ("version", "created", "where", "node_id", "clocked"):
         file.attrs[name] = _storable(head[name])
+    # Logs of version 0.1.0 and before have no metadata.
+    given = head.get("metadata", {})
+    for name in METADATA:
+        file.attrs[name] = _storable(str(given.get(name, "")))
     for name, value in head["identity"].items():
         file.attrs[name] = _storable(value)
     settings = [
-        (name, raw * float(own[name].unit.number), own[name].unit.symbol or "1")
+        (name, raw * _step(own[name]), _unit(own[name]) or "1")
         for name, raw in head["settings"].items()
     ]
     _table(file, "settings", "name:s value:f8 units:s", settings)
@@ -217,12 +364,22 @@ def _dtype(entry: Entry) -> str:
     return "i8" if entry.name in _MEANINGS else "f8"
 
 
-def _physical(entry: Entry, raw: Any) -> Any:
-    """Return raw values in their displayed unit."""
+def _unit(entry: Entry) -> str:
+    """Return the unit that a file has for an object."""
+    return _UNITS.get(entry.unit.symbol, entry.unit.symbol)
+
+
+def _step(entry: Entry) -> float:
+    """Return what one count of an object is in the unit of the file."""
+    return entry.unit.in_unit(_unit(entry))
+
+
+def _in_unit(entry: Entry, raw: Any) -> Any:
+    """Return raw values in the unit of the file, NaN where they say that there is none."""
     if entry.name in _MEANINGS:
         return raw
-    values = raw * float(entry.unit.number)
-    return np.where(raw == 0, np.nan, values) if entry.name in WITHOUT_CONTACT else values
+    values = raw * _step(entry)
+    return np.where(raw == 0, np.nan, values) if entry.name in _NAN_AT_0 else values
 
 
 def _growing(group: h5py.Group, name: str, dtype: str) -> h5py.Dataset:
@@ -255,9 +412,236 @@ def _storable(value: Any) -> Any:
 
 _NONE: Final[Records] = np.empty(0, RECORD)
 _MEANINGS: Final = {
-    "Statusword": ", ".join(f"bit {s.value.bit_length() - 1} {s.name}" for s in Status)
+    _STATUS: ", ".join(f"bit {s.value.bit_length() - 1} {s.name}" for s in Status)
     + f"; bits {STATE_SHIFT} to {STATE_SHIFT + 2} the state: "
     + ", ".join(f"{s.value} {s.name}" for s in State),
-    "Mode display": ", ".join(f"{m.value} {m.name}" for m in Mode),
+    _MODE: ", ".join(f"{m.value} {m.name}" for m in Mode),
 }
 """Channels that are words, not quantities."""
+
+
+class Marker(NamedTuple):
+    """A text of `Stimulator.mark`."""
+
+    host_time_ns: int
+    """Time in ns since 1970."""
+    run: int
+    tick: int
+    """Of the last row before it; -1 before the first."""
+    text: str
+
+
+class SetPoint(NamedTuple):
+    """A value that a node has taken, whoever wrote it."""
+
+    host_time_ns: int
+    run: int
+    tick: int
+    node_id: int
+    name: str
+    """Of the object."""
+    value: float
+    units: str
+
+
+class Emergency(NamedTuple):
+    """An emergency message."""
+
+    host_time_ns: int
+    run: int
+    tick: int
+    node_id: int
+    code: int
+    text: str
+
+
+class Missing(NamedTuple):
+    """Ticks of a run that are in no row."""
+
+    run: int
+    first_tick: int
+    last_tick: int
+    ticks: int
+    host_time_ns: int
+    """When the row after them came."""
+
+
+class RecordedTexture(NamedTuple):
+    """A texture that was in a slot as the recording began, or was written to it."""
+
+    host_time_ns: int
+    run: int
+    tick: int
+    slot: int
+    """1 to 4."""
+    before: bool
+    """Whether it was there as the recording began."""
+    complete: bool
+    """Whether all of it was heard; the texture is None if not."""
+    texture: Texture | None
+    """None where the slot was emptied."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordedData:
+    """What the file of a recording holds; `read_recording` makes one. All arrays are read-only."""
+
+    path: Path
+    """The file."""
+    channels: Mapping[str, npt.NDArray[Any]]
+    """An array a channel, an element a row, with the names of the arrays of a `Trace`:
+    ``cof``, ``amplitude_um`` and so on; beside these ``mode`` and ``temperature_degc``, and
+    others by their objects."""
+    units: Mapping[str, str]
+    """Unit of each channel; 1 for pure numbers."""
+    tick: Integers
+    """Control cycle of each row in ms; within a run it rises."""
+    run: Integers
+    """How often ticks began anew before each row."""
+    host_time_ns: Integers
+    """When the recording computer took each row, in ns since 1970."""
+    markers: list[Marker]
+    set_points: list[SetPoint]
+    emergencies: list[Emergency]
+    gaps: list[Missing]
+    textures: list[RecordedTexture]
+    settings: Mapping[str, tuple[float, str]]
+    """Value and unit by object of all that can be set, as the recording began."""
+    metadata: Mapping[str, str]
+    """Of `METADATA`; empty texts for what nobody said."""
+    attributes: Mapping[str, Any]
+    """Of the file: format, version, identity of the node, and so on."""
+
+    def __len__(self) -> int:
+        return len(self.tick)
+
+    def __repr__(self) -> str:
+        lost = sum(gap.ticks for gap in self.gaps)
+        return (
+            f"<RecordedData {str(self.path)!r}: {len(self)} rows, {lost} ticks lost, "
+            f"{len(self.markers)} markers, {len(self.set_points)} set-points>"
+        )
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        """Return the array of a channel."""
+        return self.channels[name]
+
+    @cached_property
+    def time_s(self) -> Floats:
+        """Time of each row in s since its run began."""
+        values = np.asarray(self.tick * 1e-3)
+        values.setflags(write=False)
+        return values
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a row a tick: time, run, tick, host time, channels; BenchError without pandas."""
+        when = {"time_s": self.time_s, "run": self.run, "tick": self.tick}
+        arrays = when | {"host_time_ns": self.host_time_ns} | dict(self.channels)
+        units = {"time_s": "s", "run": "1", "tick": "ms", "host_time_ns": "ns"} | dict(self.units)
+        return data_frame(arrays, {**self.metadata, "units": units})
+
+
+@in_words()
+def read_recording(path: Path | str) -> RecordedData:
+    """Read the HDF5 file of a recording, also of an older format.
+
+    Raises
+    ------
+    BenchError
+        If h5py is missing, or the file is none of a recording.
+    OSError
+        If it is no regular file, or cannot be read.
+    """
+    require_h5py()
+    import h5py  # noqa: PLC0415 - an extra, and slow
+
+    path = Path(path)
+    with open_regular(path) as disk:
+        try:
+            with h5py.File(disk, "r") as file:
+                return _read(path, file)
+        except (*_NOT_OF_A_RECORDING, OSError) as error:
+            raise BenchError(f"{path} is no recording that can be read: {error}") from error
+
+
+def _read(path: Path, file: h5py.File) -> RecordedData:
+    attributes = {name: _plain(value) for name, value in file.attrs.items()}
+    if attributes.get("format") not in (FORMAT, _FORMAT_1):
+        raise ValueError(f"its format is not {FORMAT!r} or older")
+    current = _current_1 if attributes["format"] == _FORMAT_1 else _as_it_is
+    channels, units = {}, {}
+    for stored_name, data in file["channels"].items():
+        name = _NAMES.get(stored_name, stored_name)
+        scale, units[name] = current(data.attrs["units"])
+        channels[name] = data[:] if scale == 1.0 else data[:] * scale
+    times = {name: file[name][:] for name in ("tick", "run", "host_time_ns")}
+    for values in (*channels.values(), *times.values()):
+        values.setflags(write=False)
+    set_points = []
+    for row in _rows_of(file["set_points"], SetPoint):
+        scale, unit = current(row.units)
+        set_points.append(row._replace(value=row.value * scale, units=unit))
+    settings = {}
+    for setting in _rows_of(file["settings"], _Setting):
+        scale, unit = current(setting.units)
+        settings[setting.name] = setting.value * scale, unit
+    return RecordedData(
+        path=path,
+        channels=channels,
+        units=units,
+        **times,
+        markers=_rows_of(file["markers"], Marker),
+        set_points=set_points,
+        emergencies=_rows_of(file["emergencies"], Emergency),
+        gaps=_rows_of(file["gaps"], Missing),
+        textures=[_read_texture(data) for data in file.get("textures", {}).values()],
+        settings=settings,
+        metadata={name: attributes.get(name, "") for name in METADATA},
+        attributes=attributes,
+    )
+
+
+class _Setting(NamedTuple):
+    name: str
+    value: float
+    units: str
+
+
+_Row = TypeVar("_Row", bound=NamedTuple)
+
+
+def _rows_of(table: h5py.Dataset, kind: type[_Row]) -> list[_Row]:
+    """Return the rows of a table; its columns have the names of their parts."""
+    names = kind._fields
+    return [kind(*(_plain(row[name]) for name in names)) for row in table[:]]
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as Python has it: h5py gives texts of tables as bytes, numbers as numpy's."""
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _read_texture(data: h5py.Dataset) -> RecordedTexture:
+    attrs = {name: _plain(value) for name, value in data.attrs.items()}
+    texture = None
+    if "axis" in attrs:
+        axis = Axis[attrs["axis"].upper()]
+        _, count = _PLACE_UNITS[axis]
+        start, step = round(attrs["start"] / count), round(attrs["step"] / count)
+        values = tuple(np.round(data[:] / COF_COUNT).astype(int).tolist())
+        texture = Texture(TextureTable(axis, bool(attrs["repeats"]), start, step, values))
+    when = (attrs["host_time_ns"], attrs["run"], attrs["tick"], attrs["slot"])
+    return RecordedTexture(*when, bool(attrs["before"]), bool(attrs["complete"]), texture)
+
+
+def _as_it_is(units: str) -> tuple[float, str]:
+    return 1.0, units
+
+
+def _current_1(units: str) -> tuple[float, str]:
+    """Return by what a value of format 1 is to be multiplied, and the unit that it has then."""
+    if units not in _UNITS:
+        return 1.0, units
+    return Quantity(Decimal(1), units).in_unit(_UNITS[units]), _UNITS[units]

@@ -12,7 +12,7 @@ from smarttac_can.bench.textures import Texture
 from smarttac_can.master.errors import RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.units import Quantity
-from smarttac_can.vocabulary.textures import TextureTable
+from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 
 if TYPE_CHECKING:
     from smarttac_can.bench.stimulator import Stimulator
@@ -166,7 +166,7 @@ def write_texture(objects: NamedObjects, texture: Texture | None) -> None:
 
 
 def _table(objects: NamedObjects) -> str:
-    return f"Texture table.Table {objects.link.read('Texture.Slot')}"
+    return TABLE_NAMES[objects.link.read("Texture.Slot") - 1]
 
 
 def _give_texture(objects: NamedObjects, name: str, write: Callable[[], None]) -> None:

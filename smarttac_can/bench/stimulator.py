@@ -247,7 +247,15 @@ class Stimulator:
     def __repr__(self) -> str:
         return f"<Stimulator over {self._link.where}>"
 
-    def record(self, path: Path | str, *, raw: Path | str | None = None) -> Recording:
+    def record(
+        self,
+        path: Path | str,
+        *,
+        raw: Path | str | None = None,
+        subject: str = "",
+        operator: str = "",
+        notes: str = "",
+    ) -> Recording:
         """Record in the background, whatever else is done, while a ``with`` block lasts.
 
         Every cycle that comes, with what is set meanwhile, from here or by others, goes into a log;
@@ -258,17 +266,22 @@ class Stimulator:
         Parameters
         ----------
         path
-            The file, which does not exist yet.
+            The file, ``.h5`` or ``.hdf5``, which does not exist yet; `read_recording` reads it.
         raw
             File for all frames on the bus besides, in the format of python-can that its suffix
             stands for; it does not exist yet.
+        subject, operator, notes
+            What is to stand in the file of who was recorded, by whom and how: up to 1000
+            characters each.
 
         Raises
         ------
+        ValueError
+            If one of these is no text, or too long.
         BenchError
-            If another recording of this bench goes on; as the block begins, if the file exists or
-            cannot be written, h5py is missing, the TPDOs do not carry the tick, or there is no
-            such format or no bus.
+            If another recording of this bench goes on; as the block begins, if the file exists,
+            has another suffix or cannot be written, h5py is missing, the TPDOs do not carry the
+            tick, or there is no such format or no bus.
         """
         if self._recording is not None and self._recording.goes_on:
             raise BenchError(f"{self._recording.path} is being recorded: one file at a time")
@@ -277,6 +290,7 @@ class Stimulator:
             self._objects.od,
             Path(path),
             None if raw is None else Path(raw),
+            {"subject": subject, "operator": operator, "notes": notes},
             self._control.stop_driving,
         )
         return self._recording

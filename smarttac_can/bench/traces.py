@@ -1,7 +1,9 @@
-"""Recorded runs as exact integers, and the CSV file that keeps them.
+"""Recorded runs: arrays in units, and the CSV file that keeps them.
 
-A trace holds what came over the wire, in the resolution of the wire, so that a file differs from
-another by at least one digit wherever the runs differ by one bit. Floats are made on demand.
+A trace holds the integers that came over the wire, so that a file differs from another by at least
+one digit wherever the runs differ by one bit. The arrays in units are made of them on demand. Their
+names are those of the columns of the CSV file and of the data frame, and of the channels of a
+recording.
 """
 
 from __future__ import annotations
@@ -9,20 +11,23 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import cached_property
 from io import TextIOWrapper
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.tidy import to_dataframe, write_tidy_csv
+from smarttac_can import __version__
 from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.host.file_errors import in_words
+from smarttac_can.master.errors import BenchError
 from smarttac_can.od.units import Quantity
 
 if TYPE_CHECKING:
@@ -33,175 +38,243 @@ Floats = npt.NDArray[np.float64]
 
 
 class Column(NamedTuple):
-    """A column of the CSV file: the wire's integer is the decimal without its point."""
+    """A column of a trace: the wire's integer is the decimal without its point."""
 
     name: str
+    """Of the array, of the column of a file, and of the channel of a recording."""
+    object: str
+    """Name of the object that is recorded."""
     decimals: int
     unit: str
+    nan_at_0: bool = False
+    """Whether an integer of 0 says that there is no value: NaN, an empty cell in a file."""
 
 
-COLUMNS = (
-    Column("tick", 0, "ms"),
-    Column("mu", 4, "1"),
-    Column("mu_ref", 4, "1"),
-    Column("W", 4, "um"),
-    Column("V", 2, "V"),
-    Column("f", 2, "Hz"),
-    Column("Ft", 3, "N"),
-    Column("Fn", 3, "N"),
+COLUMNS: Final = (
+    Column("time_s", "Contact.Tick", 3, "s"),
+    Column("cof", "Contact.COF", 4, "", nan_at_0=True),
+    Column("cof_reference", "Contact.COF reference", 4, "", nan_at_0=True),
+    Column("amplitude_um", "Vibration.Amplitude", 4, "um"),
+    Column("voltage_v", "Vibration.Voltage", 2, "V"),
+    Column("frequency_hz", "Vibration.Frequency", 2, "Hz"),
+    Column("tangential_force_n", "Contact.Tangential force", 3, "N"),
+    Column("normal_force_n", "Contact.Normal force", 3, "N"),
+    Column("position_mm", "Contact.Position", 2, "mm"),
+    Column("status", "Statusword", 0, ""),
 )
-WITH_STATUS = (*COLUMNS, Column("position", 2, "mm"), Column("status", 0, "1"))
-"""Columns of a trace as it was recorded; the CSV file of `write_csv` has `COLUMNS`."""
-HEADER = ("experiment", "subject", *(column.name for column in COLUMNS))
+"""Columns of a trace, in the order of its rows."""
+FORMAT: Final = "# format: SMARTTAC traces 2"
+"""First line of the CSV file."""
+HEADER: Final = ("experiment", "subject", *(column.name for column in COLUMNS))
+_LATER: Final = 2
+"""How many of the columns, the last ones, files of format 1 do not have."""
+_NAMES_1: Final = ("tick", "mu", "mu_ref", "W", "V", "f", "Ft", "Fn")
+_COLUMNS_1: Final = tuple(
+    column._replace(name=name, decimals=column.decimals if name != "tick" else 0, nan_at_0=False)
+    for column, name in zip(COLUMNS, _NAMES_1, strict=False)
+)
+_HEADER_1: Final = ("experiment", "subject", *_NAMES_1)
+"""Of format 1, which had no line for it."""
 _LONGEST_LINE = 1000
 _LONGEST_LABEL = 100
 _LABEL = re.compile(r"[a-z0-9_.]+")
 
 
-@dataclass(frozen=True, eq=False)
+class _Former:
+    """A former name of an array, which still gives the integers of the wire."""
+
+    def __init__(self, name: str, count: str) -> None:
+        self._name = name
+        self.__doc__ = f"Former name of `{name}`, in integers of {count}."
+
+    def __set_name__(self, _owner: type, former: str) -> None:
+        self._former = former
+
+    def __get__(self, trace: Trace | None, _owner: type | None = None) -> Integers:
+        if trace is None:
+            return self  # type: ignore[return-value]
+        warnings.warn(
+            f"Trace.{self._former} is deprecated: take Trace.{self._name}, which is in the unit "
+            "that its name ends in",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return _integers(trace.counts, self._name)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Trace:
-    """One run of one experiment: integer columns of equal length, one row a tick of 1 ms.
+    """One run of one experiment: arrays of equal length, with a row for each tick of 1 ms.
 
     The row of tick k holds the measurement of tick k and the drive computed from it, in force
-    from tick k to tick k + 1. The columns are copied and read-only.
+    from tick k to tick k + 1. All arrays are read-only. `from_rows` makes one.
 
     Raises
     ------
     ValueError
-        If the label or subject is refused, a column is not a list of integers, the columns differ
-        in length or are empty, or the ticks do not increase.
+        If the label or subject is refused, the counts are no table of integers, or the ticks do
+        not increase.
     """
 
     experiment: str
     """Label of the experiment, such as ``fig5.amplitude_only``: a-z, 0-9, point, underscore."""
     subject: int
     """Number of the subject from 1; 0 where no finger takes part."""
-    tick: Integers
-    """Tick count in ms, increasing; a gap is a tick that was not recorded."""
-    mu: Integers
-    """Coefficient of friction in 1e-4; 0 while the finger does not touch."""
-    mu_ref: Integers
-    """Reference of the friction loop in 1e-4; 0 while there is none."""
-    W: Integers
-    """Vibration amplitude ``|W|`` peak-to-peak in 0.1 nm."""
-    V: Integers
-    """Voltage in 10 mV."""
-    f: Integers
-    """Excitation frequency in 0.01 Hz."""
-    Ft: Integers
-    """Tangential force in mN."""
-    Fn: Integers
-    """Normal force in mN."""
-    position: Integers | None = None
-    """Position of the finger in 0.01 mm from the middle; None of a trace that was read from CSV."""
-    status: Integers | None = None
-    """Statusword; None of a trace that was read from CSV."""
+    counts: Integers
+    """The integers of the wire: a row for each tick, a column for each of `COLUMNS`; without the
+    last two of a trace that was read from a file of format 1."""
+
+    mu = _Former("cof", "1e-4")
+    mu_ref = _Former("cof_reference", "1e-4")
+    W = _Former("amplitude_um", "0.1 nm")
+    V = _Former("voltage_v", "10 mV")
+    f = _Former("frequency_hz", "0.01 Hz")
+    Ft = _Former("tangential_force_n", "mN")
+    Fn = _Former("normal_force_n", "mN")
+    position = _Former("position_mm", "0.01 mm")
 
     def __post_init__(self) -> None:
         require_labels(self.experiment, self.subject)
-        for column in WITH_STATUS:
-            given = getattr(self, column.name)
-            if given is None and column not in COLUMNS:
-                continue
-            values = np.array(given)
-            if values.ndim != 1 or values.dtype.kind not in "iu":
-                raise ValueError(f"column {column.name} is not a list of integers")
-            if not 0 < len(values) == len(self.tick):
-                raise ValueError(f"column {column.name} has {len(values)} of {len(self.tick)} rows")
-            values = values.astype(np.int64)
-            values.setflags(write=False)
-            object.__setattr__(self, column.name, values)
+        counts = np.array(self.counts)
+        if counts.ndim != 2 or counts.dtype.kind not in "iu" or not len(counts):  # noqa: PLR2004
+            raise ValueError(f"the rows of {self.experiment} are no table of integers")
+        if counts.shape[1] not in (len(_COLUMNS_1), len(COLUMNS)):
+            raise ValueError(
+                f"a row of {self.experiment} has {counts.shape[1]} values, not {len(COLUMNS)}, or "
+                f"{len(_COLUMNS_1)} without position and status"
+            )
+        object.__setattr__(self, "counts", _read_only(counts.astype(np.int64)))
         if not np.all(np.diff(self.tick) > 0):
             raise ValueError(f"ticks of {self.experiment} do not increase")
 
     @classmethod
     def from_rows(cls, experiment: str, subject: int, rows: Sequence[Sequence[int]]) -> Trace:
-        """Make a trace from rows (tick, mu, mu_ref, W, V, f, Ft, Fn) of scaled integers.
+        """Make a trace from rows of the integers of the wire.
 
-        They may go on with position and status.
+        Parameters
+        ----------
+        experiment, subject
+            Labels.
+        rows
+            Of tick in ms, COF and its reference in 1e-4, amplitude in 0.1 nm, voltage in 10 mV,
+            frequency in 0.01 Hz, tangential and normal force in mN; position in 0.01 mm and
+            statusword may follow.
         """
-        widths = {len(row) for row in rows} or {len(COLUMNS)}
-        if len(widths) > 1 or not widths <= {len(COLUMNS), len(WITH_STATUS)}:
-            raise ValueError(
-                f"a row of {experiment} does not have {len(COLUMNS)} or {len(WITH_STATUS)} values"
-            )
-        return cls(experiment, subject, *np.array(rows).reshape(-1, *widths).T)
+        if len({len(row) for row in rows}) > 1:
+            raise ValueError(f"the rows of {experiment} differ in length")
+        return cls(experiment, subject, np.array(rows))
 
     def __len__(self) -> int:
-        return len(self.tick)
+        return len(self.counts)
 
     def __repr__(self) -> str:
         first, last = self.tick[0], self.tick[-1]
         return (
             f"<Trace {self.experiment!r} of subject {self.subject}: {len(self)} rows, "
-            f"ticks {first}..{last}, {self.lost} lost>"
+            f"ticks {first}..{last} ms, {self.lost} lost>"
         )
 
-    @property
+    @cached_property
+    def tick(self) -> Integers:
+        """Number of each row's tick of 1 ms, increasing; a gap is a tick that was not recorded."""
+        return _integers(self.counts, "time_s")
+
+    @cached_property
     def time_s(self) -> Floats:
         """Time of each row in s of the simulation run or the node's start, not of the recording."""
-        return self._in_unit("tick", "s")
+        return self._in_unit("time_s")
 
     @property
     def lost(self) -> int:
         """Number of ticks between the first row and the last that were not recorded."""
         return int(self.tick[-1] - self.tick[0]) + 1 - len(self)
 
-    @property
+    @cached_property
     def cof(self) -> Floats:
         """Coefficient of friction; NaN while the finger does not touch."""
-        return np.where(self.mu == 0, np.nan, self._in_unit("mu", ""))
+        return self._in_unit("cof")
 
-    @property
+    @cached_property
     def cof_reference(self) -> Floats:
         """Reference of the friction loop; NaN while there is none."""
-        return np.where(self.mu_ref == 0, np.nan, self._in_unit("mu_ref", ""))
+        return self._in_unit("cof_reference")
 
-    @property
+    @cached_property
     def amplitude_um(self) -> Floats:
         """Vibration amplitude peak-to-peak in um."""
-        return self._in_unit("W", "um")
+        return self._in_unit("amplitude_um")
 
-    @property
+    @cached_property
     def voltage_v(self) -> Floats:
         """Voltage in V."""
-        return self._in_unit("V", "V")
+        return self._in_unit("voltage_v")
 
-    @property
+    @cached_property
     def frequency_hz(self) -> Floats:
         """Excitation frequency in Hz."""
-        return self._in_unit("f", "Hz")
+        return self._in_unit("frequency_hz")
 
-    @property
+    @cached_property
     def tangential_force_n(self) -> Floats:
         """Tangential force in N."""
-        return self._in_unit("Ft", "N")
+        return self._in_unit("tangential_force_n")
 
-    @property
+    @cached_property
     def normal_force_n(self) -> Floats:
         """Normal force in N."""
-        return self._in_unit("Fn", "N")
+        return self._in_unit("normal_force_n")
 
-    @property
-    def position_mm(self) -> Floats | None:
-        """Position of the finger in mm from the middle; None of a trace from `read_csv`."""
-        return None if self.position is None else np.asarray(self.position / 100)
+    @cached_property
+    def position_mm(self) -> Floats:
+        """Position of the finger in mm from the middle; NaN of a trace from a file of format 1."""
+        return self._in_unit("position_mm")
+
+    @cached_property
+    def status(self) -> Integers:
+        """Statusword; 0 of a trace from a file of format 1."""
+        return _integers(self.counts, "status")
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a table with a row a tick and units in the names of its columns.
+        """Return a data frame with a row for each tick, and the names of the arrays as columns.
 
-        Without contact the COF is NaN. Raises BenchError if pandas is missing.
+        Its `attrs` are what holds for all rows. Raises BenchError if pandas is missing.
         """
-        return to_dataframe(self)
+        arrays = {column.name: getattr(self, column.name) for column in COLUMNS}
+        return data_frame(
+            arrays,
+            {
+                "experiment": self.experiment,
+                "subject": self.subject,
+                "rows": len(self),
+                "lost_ticks": self.lost,
+                "units": {column.name: column.unit or "1" for column in COLUMNS},
+                "made_by": f"smarttac-can {__version__}",
+            },
+        )
 
     def to_csv(self, path: Path | str) -> None:
-        """Write the same table as CSV, with ``# key: value`` before it; no contact is no number."""
-        write_tidy_csv(path, self)
+        """Write the CSV file of this trace alone, as `write_csv` does."""
+        write_csv(path, self)
 
-    def _in_unit(self, name: str, unit: str) -> Floats:
-        (column,) = (column for column in COLUMNS if column.name == name)
-        last_decimal = Quantity.parse(f"1e-{column.decimals} {column.unit}")
-        return np.asarray(getattr(self, name) * last_decimal.in_unit(unit), dtype=np.float64)
+    def _in_unit(self, name: str) -> Floats:
+        (at,) = (at for at, column in enumerate(COLUMNS) if column.name == name)
+        column, counts = COLUMNS[at], _integers(self.counts, name)
+        if at >= self.counts.shape[1]:
+            return _read_only(np.full(len(self), np.nan))
+        last_decimal = Quantity.parse(f"1e-{column.decimals} {column.unit}").in_unit(column.unit)
+        values = np.asarray(counts * last_decimal, dtype=np.float64)
+        return _read_only(np.where(counts == 0, np.nan, values) if column.nan_at_0 else values)
+
+
+def data_frame(arrays: dict[str, Any], attrs: dict[str, Any]) -> pandas.DataFrame:
+    """Return a data frame of arrays by name; BenchError if pandas is missing."""
+    try:
+        import pandas  # noqa: PLC0415 - slow, and not needed otherwise
+    except ImportError as error:
+        raise BenchError("a data frame needs pandas: pip install pandas") from error
+    frame = pandas.DataFrame({name: np.array(values) for name, values in arrays.items()})
+    frame.attrs = attrs
+    return frame
 
 
 def require_labels(experiment: str, subject: int) -> None:
@@ -224,25 +297,31 @@ def require_labels(experiment: str, subject: int) -> None:
 
 
 @in_words()
-def write_csv(path: Path | str, traces: Iterable[Trace]) -> None:
-    r"""Write traces as exact decimals, one row a tick, lines ending in ``\n``.
+def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
+    r"""Write a trace, or several, as exact decimals, one row a tick, lines ending in ``\n``.
 
-    The units of the columns stand in `COLUMNS`. The same traces make the same bytes.
+    The first line is a comment with the format, the second has the names of the columns. A cell is
+    empty where there is no value, as of the COF without contact. The same traces make the same
+    bytes.
 
     Raises
     ------
     ValueError
         If two traces bear the same experiment and subject, before anything is written.
     """
-    traces = list(traces)
+    traces = [traces] if isinstance(traces, Trace) else list(traces)
     labels = [(trace.experiment, trace.subject) for trace in traces]
     for label in labels:
         if labels.count(label) > 1:
             raise ValueError(f"experiment {label[0]} of subject {label[1]} appears twice")
     with Path(path).open("w", encoding="ascii", newline="") as file:
-        file.write(",".join(HEADER) + "\n")
+        file.write(f"{FORMAT}\n{','.join(HEADER)}\n")
         for trace in traces:
-            columns = [_decimals(getattr(trace, c.name), c.decimals) for c in COLUMNS]
+            columns = [
+                _decimals(column, values)
+                for column, values in zip(COLUMNS, trace.counts.T.tolist(), strict=False)
+            ]
+            columns += [[""] * len(trace)] * (len(COLUMNS) - len(columns))
             start = f"{trace.experiment},{trace.subject},"
             file.writelines(start + ",".join(row) + "\n" for row in zip(*columns, strict=True))
 
@@ -250,6 +329,8 @@ def write_csv(path: Path | str, traces: Iterable[Trace]) -> None:
 @in_words()
 def read_csv(path: Path | str) -> list[Trace]:
     """Read the traces of a file written by `write_csv`, exactly as they were.
+
+    Files of format 1, of version 0.1.0 and before, have neither position nor status.
 
     Raises
     ------
@@ -274,30 +355,56 @@ def sha256(path: Path | str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _decimals(values: Integers, decimals: int) -> list[str]:
-    """Write integers as decimals with the point ``decimals`` digits from the right, no float."""
-    return [f"{Decimal(value).scaleb(-decimals):f}" for value in values.tolist()]
+def _integers(counts: Integers, name: str) -> Integers:
+    """Return the column of an array; 0 where the file had no such column."""
+    at = [column.name for column in COLUMNS].index(name)
+    if at < counts.shape[1]:
+        return counts[:, at]
+    return _read_only(np.zeros(len(counts), np.int64))
+
+
+def _read_only(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    values.setflags(write=False)
+    return values
+
+
+def _decimals(column: Column, values: list[int]) -> list[str]:
+    """Write integers as decimals with the point so many digits from the right, no float."""
+    return [
+        "" if column.nan_at_0 and not value else f"{Decimal(value).scaleb(-column.decimals):f}"
+        for value in values
+    ]
 
 
 def _rows(lines: Iterator[str]) -> Iterator[tuple[str, str, list[int]]]:
     """Yield (experiment, subject, scaled integers) for each line after the header."""
-    reader = csv.reader(lines, quoting=csv.QUOTE_NONE)
-    if tuple(next(reader, ())) != HEADER:
-        raise ValueError(f"line 1 is not {','.join(HEADER)}")
+    first = next(lines, "")
+    known = first.rstrip() == FORMAT
+    columns, header = (COLUMNS, HEADER) if known else (_COLUMNS_1, _HEADER_1)
+    reader = csv.reader(lines if known else chain([first], lines), quoting=csv.QUOTE_NONE)
+    if tuple(next(reader, ())) != header:
+        names = ",".join(header)
+        raise ValueError(
+            f"line 2 is not {names}" if known else f"line 1 is neither {FORMAT} nor {names}"
+        )
     number = [
         re.compile(r"-?\d+" + (rf"\.\d{{{c.decimals}}}" if c.decimals else ""), re.ASCII)
-        for c in COLUMNS
+        for c in columns
     ]
     for fields in reader:
-        if len(fields) != len(HEADER):
-            raise ValueError(f"line {reader.line_num} has {len(fields)} of {len(HEADER)} fields")
+        line = known + reader.line_num
+        if len(fields) != len(header):
+            raise ValueError(f"line {line} has {len(fields)} of {len(header)} fields")
         experiment, subject, *texts = fields
-        for column, pattern, text in zip(COLUMNS, number, texts, strict=True):
-            if not pattern.fullmatch(text):
+        if known and texts[-_LATER:] == [""] * _LATER:
+            # Of a trace that came from a file of format 1.
+            del texts[-_LATER:]
+        for column, pattern, text in zip(columns, number, texts, strict=False):
+            if not (pattern.fullmatch(text) or (column.nan_at_0 and not text)):
                 raise ValueError(
-                    f"line {reader.line_num}: {column.name} {text!r} "
+                    f"line {line}: {column.name} {text!r} "
                     f"is not a number with {column.decimals} decimals"
                 )
         if not (subject.isascii() and subject.isdigit()):
-            raise ValueError(f"line {reader.line_num}: subject {subject!r} is not a whole number")
-        yield experiment, subject, [int(text.replace(".", "")) for text in texts]
+            raise ValueError(f"line {line}: subject {subject!r} is not a whole number")
+        yield experiment, subject, [int(text.replace(".", "") or 0) for text in texts]

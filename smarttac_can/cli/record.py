@@ -11,7 +11,7 @@ from time import monotonic, sleep
 import click
 
 from smarttac_can.bench.recording import Recording
-from smarttac_can.bench.recording_file import Summary, make_recording, require_h5py
+from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.cli.options import (
     NEW_FILE,
@@ -38,6 +38,7 @@ _SILENT_S = 1.0
 @click.command(
     epilog="\b\nExamples:\n  smarttac record run.h5 --interface socketcan --channel can0\n"
     "  smarttac record run.h5 --interface socketcan --channel can0 --seconds 60 --raw run.blf\n"
+    "  smarttac record run.h5 --channel can0 --subject P07 --operator jd --notes 'dry finger'\n"
     "  smarttac record --recover run.h5.log run.h5"
 )
 @click.argument("file", type=NEW_FILE)
@@ -52,6 +53,9 @@ _SILENT_S = 1.0
     type=NEW_FILE,
     help="File for all frames on the bus besides: .asc, .blf, .csv, .log, .trc and so on.",
 )
+@click.option("--subject", metavar="TEXT", help="Who is recorded, for the file.")
+@click.option("--operator", metavar="TEXT", help="Who records, for the file.")
+@click.option("--notes", metavar="TEXT", help="What else is to be known, for the file.")
 @click.option(
     "--recover",
     "log",
@@ -70,6 +74,9 @@ def record(
     plate_node: int | None,
     seconds: float | None,
     raw: Path | None,
+    subject: str | None,
+    operator: str | None,
+    notes: str | None,
     log: Path | None,
     timeout: float,
     json_file: Path | None,
@@ -80,10 +87,13 @@ def record(
     Ctrl-C ends the recording, not the drive.
     """
     _refuse_twice(file, raw, json_file)
-    with plain_errors(), ExitStack() as stack:
+    said = zip(METADATA, (subject, operator, notes), strict=True)
+    metadata = {name: text for name, text in said if text is not None}
+    with plain_errors(ValueError), ExitStack() as stack:
+        require_new(file)
         results = opened_results(stack, json_file)
         if log is not None:
-            _refuse_bus(bus, seconds=seconds, raw=raw)
+            _refuse_bus(bus, seconds, raw, *metadata)
             summary = make_recording(log, file)
         else:
             summary = _record(
@@ -93,6 +103,7 @@ def record(
                 ),
                 seconds,
                 raw,
+                metadata,
             )
         report_results({"file": str(file), **summary._asdict()}, _lines(file, summary), results)
 
@@ -105,17 +116,20 @@ def _refuse_twice(file: Path, *others: Path | None) -> None:
             raise click.UsageError(f"{other} is a file of the recording itself: choose another")
 
 
-def _refuse_bus(bus: BusChoice, *, seconds: float | None, raw: Path | None) -> None:
-    if bus.options or seconds is not None or raw is not None:
+def _refuse_bus(bus: BusChoice, *others: object) -> None:
+    if bus.options or any(other is not None for other in others):
         raise click.UsageError("--recover needs a log and no bus: leave out the other options")
 
 
 def _record(
-    file: Path, connect: Callable[[], Stimulator], seconds: float | None, raw: Path | None
+    file: Path,
+    connect: Callable[[], Stimulator],
+    seconds: float | None,
+    raw: Path | None,
+    metadata: dict[str, str],
 ) -> Summary:
-    require_h5py()
     with stop_on_signals() as stopped, connect() as bench:
-        with bench.record(file, raw=raw) as recording:
+        with bench.record(file, raw=raw, **metadata) as recording:
             if recording.raw_note:
                 click.echo(recording.raw_note, err=True)
             click.echo(f"recording {file}", err=True)  # scripts wait for it
@@ -151,6 +165,7 @@ def _lines(file: Path, summary: Summary) -> list[str]:
         _counted(summary.runs, "run"),
         _counted(summary.markers, "marker"),
         f"{_counted(summary.set_points, 'change')} of set-points",
+        _counted(summary.textures, "texture"),
         f"{summary.emergencies} {'emergency' if summary.emergencies == 1 else 'emergencies'}",
     ]
     lines = [f"{file}: {', '.join(counts)}"]

@@ -81,7 +81,10 @@ class FrameLog(Background):
             self._file.write(_MAGIC + _HEAD.pack(len(text), crc32(text)) + text)
             self._sync()
         except OSError:
-            self._file.close()
+            with suppress(OSError):
+                self._file.close()
+            # What is left would be taken for the log of a recording that was killed.
+            path.unlink()
             raise
         self._queue: deque[tuple[int, int, int, bytes]] = deque()
         # The clock of a recording never goes back, whatever is done to that of the system.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.device.frame import Frame
@@ -17,7 +19,7 @@ from smarttac_can.od.cia import (
     Abort,
 )
 from smarttac_can.od.data_types import pack, unpack
-from smarttac_can.od.entry import Entry
+from smarttac_can.od.entry import MAX_BYTES, Entry
 
 _UPLOAD: Final = 0x40
 _DOWNLOAD: Final = 0x23
@@ -28,6 +30,18 @@ INITIATES: Final = (1, 2)
 """Command specifiers of requests that begin a transfer, and name the object."""
 _EXPEDITED: Final = 0b11
 """Bits of a download that carries its data, and says how many bytes."""
+_SEGMENT: Final = 7
+"""Bytes of data in a segment."""
+_SEQUENCE: Final = 0x7F
+_LAST: Final = 0x80
+"""Parts of the first byte of a segment of a block."""
+_SEGMENT_TAKEN: Final = 1
+_BLOCK: Final = 6
+"""Command specifier of a block download, of the client."""
+_BLOCK_ANSWER: Final = 5
+_ENDS: Final = 1
+_CONFIRMS: Final = 2
+"""Sub-commands of the answers to a block download; 0 answers its beginning."""
 _ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
 """Command specifier of the server's answer, by that of the client's request."""
 
@@ -74,7 +88,7 @@ def answers(frame: Frame, request: Frame) -> bool:
 
 
 class Written(NamedTuple):
-    """What an SDO request asks to write."""
+    """What an SDO transfer asks to write, or has written."""
 
     address: tuple[int, int]
     """Index and sub-index."""
@@ -102,6 +116,129 @@ def downloaded(node_id: int, entry: Entry) -> Frame:
 def takes(frame: Frame, node_id: int, entry: Entry) -> bool:
     """Tell whether a node says that it has taken what was written to an entry."""
     return frame == downloaded(node_id, entry)
+
+
+def downloading(node_id: int, entry: Entry, data: bytes) -> Iterator[Frame]:
+    """Yield the frames of a segmented download of any length, requests and answers by turns."""
+    to, back = SDO_RX_ID + node_id, SDO_TX_ID + node_id
+    size = len(data).to_bytes(4, "little")
+    yield _request(node_id, _DOWNLOAD & ~_EXPEDITED | 1, entry, size)
+    yield downloaded(node_id, entry)
+    starts = range(0, max(1, len(data)), _SEGMENT)
+    for number, start in enumerate(starts):
+        part = data[start : start + _SEGMENT]
+        toggle = number % 2 << 4
+        command = toggle | (_SEGMENT - len(part)) << 1 | (start == starts[-1])
+        yield Frame(to, bytes((command,)) + part.ljust(_SEGMENT, b"\0"))
+        yield Frame(back, bytes((_SEGMENT_TAKEN << 5 | toggle, *bytes(_SEGMENT))))
+
+
+@dataclass
+class _Transfer:
+    """A download of more than one frame that is heard."""
+
+    address: bytes
+    in_block: bool
+    data: bytearray = field(default_factory=bytearray)
+    segments: dict[int, bytes] = field(default_factory=dict)
+    """Heard and not confirmed yet, by sequence number; a segmented one has one at a time."""
+    receiving: bool = False
+    """Whether what the client of a block sends next is a segment."""
+    ends: bool = False
+    """Whether the segment that was confirmed last is the last one."""
+    unused: int = 0
+    """Bytes of the last segment of a block that are no data."""
+
+
+class Downloads:
+    """Hears what clients write to a node by SDO, of any length, and tells what the node took.
+
+    It believes the node: what is confirmed was taken. Of a segment that was not heard the bytes
+    are missing.
+
+    Parameters
+    ----------
+    node_id
+        Node-ID of the server.
+    """
+
+    def __init__(self, node_id: int) -> None:
+        self._node_id = node_id
+        self._asked: dict[bytes, bytes] = {}
+        self._begun: _Transfer | None = None
+        self._transfer: _Transfer | None = None
+
+    def hear(self, frame: Frame) -> Written | None:
+        """Take a frame; return what the node has taken with it, None if nothing."""
+        data = frame.data
+        if len(data) == FRAME_BYTES and not frame.rtr:
+            if frame.can_id == SDO_RX_ID + self._node_id:
+                self._request(frame)
+            elif frame.can_id == SDO_TX_ID + self._node_id:
+                return self._answer(data)
+        return None
+
+    def _request(self, frame: Frame) -> None:
+        data, transfer = frame.data, self._transfer
+        command, address = data[0], data[1:4]
+        if command == ABORT:
+            self._begun = self._transfer = None
+        elif transfer is not None and transfer.receiving:
+            transfer.segments[command & _SEQUENCE] = data
+        elif request := written(frame, self._node_id):
+            self._asked[address] = request.data
+        elif command >> 5 == _DOWNLOAD >> 5 or (command >> 5 == _BLOCK and not command & 1):
+            self._asked.pop(address, None)
+            self._begun = _Transfer(address, command >> 5 == _BLOCK)
+        elif transfer is not None and command >> 5 == 0:
+            transfer.segments[0] = data
+        elif transfer is not None and command >> 5 == _BLOCK:
+            transfer.unused = command >> 2 & _SEGMENT
+
+    def _answer(self, data: bytes) -> Written | None:
+        command, address = data[0], data[1:4]
+        if command == ABORT:
+            self._asked.pop(address, None)
+            if self._transfer is not None and self._transfer.address == address:
+                self._transfer = None
+        elif command == _DOWNLOADED and address in self._asked:
+            return _as_written(address, self._asked.pop(address))
+        elif command == _DOWNLOADED or (command >> 5 == _BLOCK_ANSWER and not command & 0b11):
+            self._begin(address, command != _DOWNLOADED)
+        elif self._transfer is not None:
+            return self._confirm(self._transfer, command, data[1])
+        return None
+
+    def _begin(self, address: bytes, in_block: bool) -> None:
+        begun, self._begun = self._begun, None
+        if begun is not None and (begun.address, begun.in_block) == (address, in_block):
+            begun.receiving = in_block
+            self._transfer = begun
+
+    def _confirm(self, transfer: _Transfer, command: int, last: int) -> Written | None:
+        """Hear that segments were taken, or all."""
+        if transfer.in_block and command >> 5 == _BLOCK_ANSWER:
+            if command & 0b11 == _CONFIRMS:
+                taken = [transfer.segments.get(n, b"\0") for n in range(1, last + 1)]
+                transfer.data += b"".join(segment[1:] for segment in taken)
+                transfer.receiving = not (taken and taken[-1][0] & _LAST)
+            elif command & 0b11 == _ENDS:
+                del transfer.data[len(transfer.data) - transfer.unused :]
+                transfer.ends = True
+        elif not transfer.in_block and command >> 5 == _SEGMENT_TAKEN and transfer.segments:
+            segment = transfer.segments[0]
+            transfer.data += segment[1 : FRAME_BYTES - (segment[0] >> 1 & _SEGMENT)]
+            transfer.ends = bool(segment[0] & 1)
+        else:
+            return None
+        transfer.segments.clear()
+        if transfer.ends or len(transfer.data) > MAX_BYTES:
+            self._transfer = None
+        return _as_written(transfer.address, bytes(transfer.data)) if transfer.ends else None
+
+
+def _as_written(address: bytes, data: bytes) -> Written:
+    return Written((address[0] | address[1] << 8, address[2]), data)
 
 
 def value(answer: Frame, entry: Entry) -> Any:

@@ -29,7 +29,7 @@ from smarttac_can.nodes.state_machine import Event
 from smarttac_can.nodes.stricter import OF_STIMULATOR, Stricter
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.nodes.taring import Taring
-from smarttac_can.nodes.texture_slots import TABLES, TextureSlots
+from smarttac_can.nodes.texture_slots import TextureSlots
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
@@ -37,6 +37,7 @@ from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.textures import TABLES
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.

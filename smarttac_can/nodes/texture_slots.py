@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 from smarttac_can.control.texture import TexturePlayer
 from smarttac_can.nodes.settings import TEXTURE
@@ -10,10 +10,7 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.textures import SLOTS, TextureTable
-
-TABLES: Final = "Texture table"
-"""Name of the array that holds the tables; the record `TEXTURE` chooses among them."""
+from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 
 
 class TextureSlots:
@@ -26,7 +23,7 @@ class TextureSlots:
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
-        self._entries = [od[f"{TABLES}.Table {number}"] for number in range(1, SLOTS + 1)]
+        self._entries = [od[name] for name in TABLE_NAMES]
         self._slot = od[f"{TEXTURE}.Slot"]
         self._mode = od["Mode"]
         bounds = od["Setpoint.COF left"]

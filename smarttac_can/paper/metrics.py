@@ -98,7 +98,7 @@ def from_switch_on(trace: Trace, column: Floats) -> Floats:
     UndefinedError
         If there is no voltage, or a tick after the switch-on was lost.
     """
-    driven = np.flatnonzero(trace.V)
+    driven = np.flatnonzero(trace.voltage_v)
     if not len(driven):
         raise UndefinedError(f"{trace.experiment} has no voltage")
     start = int(driven[0])
@@ -172,10 +172,10 @@ def align_at_switch(traces: Iterable[Trace], *, up: bool) -> Touches:
     time_ms = np.arange(-BEFORE_MS, AFTER_MS + 1, dtype=np.float64)
     steps, dropped = [], 0
     for trace in traces:
-        reference = trace.mu_ref
+        reference = trace.cof_reference
         change = np.diff(reference)
-        # A reference of 0 is none: the begin and the end of control are not steps of it.
-        wanted = (change > 0 if up else change < 0) & (reference[:-1] > 0) & (reference[1:] > 0)
+        # Without a reference it is NaN: the begin and the end of control are not steps of it.
+        wanted = change > 0 if up else change < 0
         for switch in (np.flatnonzero(wanted) + 1).tolist():
             begin, end = switch - BEFORE_MS, switch + AFTER_MS + 1
             whole = (
@@ -183,7 +183,7 @@ def align_at_switch(traces: Iterable[Trace], *, up: bool) -> Touches:
                 and end <= len(trace)
                 and trace.tick[end - 1] - trace.tick[begin] == BEFORE_MS + AFTER_MS
                 and np.count_nonzero(change[begin : end - 1]) == 1
-                and np.all(trace.mu[begin:end] > 0)
+                and not np.isnan(trace.cof[begin:end]).any()
             )
             if not whole:
                 dropped += 1
@@ -214,13 +214,13 @@ def friction_ratio_percent(traces: Iterable[Trace], subject: int, amplitude_um: 
     medians = []
     for amplitude in (amplitude_um, 0.0):
         trace = find(traces, f"fig2.{amplitude:.1f}", subject)
-        touching = trace.mu > 0
+        touching = ~np.isnan(trace.cof)
         if not touching.any():
             raise UndefinedError(f"{trace.experiment} of subject {subject} has no contact")
         actual = float(np.median(trace.amplitude_um[touching]))
         if abs(actual - amplitude) > 0.05 * amplitude + 0.02:
             raise UndefinedError(f"{trace.experiment} ran at {actual:.3f} um")
-        medians.append(float(np.median(trace.mu[touching])))
+        medians.append(float(np.median(trace.cof[touching])))
     return 100 * medians[0] / medians[1]
 
 

@@ -12,6 +12,10 @@ COF_COUNT: Final = 1e-4
 """What one count of a COF stands for."""
 SLOTS: Final = 4
 """Tables that a stimulator keeps."""
+TABLES: Final = "Texture table"
+"""Name of the array of objects that holds them."""
+TABLE_NAMES: Final = tuple(f"{TABLES}.Table {number}" for number in range(1, SLOTS + 1))
+"""Names of the objects, by slot."""
 MAX_VALUES: Final = 4096
 """Most values of a table: 76 mm of plate in steps of 19 um."""
 MAX_STEP: Final = 10_000_000

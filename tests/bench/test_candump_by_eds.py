@@ -20,14 +20,16 @@ from smarttac_can.paper.reproduce import CANDUMP, TRACES, reproduce
 
 EDS = Path(__file__).parents[2] / "eds"
 COLUMNS = {
-    "mu": "Contact.COF",
-    "mu_ref": "Contact.COF reference",
-    "W": "Vibration.Amplitude",
-    "V": "Vibration.Voltage",
-    "f": "Vibration.Frequency",
-    "Ft": "Contact.Tangential force",
-    "Fn": "Contact.Normal force",
+    "cof": "Contact.COF",
+    "cof_reference": "Contact.COF reference",
+    "amplitude_um": "Vibration.Amplitude",
+    "voltage_v": "Vibration.Voltage",
+    "frequency_hz": "Vibration.Frequency",
+    "tangential_force_n": "Contact.Tangential force",
+    "normal_force_n": "Contact.Normal force",
+    "position_mm": "Contact.Position",
 }
+THOUSANDTHS = {"amplitude_um", "voltage_v", "tangential_force_n", "normal_force_n", "position_mm"}
 LINE = re.compile(r"\((\d{10}\.\d{6})\) can0 ([0-9A-F]{3})#((?:[0-9A-F]{2})*)")
 UNIT = re.compile(r"(.*?)(?: \[([\d.]*) ?(.*)\])?")
 RUN = itemgetter("experiment", "subject")
@@ -103,6 +105,7 @@ def cycles(folder: Path, tpdos: list[Tpdo]) -> list[list[dict[str, Decimal]]]:
 
 def test_the_log_says_what_the_traces_say(folder: Path, stimulator: list[Tpdo]) -> None:
     with (folder / TRACES).open(encoding="ascii", newline="") as file:
+        assert file.readline() == "# format: SMARTTAC traces 2\n"
         rows = list(csv.DictReader(file))
     traces = [(label, list(group)) for label, group in groupby(rows, key=RUN)]
     _, *runs = cycles(folder, stimulator)
@@ -113,11 +116,12 @@ def test_the_log_says_what_the_traces_say(folder: Path, stimulator: list[Tpdo]) 
     for (label, trace), run in zip(traces, runs, strict=True):
         by_tick = {int(cycle["Contact.Tick"]): cycle for cycle in run}
         for row in trace:
-            cycle = by_tick[int(row["tick"])]
+            cycle = by_tick[int(1000 * Decimal(row["time_s"]))]
             for column, name in COLUMNS.items():
-                scale = Decimal("0.001") if column in ("Ft", "Fn", "W", "V") else 1
-                assert Decimal(row[column]) == cycle[name] * scale, (label, row["tick"], column)
-    assert len({row["mu"] for row in rows}) > 1000
+                scale = Decimal("0.001") if column in THOUSANDTHS else 1
+                value = Decimal(row[column] or 0)
+                assert value == cycle[name] * scale, (label, row["time_s"], column)
+    assert len({row["cof"] for row in rows}) > 1000
 
 
 def test_the_units_are_those_of_the_traces(stimulator: list[Tpdo]) -> None:

@@ -33,13 +33,14 @@ from smarttac_can.host.frame_log import MARK, MARK_END, RECORD, FrameLog, FrameL
 from smarttac_can.vocabulary.faults import FaultKind
 
 CHANNELS = {
-    "Contact.COF": ("1", "cof"),
-    "Contact.COF reference": ("1", "cof_reference"),
-    "Vibration.Amplitude": ("0.1 nm", "amplitude_um"),
-    "Vibration.Voltage": ("10 mV", "voltage_v"),
-    "Vibration.Frequency": ("Hz", "frequency_hz"),
-    "Contact.Tangential force": ("mN", "tangential_force_n"),
-    "Contact.Normal force": ("mN", "normal_force_n"),
+    "cof": "1",
+    "cof_reference": "1",
+    "amplitude_um": "um",
+    "voltage_v": "V",
+    "frequency_hz": "Hz",
+    "tangential_force_n": "N",
+    "normal_force_n": "N",
+    "position_mm": "mm",
 }
 ALIEN = """
 import sys
@@ -54,8 +55,8 @@ with h5py.File(sys.argv[1]) as file:
     gaps = pandas.DataFrame(file["gaps"][:])
     eds = file["object_dictionaries/node_32"].asstr()[()]
 assert "smarttac_can" not in sys.modules
-print(len(frame), units["Vibration.Voltage"], markers["text"][0].decode(), len(gaps))
-print(round(frame["Contact.COF"].mean(), 2), frame["Contact.COF"].isna().sum() > 0)
+print(len(frame), units["voltage_v"], markers["text"][0].decode(), len(gaps))
+print(round(frame["cof"].mean(), 2), frame["cof"].isna().sum() > 0)
 named = changes["name"].str.decode("ascii") == "Setpoint.Voltage"
 print(changes["value"][named].tolist(), "ParameterName=Statusword" in eds)
 """
@@ -113,32 +114,31 @@ def test_channels_are_what_a_run_records(bench: Stimulator, tmp_path: Path) -> N
         trace = bench.run(0.8)
     with h5py.File(tmp_path / "run.h5") as file:
         assert file["tick"][:].tolist() == trace.tick.tolist()
-        for name, (_, attribute) in CHANNELS.items():
+        for name, units in CHANNELS.items():
             data = file["channels"][name]
-            scale = {"nm": 1e3, "mV": 1e3, "mN": 1e3}.get(data.attrs["units"], 1.0)
-            np.testing.assert_allclose(data[:], getattr(trace, attribute) * scale, err_msg=name)
-            assert data.attrs["sampling"] == "every cycle"
-        status = file["channels/Statusword"]
-        assert trace.status is not None and trace.position is not None
+            # To the bit: names, units and the NaN of no contact are those of a trace.
+            np.testing.assert_array_equal(data[:], getattr(trace, name), err_msg=name)
+            assert (data.attrs["units"], data.attrs["sampling"]) == (units, "every cycle")
+        status = file["channels/status"]
         assert status[:].tolist() == trace.status.tolist()
         assert status.attrs["sampling"] == "on change, held"
         assert "bits 8 to 10 the state" in status.attrs["meaning"]
-        position = file["channels/Contact.Position"]
-        assert position.attrs["units"] == "um"
-        np.testing.assert_allclose(position[:], trace.position * 10)
-        assert len(set(trace.position.tolist())) > 100
+        assert len(set(trace.position_mm.tolist())) > 100
+        assert set(file["channels"]) == {*CHANNELS, "status", "mode", "temperature_degc"}
+        assert file["channels/amplitude_um"].attrs["object"] == "Vibration.Amplitude"
+        assert file["channels/amplitude_um"].attrs["resolution"] == pytest.approx(1e-4)
 
 
 def test_what_it_says_of_the_instrument(bench: Stimulator, tmp_path: Path) -> None:
     play(bench, tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5") as file:
-        assert file.attrs["format"] == "SMARTTAC recording 1"
+        assert file.attrs["format"] == "SMARTTAC recording 2"
         assert file.attrs["version"]
         assert file.attrs["Identity object.Product code"] == 0x534D5401
         assert file.attrs["Manufacturer device name"] == "SMARTTAC stimulator"
         settings = {row["name"].decode(): row["value"] for row in file["settings"][:]}
         assert settings["Calibration.Fx from S1"] == pytest.approx(0.9988)
-        assert settings["Setpoint.Voltage"] == 20_000
+        assert settings["Setpoint.Voltage"] == 20
         assert "[1A00]" in file["object_dictionaries/node_32"].asstr()[()]
 
 
@@ -147,10 +147,10 @@ def test_a_script_that_knows_nothing_of_this_package(tmp_path: Path) -> None:
         play(bench, tmp_path / "run.h5")
     command = [sys.executable, "-W", "error", "-c", ALIEN, str(tmp_path / "run.h5")]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    assert said[0] == "1000 mV trial 3: Fläche 0"
+    assert said[0] == "1000 V trial 3: Fläche 0"
     assert said[1].endswith(" True")
     assert 0.2 < float(said[1].split()[0]) < 1.5
-    assert said[2] == "[40000.0] True"
+    assert said[2] == "[40.0] True"
 
 
 def test_a_simulation_that_starts_again_begins_a_run(bench: Stimulator, tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_a_fault_is_in_it_and_disarms(bench: Stimulator, tmp_path: Path) -> None
         # The arming waits 0.1 s for the tare.
         assert len(file["tick"]) == 400
         told = [(row["node_id"], row["code"], row["text"]) for row in file["emergencies"][:]]
-        status = file["channels/Statusword"][-1]
+        status = file["channels/status"][-1]
     assert status >> 8 & 7 == State.FAULT
     # Function calls send no emergency messages.
     assert told in ([], [(32, 0x5211, b"a sensor is stuck")])
@@ -311,7 +311,7 @@ def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path:
         every = set(range(int(ticks[0]), int(ticks[-1]) + 1))
     named = {t for gap in gaps for t in range(gap["first_tick"], gap["last_tick"] + 1)}
     assert named == every - set(ticks.tolist())
-    assert voltages == [20_000, 10_000]
+    assert voltages == [20, 10]
 
 
 def test_a_recording_that_ends_takes_nothing_from_a_script_that_runs(
@@ -371,7 +371,7 @@ def test_what_a_master_sets_by_pdo_is_in_it(virtual: dict[str, Any], tmp_path: P
             until(lambda: recording.cycles > before + 20)  # noqa: B023
     with h5py.File(tmp_path / "run.h5") as file:
         changes = [(row["name"], row["value"]) for row in file["set_points"][:]]
-    assert changes == [(b"Setpoint.Amplitude", 1000.0), (b"Setpoint.Amplitude", 1500.0)]
+    assert changes == [(b"Setpoint.Amplitude", 1.0), (b"Setpoint.Amplitude", 1.5)]
 
 
 def test_refused_values_are_no_changes(tmp_path: Path) -> None:

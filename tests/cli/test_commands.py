@@ -154,10 +154,12 @@ def test_everything_follows_from_the_traces(everything: Path) -> None:
 
 def test_the_traces_have_the_columns_of_the_manual(everything: Path) -> None:
     with (everything / "traces.csv").open(encoding="ascii", newline="") as file:
+        assert file.readline() == "# format: SMARTTAC traces 2\n"
         rows = csv.DictReader(file)
-        assert rows.fieldnames is not None
-        assert [*rows.fieldnames][:8] == [
-            *("experiment", "subject", "tick", "mu", "mu_ref", "W", "V", "f"),
+        assert rows.fieldnames == [
+            *("experiment", "subject", "time_s", "cof", "cof_reference", "amplitude_um"),
+            *("voltage_v", "frequency_hz", "tangential_force_n", "normal_force_n"),
+            *("position_mm", "status"),
         ]
         labels = {row["experiment"] for row in rows}
     assert labels == {
@@ -292,7 +294,9 @@ def test_report_of_what_is_no_run(everything: Path, tmp_path: Path) -> None:
     (tmp_path / "results.json").write_text((everything / "results.json").read_text())
     assert f"there is no {tmp_path / 'traces.csv'}: sm" in refusal("report", tmp_path)
     (tmp_path / "traces.csv").write_text("tick\n1\n")
-    assert "line 1 is not experiment,subject" in refusal("report", tmp_path)
+    assert "line 1 is neither # format: SMARTTAC traces 2 nor experiment,subject" in refusal(
+        "report", tmp_path
+    )
     (tmp_path / "traces.csv").write_text((everything / "traces.csv").read_text())
     (tmp_path / "results.json").write_text("[]")
     assert str(tmp_path) in refusal("report", tmp_path)

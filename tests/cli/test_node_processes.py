@@ -101,7 +101,7 @@ def test_a_killed_bench_leaves_0_v_and_the_next_one_resets_that(multicast: dict[
         with Stimulator.connect(**multicast) as bench:
             assert bench.state is State.FAULT
             assert bench.message == "the heartbeat of a watched node is lost"
-            assert not bench.run(0.1).V.any()
+            assert not bench.run(0.1).voltage_v.any()
             bench.reset_fault()
             bench.mode = "open_loop"
             assert watched(bench).count(WATCH) == 1

@@ -315,10 +315,10 @@ def test_a_bench_that_reads_is_stopped_and_killed_and_the_run_goes_on(
 
         def read() -> None:
             with process(READS, *multicast.values()) as reader:
-                assert bench.run(0.2).V[-1] > 0
+                assert bench.run(0.2).voltage_v[-1] > 0
                 reader.send_signal(signal.SIGSTOP)
-                assert bench.run(1.5).V.all()
-            assert bench.run(0.5).V.all()
+                assert bench.run(1.5).voltage_v.all()
+            assert bench.run(0.5).voltage_v.all()
 
         undisturbed(bench, read)
 
@@ -335,10 +335,10 @@ def test_recordings_and_sdo_of_another_bench_do_not_end_a_run(
 
             def record() -> None:
                 for _ in range(4):
-                    assert reader.run(0.1).V.any()
+                    assert reader.run(0.1).voltage_v.any()
                     for _ in range(20):
                         if reader.state is not State.RUNNING:
                             return
-                    assert bench.run(0.1).V.all()
+                    assert bench.run(0.1).voltage_v.all()
 
             undisturbed(bench, record)

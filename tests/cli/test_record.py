@@ -81,9 +81,9 @@ def test_ctrl_c_ends_a_recording_with_its_file(multicast: dict[str, Any], tmp_pa
     with h5py.File(path) as file:
         assert result["rows"] == len(file["tick"]) > 1000
         changes = file["set_points"][:]
-        assert file["channels/Statusword"].shape == file["tick"].shape
+        assert file["channels/status"].shape == file["tick"].shape
     assert [(row["name"], row["value"]) for row in changes] == [
-        (b"Setpoint.Voltage", 1000.0 * voltage) for voltage in (10, 20, 30)
+        (b"Setpoint.Voltage", voltage) for voltage in (10, 20, 30)
     ]
     assert not log.exists()
     frames = [message.arbitration_id for message in can.LogReader(raw)]
@@ -181,13 +181,14 @@ def test_one_file_twice_is_refused(tmp_path: Path, option: str, suffix: str) -> 
 
 
 def test_one_is_one_and_not_many() -> None:
-    few = _lines(Path("run.h5"), Summary(1, 1, 1, 1, 1, 1, 1, 1))
+    few = _lines(Path("run.h5"), Summary(1, 1, 1, 1, 1, 1, 1, 1, 1))
     assert few == [
-        "run.h5: 1 row, 1 lost tick in 1 gap, 1 run, 1 marker, 1 change of set-points, 1 emergency",
+        "run.h5: 1 row, 1 lost tick in 1 gap, 1 run, 1 marker, 1 change of set-points, "
+        "1 texture, 1 emergency",
         "1 record of the log was cut or damaged, and left out",
     ]
-    many = _lines(Path("run.h5"), Summary(2, 0, 0, 2, 0, 2, 0, 0))
+    many = _lines(Path("run.h5"), Summary(2, 0, 0, 2, 0, 2, 0, 0, 0))
     assert many == [
         "run.h5: 2 rows, 0 lost ticks in 0 gaps, 2 runs, 0 markers, 2 changes of set-points, "
-        "0 emergencies"
+        "0 textures, 0 emergencies"
     ]

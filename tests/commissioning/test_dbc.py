@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import cantools
+import numpy as np
 import pytest
 from cantools.database.can import Database
 
@@ -62,13 +63,13 @@ def test_a_recorded_run_decodes_to_its_traces(run: Path) -> None:
     for trace in read_csv(run / TRACES):
         columns = {
             "Contact_Tick": trace.tick,
-            "Vibration_Amplitude": trace.W * 0.1,
-            "Vibration_Voltage": trace.V * 10,
-            "Vibration_Frequency": trace.f * 0.01,
-            "Contact_Tangential_force": trace.Ft,
-            "Contact_Normal_force": trace.Fn,
-            "Contact_COF": trace.mu * 1e-4,
-            "Contact_COF_reference": trace.mu_ref * 1e-4,
+            "Vibration_Amplitude": trace.amplitude_um * 1e3,
+            "Vibration_Voltage": trace.voltage_v * 1e3,
+            "Vibration_Frequency": trace.frequency_hz,
+            "Contact_Tangential_force": trace.tangential_force_n * 1e3,
+            "Contact_Normal_force": trace.normal_force_n * 1e3,
+            "Contact_COF": np.nan_to_num(trace.cof),
+            "Contact_COF_reference": np.nan_to_num(trace.cof_reference),
         }
         for k in range(len(trace)):
             wanted = {name: pytest.approx(values[k]) for name, values in columns.items()}

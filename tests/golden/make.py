@@ -7,13 +7,15 @@ is never made again: a new version gets a folder of its own.
 import lzma
 import sys
 import tempfile
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from time import sleep
 
 import can
+
 from smarttac_can.bench import BenchError, Stimulator, Texture, write_csv
-from smarttac_can.bench.simulation import stimulator_od, stimulator_with_plate
+from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
@@ -78,8 +80,7 @@ def stored(folder: Path) -> None:
     memory = Memory()
     node = StimulatorNode(stimulator_od(), plate_node_id=33, lockstep=True, storage=memory)
     node.start()
-    for name, raw in (("Limit.Voltage", 6_000), ("Setpoint.COF left", 3_100)):
-        node.od[name].value = raw
+    node.od["Limit.Voltage"].value = 6_000
     node.od["Texture table.Table 3"].value = Texture.grating(2.0, 0.25, 0.45).table.pack()
     node.receive(requests.download(NODE_ID, node.od.entry(0x1010, 1), SAVE))
     data = memory.read()
@@ -99,10 +100,8 @@ def faults() -> tuple[str, ...]:
             bench.run(0.2)
             bench.set("Fault.Sensor", 1)
             bench.set("Fault.Kind", kind)
-            try:
+            with suppress(BenchError):
                 bench.run(0.3)
-            except BenchError:
-                pass
             bench.set("Fault.Kind", 0)
             bench.run(0.2)
             bench.reset_fault()

@@ -6,6 +6,8 @@ from smarttac_can.bench.traces import Trace
 from smarttac_can.paper.references import REFERENCES
 
 PASS_MS = 400
+NAMES = ("tick", "mu", "mu_ref", "W", "V", "f", "Ft", "Fn")
+"""Of the integers of a row, as the symbols of the paper."""
 
 
 def vibration(loops, time_constant, voltage, frequency, ticks=60, delay=5):
@@ -57,11 +59,10 @@ def amplitude_sweep(subject, mu0, w0, ticks=200):
 
 def trace(experiment, subject, **columns):
     ticks = len(next(iter(columns.values())))
-    whole = {
-        name: np.zeros(ticks, dtype=int) for name in ("mu", "mu_ref", "W", "V", "f", "Ft", "Fn")
-    }
-    whole |= {name: np.rint(values).astype(int) for name, values in columns.items()}
-    return Trace(experiment, subject, np.arange(ticks), **whole)
+    counts = np.zeros((ticks, len(NAMES)), dtype=int)
+    for name, values in {"tick": np.arange(ticks), **columns}.items():
+        counts[:, NAMES.index(name)] = np.rint(values)
+    return Trace(experiment, subject, counts)
 
 
 def all_experiments(noise=0.011):

@@ -5,9 +5,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_traces import PASS_MS, all_experiments, amplitude_sweep, friction, trace, vibration
+from synthetic_traces import (
+    NAMES,
+    PASS_MS,
+    all_experiments,
+    amplitude_sweep,
+    friction,
+    trace,
+    vibration,
+)
 
-from smarttac_can.bench.traces import COLUMNS, Trace, read_csv, sha256, write_csv
+from smarttac_can.bench.traces import Trace, read_csv, sha256, write_csv
 from smarttac_can.paper import metrics
 from smarttac_can.paper import references as paper
 from smarttac_can.paper.experiments import Conditions
@@ -38,13 +46,14 @@ def ramp(start, length, low=0.2, high=0.3):
 
 
 def replaced(old, **columns):
-    values = {column.name: getattr(old, column.name) for column in COLUMNS} | columns
-    return Trace(old.experiment, old.subject, **values)
+    counts = old.counts.copy()
+    for name, values in columns.items():
+        counts[:, NAMES.index(name)] = values
+    return Trace(old.experiment, old.subject, counts)
 
 
 def rows_without(old, *gone):
-    columns = {c.name: np.delete(getattr(old, c.name), gone) for c in COLUMNS}
-    return Trace(old.experiment, old.subject, **columns)
+    return Trace(old.experiment, old.subject, np.delete(old.counts, gone, axis=0))
 
 
 class TestResponseTime:
@@ -183,13 +192,13 @@ class TestAlignment:
     def test_drops_what_is_not_whole_and_counts_it(self):
         run = friction(1, 0.2, 0.3, passes=8)
         assert metrics.align_at_switch([run], up=True).dropped == 0
-        lifted = run.mu.copy()
+        lifted = run.counts[:, 1].copy()
         lifted[PASS_MS + 80] = 0
         touches = metrics.align_at_switch([replaced(run, mu=lifted)], up=True)
         assert (len(touches.steps), touches.dropped) == (3, 1)
         lost = metrics.align_at_switch([rows_without(run, PASS_MS - 20)], up=True)
         assert (len(lost.steps), lost.dropped) == (3, 1)
-        twice = run.mu_ref.copy()
+        twice = run.counts[:, 2].copy()
         twice[PASS_MS + 40 : PASS_MS + 45] = 2000
         again = metrics.align_at_switch([replaced(run, mu_ref=twice)], up=True)
         assert (len(again.steps), again.dropped) == (3, 2)
@@ -200,7 +209,7 @@ class TestAlignment:
 
     def test_begin_and_end_of_control_are_not_steps(self):
         run = friction(1, 0.2, 0.3, passes=3)
-        off = run.mu_ref.copy()
+        off = run.counts[:, 2].copy()
         off[:200] = 0
         off[-200:] = 0
         touches = [

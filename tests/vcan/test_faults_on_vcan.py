@@ -80,7 +80,7 @@ def drive(bench: Stimulator, mode: Mode) -> None:
     bench.tare()
     bench.voltage, bench.amplitude = 20, 1.0
     bench.mode = mode
-    assert bench.run(0.2).V[-1] > 0
+    assert bench.run(0.2).voltage_v[-1] > 0
 
 
 def emergencies(bus: can.BusABC) -> list[int]:
@@ -117,7 +117,7 @@ def test_broken_sensor(nodes: tuple[NodeProcess, NodeProcess], name: str) -> Non
         with pytest.raises(FaultError) as told:
             bench.run(0.1)
         assert told.value.trace is not None
-        voltages = told.value.trace.V.tolist()
+        voltages = told.value.trace.voltage_v.tolist()
         assert voltages.index(0) + 1 <= bound + 1
         assert emergencies(bus)[0] == code
         assert stage_voltage() == 0
@@ -126,7 +126,7 @@ def test_broken_sensor(nodes: tuple[NodeProcess, NodeProcess], name: str) -> Non
                 bench.voltage = draw.uniform(0, 60)
                 bench.amplitude = draw.uniform(0, 2)
                 bench.mode = draw.choice(list(Mode))
-            assert not bench.run(HOLD_S / 5).V.any()
+            assert not bench.run(HOLD_S / 5).voltage_v.any()
         assert stage_voltage() == 0
         bench.set("Fault.Kind", FaultKind.NONE)
         bench.run(0.2)
@@ -148,5 +148,5 @@ def test_stimulator_process_paused_and_continued(nodes: tuple[NodeProcess, NodeP
             bus.send(sync)
         node.process.send_signal(signal.SIGCONT)
         assert when_it_answers(bench) is State.FAULT
-        assert not bench.run(1.0).V.any()
+        assert not bench.run(1.0).voltage_v.any()
         assert stage_voltage() == 0
