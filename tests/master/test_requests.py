@@ -100,3 +100,119 @@ def test_a_frame_of_less_than_8_bytes_answers_nothing(size: int) -> None:
     answer = Frame(0x5A0, bytes.fromhex("43 00 10 00 01 02 03 04"))
     assert requests.answers(answer, request)
     assert not requests.answers(Frame(0x5A0, answer.data[:size]), request)
+
+
+TABLE = Entry(0x2061, 0x01, "Table", DataType.DOMAIN, "rw")
+LONG_DATA = bytes(range(256)) * 5
+
+
+def block_frames(data: bytes, losses: frozenset[int] = frozenset()) -> list[Frame]:
+    """What passes in a block download of python-canopen's kind.
+
+    The node does not get the segments of these numbers in the first sub-block, and has the rest
+    of it again.
+    """
+    to, back = 0x620, 0x5A0
+    frames = [
+        Frame(to, bytes((0xC6, 0x61, 0x20, 1)) + len(data).to_bytes(4, "little")),
+        frame("5A0 A4 61 20 01 7F 00 00 00"),
+    ]
+    position, lost = 0, losses
+    while position < len(data):
+        count = min(127, -(-(len(data) - position) // 7))
+        parts = [data[position + 7 * n : position + 7 * n + 7] for n in range(count)]
+        for number, part in enumerate(parts, 1):
+            last = 0x80 if position + 7 * number >= len(data) else 0
+            frames.append(Frame(to, bytes((number | last,)) + part.ljust(7, b"\0")))
+        taken = min(lost, default=count + 1) - 1
+        lost = frozenset()
+        frames.append(Frame(back, bytes((0xA2, taken, 0x7F, *bytes(5)))))
+        position += 7 * taken
+    unused = -len(data) % 7
+    frames += [
+        Frame(to, bytes((0xC1 | unused << 2, *bytes(7)))),
+        frame("5A0 A1 00 00 00 00 00 00 00"),
+    ]
+    return frames
+
+
+def heard(frames: list[Frame]) -> list[requests.Written]:
+    downloads = requests.Downloads(0x20)
+    return [taken for one in frames if (taken := downloads.hear(one)) is not None]
+
+
+@pytest.mark.parametrize("data", [b"", b"a", b"1234567", b"12345678", LONG_DATA])
+def test_a_segmented_download_is_heard(data: bytes) -> None:
+    frames = list(requests.downloading(0x20, TABLE, data))
+    assert heard(frames) == [((0x2061, 1), data)]
+    assert heard(frames[:-1]) == []
+
+
+@pytest.mark.parametrize("data", [b"a", b"1234567", LONG_DATA])
+@pytest.mark.parametrize("losses", [frozenset(), frozenset({1})])
+def test_a_block_download_is_heard(data: bytes, losses: frozenset[int]) -> None:
+    frames = block_frames(data, losses)
+    assert heard(frames) == [((0x2061, 1), data)]
+    assert heard(frames[:-1]) == []
+
+
+def test_a_block_whose_middle_was_sent_again() -> None:
+    assert heard(block_frames(LONG_DATA, frozenset({5, 90}))) == [((0x2061, 1), LONG_DATA)]
+
+
+def test_a_short_download_beside_a_long_one() -> None:
+    long = list(requests.downloading(0x20, TABLE, b"0123456789"))
+    short = [requests.download(0x20, BYTE, 7), requests.downloaded(0x20, BYTE)]
+    assert heard([*short, *long, *short]) == [
+        ((0x2001, 2), b"\x07"),
+        ((0x2061, 1), b"0123456789"),
+        ((0x2001, 2), b"\x07"),
+    ]
+    # Two clients ask before either has its answer.
+    other = [requests.download(0x20, SIGNED, -2), requests.downloaded(0x20, SIGNED)]
+    assert heard([short[0], other[0], short[1], other[1]]) == [
+        ((0x2001, 2), b"\x07"),
+        ((0x2003, 0), b"\xfe\xff"),
+    ]
+
+
+@pytest.mark.parametrize("end", ["620 80 61 20 01 00 00 00 08", "5A0 80 61 20 01 30 00 09 06"])
+@pytest.mark.parametrize("after", [1, 2, 3, 60, -1])
+def test_what_was_aborted_was_not_taken(end: str, after: int) -> None:
+    for frames in (block_frames(LONG_DATA), list(requests.downloading(0x20, TABLE, LONG_DATA))):
+        assert heard([*frames[:after], frame(end), *frames[after:][-1:]]) == []
+        assert heard([*frames[:after], frame(end), *frames]) == [((0x2061, 1), LONG_DATA)]
+
+
+def test_an_abort_of_something_else_ends_nothing() -> None:
+    frames = list(requests.downloading(0x20, TABLE, LONG_DATA))
+    other = frame("5A0 80 17 10 00 00 00 02 06")
+    assert heard([*frames[:5], other, *frames[5:]]) == [((0x2061, 1), LONG_DATA)]
+
+
+def test_a_refused_value_was_not_taken() -> None:
+    refused = [requests.download(0x20, BYTE, 7), frame("5A0 80 01 20 02 30 00 09 06")]
+    assert heard([*refused, requests.downloaded(0x20, BYTE)]) == []
+
+
+def test_frames_of_other_nodes_are_not_heard() -> None:
+    frames = list(requests.downloading(0x21, TABLE, LONG_DATA))
+    assert heard(frames) == []
+    assert heard([Frame(0x620, b"\x23"), Frame(0x5A0, b"")]) == []
+
+
+def test_what_was_not_heard_is_missing() -> None:
+    frames = block_frames(LONG_DATA)
+    (taken,) = heard([*frames[:8], *frames[9:]])
+    assert taken == ((0x2061, 1), LONG_DATA[:42] + LONG_DATA[49:])
+
+
+def test_a_transfer_without_an_end_is_given_up() -> None:
+    downloads = requests.Downloads(0x20)
+    for one in block_frames(b"0123456789")[:2]:
+        downloads.hear(one)
+    for _ in range(1200):
+        for number in range(1, 128):
+            downloads.hear(Frame(0x620, bytes((number, *bytes(7)))))
+        downloads.hear(frame("5A0 A2 7F 7F 00 00 00 00 00"))
+    assert downloads._transfer is None

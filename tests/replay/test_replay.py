@@ -19,6 +19,7 @@ from recorded import (
     replayed,
 )
 
+from smarttac_can.bench import Stimulator, Texture
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
@@ -81,6 +82,35 @@ def test_one_byte_of_a_drive_is_named(byte: int, name: str, unit: str) -> None:
     assert field.recorded.endswith(unit)
     assert found.recomputed == log[place][1]
     assert f"{name} is {field.recorded} in the log, {field.recomputed} recomputed" in str(found)
+
+
+def texture_run(texture: Texture) -> Log:
+    log: Log = []
+    with Stimulator.simulate(log=lambda *frame: log.append(frame)) as bench:
+        bench.finger.stroke(2, speed=200.0)
+        bench.start_run()
+        bench.tare()
+        bench.amplitude = 1.0
+        bench.texture_slot = 3
+        bench.texture = texture
+        bench.mode = "texture"
+        bench.run(0.25)
+        bench.texture = Texture.profile("ramp", 0.2, 0.4, 0.05)
+        bench.run(0.05)
+    return log
+
+
+def test_textures_are_taken_from_the_log() -> None:
+    """They pass by block transfer, with the answers of the node; the drives follow them."""
+    log = texture_run(Texture.grating(2.0, 0.25, 0.45))
+    found = replayed(log)
+    assert found.drives == len(places(log, DRIVE)) - 1 > 300
+    # The segments of another texture, with its own checksums, in the place of these.
+    other = iter(texture_run(Texture.grating(2.0, 0.25, 0.55)))
+    sdo = iter([frame for _, frame in other if frame.can_id == SDO_TO])
+    mixed = [(t, next(sdo) if frame.can_id == SDO_TO else frame) for t, frame in log]
+    difference = first_difference(mixed)
+    assert difference.can_id in (DRIVE, 0x3A0)
 
 
 def test_a_drive_in_its_units() -> None:
