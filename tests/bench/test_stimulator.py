@@ -210,7 +210,7 @@ def test_what_a_stimulator_and_a_trace_show_of_themselves() -> None:
     with Stimulator.simulate("local") as bench:
         trace = bench.run(0.05, experiment="trial.1", subject=2)
         assert repr(bench) == "<Stimulator over the local link>"
-    assert repr(trace) == "<Trace 'trial.1' of subject 2: 50 rows, ticks 0..49, 0 lost>"
+    assert repr(trace) == "<Trace 'trial.1' of subject 2: 50 rows, ticks 0..49 ms, 0 lost>"
     with Stimulator.simulate("bus") as bench:
         assert repr(bench) == "<Stimulator over the local bus>"
 
