@@ -131,14 +131,17 @@ def _lines(results: list[Result]) -> list[str]:
         lines = [f"{name}: {getattr(results[0], name)}" for name in Result.__slots__]
     for result in worst[:_WORST] if len(results) > 1 else []:
         lines.append(
-            f"{result.peak_um:.2f} um, {result.energy_J:.2f} J, {result.ended_by or 'not ended'} "
-            f"after {result.after}: {result.violation}\n"
-            f"    smarttac fmeda --cell {result.cell}"
+            f"{result.peak_um:.2f} um, {result.energy_J:.2f} J, {_ended(result)}: "
+            f"{result.violation}\n    smarttac fmeda --cell {result.cell}"
         )
     if len(worst) > _WORST:
         lines.append(f"and {len(worst) - _WORST} more: --json has them all")
     lines.append(f"{len(results)} cells, {len(worst)} violations")
     return lines
+
+
+def _ended(result: Result) -> str:
+    return f"{result.ended_by} after {result.after}" if result.ended_by else "not ended"
 
 
 def _healthy_lines(runs: list[HealthyRun]) -> list[str]:

@@ -18,6 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
+from hashlib import sha256
 from math import cos, floor, pi, sin
 from multiprocessing import get_context
 from typing import Any, Final, NamedTuple, TypeVar
@@ -52,10 +53,12 @@ class Promise(NamedTuple):
     """Bound with contact."""
     contact_N: float = 0.1
     """Normal force from which the gauges show a contact."""
+    model_share: float = 0.99
+    """What an identified gain may be of the true one: its stated uncertainty of 1 %. The bound
+    without contact is higher by the inverse."""
     lowest_gain: float = 0.9
     """Lowest share of the data sheet's gain that an identification is believed at. Without an
-    identification, or with one of a pick-up that had failed before, the bound without contact is
-    higher by its inverse."""
+    identification, or with one of a pick-up that had failed before, it stands for the one above."""
     cycles: int = 20
     """Cycles above the bound, in total."""
     gauge_lag: int = 7
@@ -361,8 +364,8 @@ class Result:
     ended_by: str
     """The first watchdogs that tripped, joined by +; empty if nothing ended the run."""
     after: int
-    """Cycles from the onset, or from the first drive if that is later, until the fault; -1 for
-    none."""
+    """Cycles from the onset, or from the first drive if that is later, until the fault; below 0 for
+    a false trip before the onset, 0 with nothing that ended it."""
     peak_um: float
     """Largest true amplitude in um peak-to-peak."""
     in_a_row: int
@@ -568,7 +571,8 @@ def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
 
 def bounds(cell: Cell, promise: Promise = PROMISES) -> tuple[float, float]:
     """Return the bounds of the true amplitude in m, without and with contact."""
-    share = 1.0 if cell.identified == "sound" and cell.mode != "IDENTIFY" else promise.lowest_gain
+    sound = cell.identified == "sound" and cell.mode != Mode.IDENTIFY.name
+    share = promise.model_share if sound else promise.lowest_gain
     return promise.bare_um * 1e-6 / share, promise.touched_um * 1e-6
 
 
@@ -622,7 +626,7 @@ def _watched(
     steps = cell.onset == "step"
     bench.set(cell, _LOW if steps else 1.0)
     block.write("Mode", Mode[cell.mode])
-    ended, after = "", -1
+    ended, after = "", 0
     last = reference + cell.cycles
     if not bench.arm():
         block.write("Mode", Mode.OFF)
@@ -650,6 +654,8 @@ def _watched(
         round(sum(errors) / len(errors), 4) if errors else 0.0,
     )  # fmt: skip
     violation = broken_promise(cell, result, promise)
+    if ended and after < 0:
+        violation = f"{ended} tripped {-after} cycles before the failure: a false trip"
     if violation:
         for applies, why in EXCLUSIONS:
             if applies(cell):
@@ -819,21 +825,34 @@ def _mapped(
 # --- What came of it ---------------------------------------------------------------------------
 
 
+_WORST: Final = ("peak_um", "in_a_row", "above", "energy_J", "after", "cof_error")
+"""Fields of a result whose largest value is shown."""
+
+
 def summary(results: Sequence[Result]) -> dict[str, dict[str, Any]]:
     """Return the worst of each failure mode, and how often what ended it."""
     table: dict[str, dict[str, Any]] = {}
     for result in results:
         row = table.setdefault(
             result.failure,
-            {"cells": 0, "ended": {}, "peak_um": 0.0, "above": 0, "energy_J": 0.0, "violations": 0},
+            {"cells": 0, "ended": {}, **dict.fromkeys(_WORST, 0), "violations": 0, "excluded": 0},
         )
         row["cells"] += 1
         by = result.ended_by or "nothing"
         row["ended"][by] = row["ended"].get(by, 0) + 1
-        for name in ("peak_um", "above", "energy_J"):
+        for name in _WORST:
             row[name] = max(row[name], getattr(result, name))
         row["violations"] += bool(result.violation)
+        row["excluded"] += bool(result.excluded)
     return table
+
+
+def fingerprint(results: Sequence[Result]) -> str:
+    """Return a hash of what came of all cells."""
+    lines = (
+        f"{r.cell} {r.ended_by} {r.after} {r.peak_um:.2f} {r.above} {r.limited}" for r in results
+    )
+    return sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
 def as_json(results: Sequence[Result]) -> dict[str, Any]:
@@ -843,6 +862,7 @@ def as_json(results: Sequence[Result]) -> dict[str, Any]:
         "cells": len(results),
         "violations": sum(bool(result.violation) for result in results),
         "excluded": sum(bool(result.excluded) for result in results),
+        "fingerprint": fingerprint(results),
         "summary": summary(results),
         "results": [asdict(result) for result in results],
     }
