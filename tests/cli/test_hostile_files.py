@@ -280,7 +280,11 @@ def test_results_that_are_none(
 
 
 @pytest.mark.parametrize(
-    ("make", "message"), [(fifo, "is no regular file"), (sparse, "line 1 is not experiment")]
+    ("make", "message"),
+    [
+        (fifo, "is no regular file"),
+        (sparse, "line 1 is neither # format: SMARTTAC traces 2 nor experiment"),
+    ],
 )
 def test_traces_that_are_none(make: Callable[[Path], object], message: str, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
