@@ -37,14 +37,15 @@ def test_a_recording_of_one_s_own(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"own\.csv: line \d+: COF 0\.0") as told:
         Texture.from_csv(path, position="position_mm", cof="cof")
     lines = path.read_text().splitlines(keepends=True)
-    header = next(line.strip().split(",") for line in lines if not line.startswith("#"))
-    column = header.index("cof")
+    begin = next(at for at, line in enumerate(lines) if not line.startswith("#"))
+    header = lines[begin].strip().split(",")
+    cof, position, force = (header.index(name) for name in ("cof", "position_mm", "normal_force_n"))
     named = lines[int(str(told.value).split("line ")[1].split(":")[0]) - 1].split(",")
     said = float(str(told.value).split("COF ")[1].split()[0])
-    assert float(named[column]) == pytest.approx(said, rel=0.01)
+    assert float(named[cof]) == pytest.approx(said, rel=0.01)
 
-    head, rows = lines[:6], [line.split(",") for line in lines[6:]]
-    slides = [row for row in rows if abs(float(row[8])) < 13.0 and float(row[7]) > 0.5]
+    head, rows = lines[: begin + 1], [line.split(",") for line in lines[begin + 1 :]]
+    slides = [row for row in rows if abs(float(row[position])) < 13.0 and float(row[force]) > 0.5]
     path.write_text("".join([*head, *map(",".join, slides)]))
     texture = Texture.from_csv(path, position="position_mm", cof="cof")
     assert texture.cof(np.linspace(-12.0, 12.0, 40)) == pytest.approx(0.42, abs=0.03)
