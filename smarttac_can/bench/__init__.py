@@ -2,6 +2,7 @@
 
 from smarttac_can.bench.calibration import Calibration
 from smarttac_can.bench.errors import (
+    BusyError,
     FaultError,
     NotReadyError,
     NotRunningError,
@@ -31,6 +32,7 @@ from smarttac_can.vocabulary.states import State
 __all__ = [
     "BenchError",
     "BusLostError",
+    "BusyError",
     "Calibration",
     "FaultError",
     "HeartbeatLostError",

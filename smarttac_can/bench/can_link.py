@@ -15,7 +15,7 @@ from smarttac_can.bench.bench_heartbeat import BenchHeartbeat, bench_id, drives
 from smarttac_can.bench.cycle_rows import CycleRows
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.every_cycle import EveryCycle
-from smarttac_can.bench.link import RECORDED, FrameSource, Hear, Row, Snapshot, never
+from smarttac_can.bench.link import RECORDED, FrameSource, Hear, OneRun, Row, Snapshot, never
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.node_time import wrong_time
 from smarttac_can.bench.published import commanded_pdos, published_pdos
@@ -85,6 +85,7 @@ class CanLink:
         # In lockstep the nodes' time stands still without the bench.
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
         self._heard: frozenset[int] = frozenset()
+        self._alone = OneRun()
         self._services = {
             service + device.od.node_id
             for service in (EMCY_ID, SDO_TX_ID, SDO_RX_ID, HEARTBEAT_ID)
@@ -149,7 +150,13 @@ class CanLink:
             If not one cycle came, or the TPDOs do not carry what a recording holds.
         HeartbeatLostError
             If a node has fallen silent.
+        BusyError
+            While another thread runs the loop.
         """
+        with self._alone:
+            self._run(cycles, rows, interrupted)
+
+    def _run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool]) -> None:
         collected = self._cycles
         if not collected.whole:
             raise NotRunningError(

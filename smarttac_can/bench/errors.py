@@ -10,6 +10,10 @@ class NotRunningError(BenchError):
     """The control loop gives no cycles to record."""
 
 
+class BusyError(BenchError):
+    """Another thread lets the loop of this stimulator run; nothing was changed by this one."""
+
+
 class NotReadyError(BenchError):
     """The stimulator lacks something it needs before it may be armed."""
 

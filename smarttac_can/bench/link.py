@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple, NoReturn, Protocol
 
+from smarttac_can.bench.errors import BusyError
 from smarttac_can.bench.published import PublishedPdo
 from smarttac_can.bench.traces import COLUMNS
 from smarttac_can.master.errors import BenchError
@@ -54,6 +56,31 @@ class Snapshot(NamedTuple):
     values: dict[str, int]
     age: float
     """Age in s of the oldest of them."""
+
+
+class OneRun:
+    """Lets one thread at a time run the loop of a link: it has one recording."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> None:
+        """Begin.
+
+        Raises
+        ------
+        BusyError
+            While another thread runs it.
+        """
+        if not self._lock.acquire(blocking=False):
+            raise BusyError(
+                "the loop of this stimulator runs already, in another thread that is in run(), "
+                "tare() or identify(): wait for its end; read() and record() may go beside it"
+            )
+
+    def __exit__(self, *_: object) -> None:
+        """End."""
+        self._lock.release()
 
 
 Hear = Callable[[int, bytes], None]

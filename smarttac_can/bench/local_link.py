@@ -7,7 +7,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NoReturn
 
-from smarttac_can.bench.link import PUBLISHED, RECORDED, FrameSource, Hear, Row, Snapshot, never
+from smarttac_can.bench.link import (
+    PUBLISHED,
+    RECORDED,
+    FrameSource,
+    Hear,
+    OneRun,
+    Row,
+    Snapshot,
+    never,
+)
 from smarttac_can.bench.published import published_pdos
 from smarttac_can.bench.refused import refused_write
 from smarttac_can.device.frame import Frame
@@ -37,6 +46,7 @@ class LocalLink:
         self._pdos = published_pdos(block.od, lambda entry: int(entry.default))
         self._readers = [[block.od[name].reader for name in pdo.names] for pdo in self._pdos]
         self._hear: Hear | None = None
+        self._alone = OneRun()
         self._status = b""
 
     @property
@@ -115,16 +125,23 @@ class LocalLink:
         self.write("Simulation.Start run", 1)
 
     def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
-        """Let so many cycles pass, and append a row of recorded values for each."""
+        """Let so many cycles pass, and append a row of recorded values for each.
+
+        Raises
+        ------
+        BusyError
+            While another thread runs the loop.
+        """
         tick = self._block.tick
         recorded = self._recorded
-        for _ in range(cycles):
-            if interrupted():
-                return
-            tick()
-            rows.append(tuple([read() for read in recorded]))
-            if self._hear is not None:
-                self._tell_cycle(self._hear)
+        with self._alone:
+            for _ in range(cycles):
+                if interrupted():
+                    return
+                tick()
+                rows.append(tuple([read() for read in recorded]))
+                if self._hear is not None:
+                    self._tell_cycle(self._hear)
 
     def source(self) -> FrameSource:
         """Tell what the PDOs of a stimulator with the default mapping would carry."""

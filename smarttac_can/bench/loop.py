@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from smarttac_can.bench.errors import NotRunningError, RunInterruptedError
+from smarttac_can.bench.errors import BusyError, NotRunningError, RunInterruptedError
 from smarttac_can.bench.link import Row, unwrapped
 from smarttac_can.bench.named_objects import NamedObjects, finite
 from smarttac_can.bench.reading import Reading
@@ -65,6 +65,8 @@ class Loop:
         FaultError
             If a fault is latched at its end that was not known at its beginning; `trace` of the
             error is what was recorded.
+        BusyError
+            If another thread is in `run`, `tare` or `identify` of this stimulator, which go on.
         NotRunningError
             If the loop gives no cycles, or most of them were lost.
         HeartbeatLostError
@@ -91,6 +93,8 @@ class Loop:
                         "busy, or the bus too slow for it?"
                     )
                 state = self._control.state
+            except BusyError:  # not this run to be ended
+                raise
             except BenchError as error:
                 self._end_run(error, rows, experiment, subject)
                 raise

@@ -16,12 +16,13 @@ import click
 
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.tapped_network import TappedNetwork
-from smarttac_can.cli.plain_errors import one_line, plain_errors
+from smarttac_can.cli.plain_errors import one_line, plain_errors, warn
 from smarttac_can.device.stored_image import begins_as_image
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.eds_files import packaged_eds
+from smarttac_can.host.file_errors import reason
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.storage_file import MAX_BYTES, StorageFile
 from smarttac_can.od.cia import UNCONFIGURED
@@ -122,7 +123,7 @@ def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
 def _storage(
     _ctx: click.Context, _param: click.Parameter, value: Path | None
 ) -> StorageFile | None:
-    """Refuse at once what could not be read at power-on, and what a store would spoil."""
+    """Refuse what could not be read at power-on, or a store would spoil; say what it cannot do."""
     if value is None:
         return None
     file = StorageFile(value)
@@ -130,6 +131,12 @@ def _storage(
         raise click.BadParameter(f"{str(file.path.parent)!r} is no directory")
     with plain_errors(), suppress(FileNotFoundError):
         require_image(file.path)
+    try:
+        file.require_writable()
+    except OSError as error:
+        refused = "1010h and LSS will refuse to store, and no faults are kept"
+        cure = "give --storage a file in a folder that can be written"
+        warn(value, [f"cannot be written ({reason(error)}): {refused}; {cure}"])
     return file
 
 

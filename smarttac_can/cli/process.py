@@ -39,6 +39,11 @@ class Pace(NamedTuple):
     def begin(self) -> int | None:
         """Ask the system for what was asked for, and say on stderr what it refuses.
 
+        Raises
+        ------
+        click.BadParameter
+            If there is no such processor.
+
         Returns
         -------
         int or None
@@ -49,7 +54,10 @@ class Pace(NamedTuple):
         if self.priority is None:
             request_short_slices()
             return None
-        refused = request_real_time(self.priority, self.cpu)
+        try:
+            refused = request_real_time(self.priority, self.cpu)
+        except ValueError as error:
+            raise click.BadParameter(f"--cpu: {error}") from error
         for line in refused or keep_processors_awake():
             click.echo(line, err=True)
         if refused:

@@ -44,6 +44,14 @@ _NO_ROUTE: Final = (
 )
 _NO_GROUP: Final = "name the group as the channel, such as --channel 239.74.163.2"
 """Where none is given, python-can takes a group of IPv6, which many a computer has no route to."""
+_NO_BUS: Final = (
+    "no bus was named: give interface and channel, such as --interface socketcan --channel can0, "
+    "or have them in python-can's configuration (CAN_INTERFACE, CAN_CHANNEL, ~/.canrc)"
+)
+_PORT_TAKEN: Final = (
+    "UDP port {} is taken by another program, or by nodes of another user, which ss -ulnp shows: "
+    "end that, or give all that share the bus another port, --bus-option port=N"
+)
 _NO_SOCKETCAN: Final = (
     "this kernel has no SocketCAN; udp_multicast needs none, and tools/with-vcan has its own"
 )
@@ -142,8 +150,22 @@ def _close_half_made(error: BaseException) -> None:
                 made.shutdown()
 
 
+def _is_taken(system: BaseException) -> bool:
+    return isinstance(system, OSError) and system.errno == errno.EADDRINUSE
+
+
+def _port(error: BaseException) -> object:
+    """Return the port of a bus whose making has failed."""
+    for frame, _ in walk_tb(error.__traceback__):
+        if (port := getattr(frame.f_locals.get("self"), "port", None)) is not None:
+            return port
+    return "of the bus"
+
+
 def _cannot_open(interface: str | None, channel: object, error: BaseException) -> str:
     if interface is None:
+        if '"None"' in str(error):  # as python-can names the type of none
+            return _NO_BUS
         asked = "bus of python-can's configuration (no interface was given)"
     elif channel:
         asked = f"{interface} bus, channel {channel}"
@@ -151,7 +173,9 @@ def _cannot_open(interface: str | None, channel: object, error: BaseException) -
         asked = f"{interface} bus, channel {configured} of python-can's configuration"
     else:
         asked = f"{interface} bus, which has no channel"
-        if interface == "udp_multicast" and isinstance(error.__cause__ or error, OSError):
+        system = error.__cause__ or error
+        no_route = isinstance(system, OSError) and not _is_taken(system)
+        if interface == "udp_multicast" and no_route:
             return f"cannot open the {asked}: {error}; {_NO_GROUP}"
     return f"cannot open the {asked}: {error}{cure(interface, error)}"
 
@@ -187,6 +211,8 @@ def cure(interface: str | None, error: BaseException) -> str:
     if package is not None and find_spec(package.module) is None:
         return f"; it needs a package: pip install '{package.pip}'"
     system = error.__cause__ or error
+    if interface == "udp_multicast" and _is_taken(system):
+        return f"; {_PORT_TAKEN.format(_port(error))}"
     if isinstance(system, OSError) and (interface, system.errno) in _BY_NUMBER:
         return f"; {_BY_NUMBER[interface, system.errno]}"
     if interface in _MAKERS:

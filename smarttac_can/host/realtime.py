@@ -107,6 +107,11 @@ def request_real_time(priority: int, cpu: int | None) -> list[str]:
     list of str
         What the system has refused, a line each, with the cure.
 
+    Raises
+    ------
+    ValueError
+        If there is no such processor, or it is not for this process.
+
     Notes
     -----
     The policy is that of the calling thread, not of threads that it starts from then on. A process
@@ -121,7 +126,9 @@ def request_real_time(priority: int, cpu: int | None) -> list[str]:
             os.sched_setaffinity(0, {cpu})
         except (OSError, OverflowError):
             allowed = ",".join(str(number) for number in sorted(os.sched_getaffinity(0)))
-            refused.append(f"real time: processor {cpu} is refused: give one of {allowed}")
+            raise ValueError(
+                f"processor {cpu} is none of those that this process may use: {allowed}"
+            ) from None
     try:
         # Threads started from here on, which serve the terminal, are ordinary.
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK

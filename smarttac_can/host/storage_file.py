@@ -49,6 +49,21 @@ class StorageFile:
         except FileNotFoundError:
             return None
 
+    def require_writable(self) -> None:
+        """Make what a write begins with, and remove it.
+
+        Raises
+        ------
+        OSError
+            If it cannot be made, as on a file system that is read-only; names the file itself.
+        """
+        try:
+            create_regular(self._new).close()
+            self._new.unlink()
+        except OSError as error:
+            error.filename = str(self.path)
+            raise
+
     def write(self, data: bytes) -> None:
         """Replace the file as a whole; on `OSError` the old one is still there.
 

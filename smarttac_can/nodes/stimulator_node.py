@@ -29,7 +29,7 @@ from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import START_RUN
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, Watchdog
+from smarttac_can.vocabulary.watchdogs import OF_LATE_DRIVES, REPORTED_BY_PLATE, Watchdog
 
 _PERCENT: Final = 100
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
@@ -98,7 +98,7 @@ class StimulatorNode(Application):
         self._period = LoopPeriod(self.device)
         self._arming = ArmingWatch(self.device, plate_node_id, lockstep)
         self.block.supervisor.advice = self._arming.advice
-        self.block.supervisor.late_drives = self._loop.late_answers.told
+        self.block.supervisor.details = self._details
         self._publishing = Publishing(self.device, self.block.supervisor)
         self._tell = self._publishing.tell
         self._publish = self._publishing.cycle
@@ -202,6 +202,7 @@ class StimulatorNode(Application):
     def on_sync(self) -> bool:
         """Look at when the SYNC comes, at its counter, and whose it is."""
         if self._plate_node_id:
+            self._missed_time.awake()
             self._loop.sync(self.device)
         return True
 
@@ -294,6 +295,12 @@ class StimulatorNode(Application):
         running = self.block.state is State.RUNNING
         if running and missed * _PERCENT > self._missed_max.value * TICKS:
             self.block.trip(Watchdog.MISSED_TIME)
+
+    def _details(self, watchdog: Watchdog) -> str:
+        """Say what the text of a fault leaves open."""
+        if watchdog is Watchdog.MISSED_TIME:
+            return self._missed_time.told()
+        return self._loop.late_answers.told() if watchdog in OF_LATE_DRIVES else ""
 
     def _on_unanswered(self) -> None:
         self.block.fall_silent()

@@ -19,7 +19,6 @@ from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import CONTROL_MASK, State
 from smarttac_can.vocabulary.watchdogs import (
     CYCLIC,
-    OF_LATE_DRIVES,
     WATCHDOGS,
     Watchdog,
     watchdogs_in,
@@ -64,8 +63,9 @@ class Supervisor:
         Whether who drives would be missed, or need not be; True without CANopen.
     advice
         Says what to do to be watched; called when an arming is refused for want of it.
-    late_drives
-        Says how many of the last drives were late; called when that may be the cause of a fault.
+    details
+        Says what the text of a fault leaves open, such as how many drives were late; called when
+        the fault is latched.
     present, latched
         Faults as bits, 1 << `Watchdog`.
     """
@@ -86,7 +86,7 @@ class Supervisor:
         self.tared = False
         self.watched = True
         self.advice: Callable[[], str] = str
-        self.late_drives: Callable[[], str] = str
+        self.details: Callable[[Watchdog], str] = lambda _watchdog: ""
         self.present = self.latched = 0
         self._seen = 0
         self._stands = False
@@ -329,8 +329,8 @@ class Supervisor:
             return
         if not self.latched:
             row = WATCHDOGS[watchdog]
-            late = self.late_drives() if watchdog in OF_LATE_DRIVES else ""
-            text = f"{row.text}; {late}" if late else row.text
+            details = self.details(watchdog)
+            text = f"{row.text}; {details}" if details else row.text
             self._code.value = row.code
             self._message.value = text
             self.memory.note(row.code, text, circumstances)

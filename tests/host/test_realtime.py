@@ -250,11 +250,13 @@ def test_processor() -> None:
 @pytest.mark.parametrize("cpu", [1023, 10**6, 10**12, 10**30])
 def test_a_processor_that_is_not_there_is_refused_with_those_that_are(cpu: int) -> None:
     allowed = sorted(os.sched_getaffinity(0))
-    answer = ask(10, cpu, unprivileged=True)
     given = ",".join(str(number) for number in allowed)
-    assert answer["refused"][0] == f"real time: processor {cpu} is refused: give one of {given}"
-    assert answer["refused"][1] == cure_of_priority(10), "the rest is asked for all the same"
-    assert answer["cpus"] == allowed
+    with pytest.raises(ValueError) as told:
+        request_real_time(10, cpu)
+    words = "is none of those that this process may use"
+    assert str(told.value) == f"processor {cpu} {words}: {given}"
+    assert sorted(os.sched_getaffinity(0)) == allowed
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER, "nothing else was asked for"
 
 
 def test_a_system_without_that_policy(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,6 +50,37 @@ def test_a_run_with_too_many_missed_ticks_ends(of_ten: int, limit: int, fault: b
     assert bool(od["Drive.Voltage"].value) != fault
 
 
+@pytest.mark.parametrize("slept", [1, 2, 3])
+def test_the_message_says_how_many_were_missed_why_and_what_helps(slept: int) -> None:
+    _, node = running_inside(Limit__Missed_ticks=5)
+    sleep_through(node, slept, 2)
+    # A sleep of one tick is a slow cycle.
+    stood, cure = (
+        (0, "cycles take too long") if slept == 1 else (100 * slept, "start the node with")
+    )
+    message = node.od["Message"].value  # type: ignore[attr-defined]
+    assert message.startswith(
+        f"too many ticks of a second had no cycle; {100 * slept} of 1000 ticks missed, {stood} of "
+        f"them while the machine stood still or gave this process no time; {cure}"
+    )
+    assert message in node.od["Fault memory.Fault 1"].value  # type: ignore[attr-defined]
+
+
+def test_a_node_that_hears_sync_and_no_measurement_stands_not_still() -> None:
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True)
+    node.start()
+    node.receive(requests.nmt(START))
+    for tick in range(1100):
+        node.advance(1000)
+        # Of ten ticks four have no measurement in a row.
+        for frame in measurement(tick & 0xFF) if tick % 10 < 6 else ():
+            node.receive(frame)
+    assert node._missed_time.told().startswith(
+        "400 of 1000 ticks missed, 0 of them while the machine stood still or gave this process no "
+        "time; cycles take too long or the plate answers late"
+    )
+
+
 def test_what_was_missed_before_the_run_is_no_fault() -> None:
     line, node = plate_inside()
     line.nmt(START)

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.bench.simulation import PLATE_ID, stimulator_od
+from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import Abort
 from smarttac_can.vocabulary.modes import Mode
@@ -387,10 +388,12 @@ def test_it_is_told_only_where_the_watch_is_all_that_lacks() -> None:
 )
 @pytest.mark.parametrize("late", ["", "3 of the last 20 drives late"])
 def test_late_drives_are_told_of_where_they_may_be_the_cause(
-    watchdog: Watchdog, told: bool, late: str
+    watchdog: Watchdog, told: bool, late: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loop = Loop(State.RUNNING)
-    loop.supervisor.late_drives = lambda: late
+    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    monkeypatch.setattr(node._loop, "late_answers", SimpleNamespace(told=lambda: late))
+    loop.supervisor.details = node.block.supervisor.details
     loop.cycle(1 << watchdog)
     text = WATCHDOGS[watchdog].text + (f"; {late}" if told and late else "")
     assert loop.message == text
