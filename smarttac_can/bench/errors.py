@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from smarttac_can.bench.traces import Trace
 from smarttac_can.master.errors import BenchError
 
@@ -40,3 +42,22 @@ class RunInterruptedError(BenchError, KeyboardInterrupt):
     trace
         What was recorded until then; None if nothing was.
     """
+
+
+_SHELL_WORDS: Final = {
+    "; .trace holds the recording": "",
+    "reset_fault()": "reset it, by 'reset' in smarttac watch --drive",
+    "disarm() first": "first 'mode off' in smarttac watch --drive, or its Esc",
+    "then tare()": "then restart the node, which tares",
+    "connect without lockstep=True": "leave out --lockstep here",
+    "connect with lockstep=True": "give --lockstep here",
+}
+"""What messages of the bench advise a script to call, and what a person at a shell does instead."""
+
+
+def in_shell_words(text: object) -> str:
+    """Return a message of the bench as it helps somebody who has no script but a shell."""
+    said = str(text)
+    for call, words in _SHELL_WORDS.items():
+        said = said.replace(call, words)
+    return said

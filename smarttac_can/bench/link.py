@@ -75,7 +75,7 @@ class OneRun:
         if not self._lock.acquire(blocking=False):
             raise BusyError(
                 "the loop of this stimulator runs already, in another thread that is in run(), "
-                "tare() or identify(): wait for its end; read() and record() may go beside it"
+                "tare() or identify(): wait for its end, or use record(), which may go beside it"
             )
 
     def __exit__(self, *_: object) -> None:

@@ -11,7 +11,12 @@ import click
 from smarttac_can.cli.options import seed_option
 from smarttac_can.cli.plain_errors import plain_errors
 from smarttac_can.cli.progress import progress_bar
-from smarttac_can.cli.result_file import json_file_option, opened_results, report_results
+from smarttac_can.cli.result_file import (
+    force_option,
+    json_file_option,
+    opened_results,
+    report_results,
+)
 from smarttac_can.trials.healthy_runs import HealthyRun, healthy_as_json, healthy_run
 from smarttac_can.trials.sensor_sweep import (
     Cell,
@@ -77,6 +82,7 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
     help="Processes that share the work.",
 )
 @json_file_option
+@force_option()
 def fmeda(
     *,
     coarse: bool,

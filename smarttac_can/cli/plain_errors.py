@@ -10,6 +10,7 @@ from typing import Final
 
 import click
 
+from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.file_errors import trouble
@@ -29,7 +30,7 @@ def plain_errors(*others: type[Exception]) -> Iterator[None]:
     except KeyboardInterrupt:  # that of a run is an error of the bench as well
         raise
     except plain as error:
-        raise click.ClickException(one_line(error)) from error
+        raise click.ClickException(one_line(in_shell_words(error))) from error
     except BrokenProcessPool as error:
         raise click.ClickException("a process that shared the work was killed") from error
     except OSError as error:

@@ -12,6 +12,7 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Input, Static
 
 from smarttac_can.bench import BenchError, Stimulator
+from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.watch.commands import HINT, obey
 from smarttac_can.watch.layout import lines
 from smarttac_can.watch.listener import Listener
@@ -123,7 +124,7 @@ class WatchScreen(App[None]):
             self._said = self._doing.result()
         except (BenchError, ValueError) as error:
             # A device may have put into its Message what a terminal would obey.
-            self._said = "".join(c if c.isprintable() else "?" for c in str(error))
+            self._said = "".join(c if c.isprintable() else "?" for c in in_shell_words(error))
         self._doing = None
 
     def _show(self, now: float) -> None:

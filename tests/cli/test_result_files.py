@@ -42,6 +42,7 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "faults --json": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--json"),
     "faults --log": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--log"),
     "soak --json": ("soak", "--hours", "0.0001", "--json"),
+    "fmeda --json": ("fmeda", "--random", "1", "--json"),
     "hostile --json": ("hostile", "--actions", "5", "--json"),
     "scan --json": ("scan", *CHANNEL, "--timeout", "0.01", "--json"),
     "conform --json": ("conform", *CHANNEL, "--eds", "plate", "--node-id", "5", "--json"),

@@ -1,0 +1,171 @@
+"""What hinders is said when it is noticed, with its true reason and what helps."""
+
+import errno
+import os
+import re
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from smarttac_can.bench import BenchError, FaultError, RefusedError, Stimulator
+from smarttac_can.bench.errors import in_shell_words
+from smarttac_can.cli import main
+from smarttac_can.cli.plain_errors import plain_errors
+from smarttac_can.vocabulary.faults import FaultKind
+
+NOWHERE = ("--interface", "nonsense")
+GROUP = "239.74.163.2"
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(main, arguments)
+
+
+def closed_folder(folder: Path) -> None:
+    """Make a folder in which a device could not store, whoever runs this test."""
+    (folder / "kept.new").mkdir()
+
+
+def full_disk(folder: Path) -> None:
+    closed_folder(folder)
+    (folder / "kept").write_bytes(b"")
+
+
+@pytest.mark.parametrize("command", ["node", "plate"])
+@pytest.mark.parametrize("make", [closed_folder, full_disk])
+def test_storage_that_cannot_be_written_is_said_at_the_start(
+    command: str, make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    make(tmp_path)
+    before = set(tmp_path.iterdir())
+    result = run(command, *NOWHERE, "--storage", str(tmp_path / "kept"))
+    first, *_ = result.stderr.splitlines()
+    assert first.startswith(f"{tmp_path / 'kept'}: cannot be written (")
+    assert first.endswith(
+        "): 1010h and LSS will refuse to store, and no faults are kept; "
+        "give --storage a file in a folder that can be written"
+    )
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_a_file_system_that_is_read_only_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def refuse(path: Path) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    monkeypatch.setattr("smarttac_can.host.storage_file.create_regular", refuse)
+    result = run("node", *NOWHERE, "--storage", str(tmp_path / "kept"))
+    assert "kept: cannot be written (Read-only file system): 1010h and LSS" in result.stderr
+
+
+def test_storage_that_can_be_written_needs_no_word_and_leaves_none(tmp_path: Path) -> None:
+    result = run("node", *NOWHERE, "--storage", str(tmp_path / "kept"))
+    assert len(result.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def taken_port() -> Iterator[int]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("", 0))
+        yield other.getsockname()[1]
+
+
+@pytest.mark.parametrize("command", ["node", "scan", "jitter"])
+def test_a_udp_port_that_is_taken(command: str, taken_port: int) -> None:
+    bus = ("--interface", "udp_multicast", "--channel", GROUP)
+    result = run(command, *bus, "--bus-option", f"port={taken_port}")
+    assert result.exit_code == 1
+    assert (
+        f"; UDP port {taken_port} is taken by another program, or by nodes of another user, which "
+        "ss -ulnp shows: end that, or give all that share the bus another port, --bus-option port=N"
+    ) in result.stderr
+
+
+@pytest.mark.parametrize("command", ["node", "plate", "scan", "jitter", "record x.h5"])
+def test_no_bus_is_no_bus_called_none(
+    command: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    result = run(*command.split())
+    assert result.exit_code == 1
+    assert "no bus was named: give interface and channel, such as --interface socketcan" in (
+        result.stderr
+    )
+    assert "None" not in result.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processors are chosen on Linux")
+@pytest.mark.parametrize("command", ["node", "plate"])
+def test_a_processor_that_is_not_there(command: str) -> None:
+    allowed = ",".join(map(str, sorted(os.sched_getaffinity(0))))
+    result = run(command, *NOWHERE, "--realtime", "10", "--cpu", "1023")
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[-1] == (
+        "Error: Invalid value: --cpu: processor 1023 is none of those that this process may use: "
+        f"{allowed}"
+    )
+
+
+def latched() -> None:
+    with Stimulator.simulate("local") as bench:
+        bench.voltage = 20.0
+        bench.mode = "open_loop"
+        bench.set("Fault.Sensor", 3)
+        bench.set("Fault.Kind", FaultKind.STUCK)
+        bench.run(0.2)
+
+
+def armed() -> None:
+    with Stimulator.simulate("local") as bench:
+        bench.arm()
+        bench.tare()
+
+
+@pytest.mark.parametrize(
+    ("act", "error", "ends"),
+    [
+        (
+            latched,
+            FaultError,
+            "remove the cause, then reset it, by 'reset' in smarttac watch --drive",
+        ),
+        (
+            armed,
+            RefusedError,
+            "it is armed or running, first 'mode off' in smarttac watch --drive, or its Esc",
+        ),
+    ],
+)
+def test_a_shell_is_not_told_to_call_python(
+    act: Callable[[], None], error: type[BenchError], ends: str
+) -> None:
+    with pytest.raises(error) as in_a_script:
+        act()
+    assert re.search(r"[a-z]\(\)", str(in_a_script.value))
+    with pytest.raises(click.ClickException) as told, plain_errors():
+        act()
+    assert told.value.message.endswith(ends)
+    assert not re.search(r"[a-z]\(\)|\.trace", told.value.message)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a zero was taken; lift it, then tare()",
+        "node 32 runs in real time: connect without lockstep=True, or start all nodes with it",
+        "the time stands still: connect with lockstep=True, or start all nodes without it",
+    ],
+)
+def test_other_words_of_a_script(text: str) -> None:
+    said = in_shell_words(text)
+    assert said != text
+    assert not re.search(r"[a-z]\(\)|=True", said)
