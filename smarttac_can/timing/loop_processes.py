@@ -35,6 +35,10 @@ _QUIET_S: Final = 0.2
 _ANSWER_S: Final = 0.6
 """For an answer, or the heartbeat of a node that is stopped: one comes every 500 ms."""
 _PARTING_S: Final = 5.0
+_BEGIN: Final = (
+    "from smarttac_can.host.process_signals import end_with_parent; end_with_parent(); "
+    "from smarttac_can.cli import main; main(prog_name='smarttac')"
+)
 _FETCH_S: Final = 0.005
 _READY_POLL_S: Final = 0.02
 
@@ -108,11 +112,21 @@ class NodeProcess:
         return os.pread(file, _WORDS, max(0, os.fstat(file).st_size - _WORDS))
 
 
+def smarttac_command(*arguments: str) -> list[str]:
+    """Return the command line of a ``smarttac`` that ends with the process that begins it.
+
+    Its standard input has to be a pipe of that process, which writes nothing to it.
+    """
+    return [sys.executable, "-c", _BEGIN, *arguments]
+
+
 @contextmanager
 def node_process(
     arguments: Sequence[str], bus: Mapping[str, Any], realtime: int | None
 ) -> Iterator[NodeProcess]:
     """Run ``smarttac node`` or ``plate`` as a process, from when it is ready to the block's end.
+
+    If this process is killed, the node ends as by SIGTERM, at 0 V.
 
     Parameters
     ----------
@@ -128,7 +142,7 @@ def node_process(
     BenchError
         With its own words, if it ends before it is ready.
     """
-    command = [sys.executable, "-m", "smarttac_can", *arguments, *_bus_arguments(bus)]
+    command = [*smarttac_command(*arguments), *_bus_arguments(bus)]
     if realtime is not None:
         command += ["--realtime", str(realtime)]
     with (
@@ -136,7 +150,7 @@ def node_process(
         # In a session of its own: Ctrl-C does not end it before the bench has let go of it.
         subprocess.Popen(
             command,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             stdout=said,
             stderr=subprocess.STDOUT,
             start_new_session=True,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import multiprocessing
 import os
@@ -12,12 +11,13 @@ from contextlib import ExitStack, contextmanager, suppress
 from time import sleep, time_ns
 from typing import Any, Final, NamedTuple
 
+from smarttac_can.host.process_signals import end_with_parent
+
 _PRIORITY: Final = 60
 _TICK_NS: Final = 1_000_000
 _STALLED_NS: Final = 1_000_000
 _MOST: Final = 1 << 16
 _SETTLING_S: Final = 0.2
-_SIGNAL_AT_PARENTS_DEATH: Final = 1
 _FORK: Final = multiprocessing.get_context("fork")
 
 
@@ -112,7 +112,7 @@ def _as_a_child(work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
-    ctypes.CDLL(None).prctl(_SIGNAL_AT_PARENTS_DEATH, signal.SIGKILL)
+    end_with_parent()
     work(*arguments)
 
 

@@ -11,6 +11,7 @@ from zlib import crc32
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
+from smarttac_can.host.process_signals import end_with_parent
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
@@ -20,7 +21,7 @@ from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_row import FaultRow
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import PLATE_HEARTBEAT_MS, Rig
-from smarttac_can.trials.workers import end_with_parent, interrupts_held
+from smarttac_can.trials.workers import interrupts_held
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
 

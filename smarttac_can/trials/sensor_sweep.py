@@ -24,6 +24,7 @@ from multiprocessing import get_context
 from typing import Any, Final, NamedTuple, TypeVar
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.host.process_signals import end_with_parent
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
@@ -33,7 +34,7 @@ from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, 
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.sensors import PICKUP_SATURATED
 from smarttac_can.plant.subjects import SUBJECTS, Subject
-from smarttac_can.trials.workers import end_with_parent, interrupts_held
+from smarttac_can.trials.workers import interrupts_held
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Measurement

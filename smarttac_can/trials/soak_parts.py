@@ -9,9 +9,10 @@ from itertools import pairwise
 from multiprocessing import get_context
 from typing import Any, Final, NamedTuple
 
+from smarttac_can.host.process_signals import end_with_parent
 from smarttac_can.trials.soak import CYCLES_PER_HOUR, Soak
 from smarttac_can.trials.soak_report import SoakReport, merged
-from smarttac_can.trials.workers import end_with_parent, interrupts_held
+from smarttac_can.trials.workers import interrupts_held
 
 _GOLDEN: Final = 0x9E3779B9
 """Step between the seeds of two parts: 2^32 over the golden ratio, so that none comes twice."""

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +129,37 @@ def test_a_signal_ends_it_with_its_nodes(number: int, multicast: dict[str, Any])
         assert set(json.loads(said)) == KEYS
     else:
         assert "the loop never ran" in complaints
+
+
+def test_nothing_is_left_of_one_that_is_killed(multicast: dict[str, Any]) -> None:
+    command = [sys.executable, "-m", "smarttac_can", "jitter", *options(multicast)]
+    nodes: list[psutil.Process] = []
+    with (
+        can.Bus(**multicast) as bus,
+        subprocess.Popen([*command, "--seconds", "3600"], stderr=subprocess.DEVNULL) as process,
+    ):
+        guard = time.monotonic() + GUARD_S
+        voltage = b"\0\0"
+        try:
+            while voltage == b"\0\0":
+                assert time.monotonic() < guard
+                message = bus.recv(GUARD_S)
+                if message is not None and message.arbitration_id == 0x221:
+                    voltage = bytes(message.data[:2])
+            nodes = psutil.Process(process.pid).children(recursive=True)
+            process.kill()
+            ended, alive = psutil.wait_procs(nodes, GUARD_S)
+            assert not alive
+            assert len(ended) >= 2
+            while (message := bus.recv(0.0)) is not None:
+                if message.arbitration_id == 0x221:
+                    voltage = bytes(message.data[:2])
+            assert voltage == b"\0\0", "the last drive"
+        finally:
+            process.kill()
+            for node in nodes:
+                with suppress(psutil.NoSuchProcess):
+                    node.kill()
 
 
 def test_a_node_that_ends_is_named(multicast: dict[str, Any]) -> None:

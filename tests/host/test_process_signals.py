@@ -2,10 +2,14 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
+import psutil
 import pytest
 import toy_node
 from conftest import GUARD_S
@@ -90,3 +94,99 @@ def test_process_told_to_stop_says_zero_volts_and_ends_well(
         node.kill()
         node.communicate()
         master.close()
+
+
+# The end of the parent
+
+
+def begun(script: str, *arguments: str) -> subprocess.Popen[str]:
+    """A parent that begins a process by a script, says its process ID, and stays."""
+    here = Path(toy_node.__file__).parent
+    return subprocess.Popen(
+        [sys.executable, "-c", dedent(script), *arguments],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(here.parents[1]), str(here)])},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def has_ended(pid: int) -> bool:
+    """Wait until there is no such process, other than one that nobody has waited for."""
+    end = time.monotonic() + GUARD_S
+    while time.monotonic() < end:
+        with suppress(psutil.NoSuchProcess):
+            if psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:
+                time.sleep(0.01)
+                continue
+        return True
+    return False
+
+
+CHILD = (
+    "from smarttac_can.host.process_signals import end_with_parent\n"
+    "end_with_parent()\n"
+    "import toy_node\n"
+    "toy_node.main()\n"
+)
+BY_STANDARD_INPUT = f"""
+    import subprocess, sys
+    command = [sys.executable, "-c", {CHILD!r}, *sys.argv[1:]]
+    node = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    print(node.pid, flush=True)
+    node.wait()
+    """
+BY_MULTIPROCESSING = f"""
+    import multiprocessing
+    node = multiprocessing.get_context("fork").Process(target=exec, args=({CHILD!r},))
+    node.start()
+    print(node.pid, flush=True)
+    node.join()
+    """
+
+
+@pytest.mark.parametrize("script", [BY_STANDARD_INPUT, BY_MULTIPROCESSING])
+def test_a_node_whose_parent_is_killed_says_zero_volts_and_ends(
+    script: str, multicast: dict[str, Any]
+) -> None:
+    def wait_for(can_id: int) -> Frame | None:
+        frame = master.receive(GUARD_S)
+        while frame is not None and frame.can_id != can_id:
+            frame = master.receive(GUARD_S)
+        return frame
+
+    group = (multicast["channel"], str(multicast["port"]))
+    with closing(PythonCanBus(**multicast)) as master, begun(script, *group) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        try:
+            assert wait_for(BOOT_UP + 1) is not None
+            parent.kill()
+            assert wait_for(OFF + 1) == Frame(OFF + 1, bytes(2))
+            assert has_ended(pid)
+        finally:
+            parent.kill()
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+
+
+DEAF = """
+    import multiprocessing, os, signal, time
+    from smarttac_can.host.process_signals import end_with_parent
+
+    def run():
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        end_with_parent()
+        print(os.getpid(), flush=True)
+        while True:
+            time.sleep(1.0)
+
+    multiprocessing.get_context("fork").Process(target=run).start()
+    """
+
+
+def test_a_process_that_does_not_end_by_sigterm_ends_all_the_same() -> None:
+    with begun(DEAF) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        parent.kill()
+        assert has_ended(pid)

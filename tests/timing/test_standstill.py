@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import time
 
@@ -47,3 +48,20 @@ def test_what_is_forked_ends_with_the_block_even_if_it_is_stopped() -> None:
     with forked(signal.pause) as process:
         os.kill(process.pid, signal.SIGSTOP)
     assert process.exitcode == -signal.SIGKILL
+
+
+def test_what_is_forked_ends_with_its_parent_even_if_that_is_killed() -> None:
+    script = (
+        "import signal; from smarttac_can.timing.standstill import forked\n"
+        "with forked(signal.pause) as one, forked(signal.pause) as other:\n"
+        "    print(one.pid, other.pid, flush=True)\n"
+        "    signal.pause()\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        forks = [psutil.Process(int(pid)) for pid in parent.stdout.readline().split()]
+        parent.kill()
+        _, alive = psutil.wait_procs(forks, GUARD_S)
+        for process in alive:
+            process.kill()
+    assert (len(forks), alive) == (2, [])
