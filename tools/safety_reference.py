@@ -11,7 +11,7 @@ from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.od.object_reference import table
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.states import Control, State
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS
+from smarttac_can.vocabulary.watchdogs import FORGOTTEN, WATCHDOGS
 
 _WITHOUT_GUARD = ""
 _OF_THE_PLATE = (
@@ -178,11 +178,15 @@ def safety() -> str:
         "## Watchdogs of the stimulator",
         "",
         "*Bit* is that of `Diagnosis.Present` and `Diagnosis.Latched`, and the first manufacturer "
-        "byte of the emergency. *Bound* is in cycles, from the first faulty one to a drive of 0 V. "
+        "byte of the emergency. *Bound* is in cycles, from the first faulty one to a drive of 0 V, "
+        "where every cycle is faulty. *Forgets* is what sound cycles in between do to the count: "
+        "where it forgets slowly, faulty cycles that are spread add up. If a share s of the cycles "
+        f"is faulty, it trips after about {FORGOTTEN}/({FORGOTTEN + 1} s - 1) times the bound; "
+        f"with 1 faulty cycle in {FORGOTTEN + 1} or fewer it never does. "
         "Every row sets the generic bit of the error register as well.",
         "",
         *table(
-            ("Bit", "Fault", "EMCY", "Error register", "Bound", "Why", "Limit"),
+            ("Bit", "Fault", "EMCY", "Error register", "Bound", "Why", "Forgets", "Limit"),
             *(
                 (
                     f"{int(watchdog)}",
@@ -191,6 +195,7 @@ def safety() -> str:
                     f"{int(row.register):02X}h",
                     f"{row.bound}",
                     row.why,
+                    row.forgets,
                     row.limit,
                 )
                 for watchdog, row in WATCHDOGS.items()

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
-
-FORGOTTEN: Final = 20
-"""Sound cycles that make up for a faulty one."""
+from smarttac_can.vocabulary.watchdogs import FORGOTTEN
 
 
 class Lapses:

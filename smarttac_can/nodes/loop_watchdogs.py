@@ -110,7 +110,7 @@ class LoopWatchdogs:
         self._tick = TICK_MASK
         self._repeats: dict[int, int] = {}
         self._saturated = Lapses()
-        self._odd = 0
+        self._odd = Lapses()
 
     def judge(self, drive: Drive, parameters: CascadeParameters) -> int:
         """Look at a drive before it goes out; return bits, 0 for a sound one."""
@@ -184,7 +184,7 @@ class LoopWatchdogs:
             hypot(contact.Fx, contact.Fy) / self._Ft_max,
             self._saturated.share(SATURATED_CYCLES),
             stuck,
-            self._odd / GAUGE_CYCLES,
+            self._odd.share(GAUGE_CYCLES),
         )
 
     def _stuck(self, sensors: tuple[int, ...]) -> bool:
@@ -220,15 +220,12 @@ class LoopWatchdogs:
         mismatch = self._mismatch
         load = Fn if Fn > 0.0 else 0.0
         # A rigid plate rests on its diagonals alike, wherever the finger is.
-        if (
+        odd = (
             abs(s3 - s4 - s5 + s6) > mismatch
             or abs(x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) > _PLATE_END * (load + mismatch)
             or Fn < -mismatch
             or Ft > _FRICTION_MAX * load + mismatch
-        ):
-            self._odd += 1
-            if self._odd >= GAUGE_CYCLES:
-                faults |= _GAUGES
-        else:
-            self._odd = 0
+        )
+        if self._odd.count(odd, GAUGE_CYCLES):
+            faults |= _GAUGES
         return faults

@@ -8,12 +8,10 @@ from typing import Final, Protocol
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.plant.parameters import SensorParameters
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import FORGOTTEN, Watchdog
 
 _NOISE_M: Final = 10e-9
 """What a pick-up may read too much, in m: ten times its noise."""
-_FORGOTTEN: Final = 20
-"""Sound cycles after which a watch has forgotten a faulty one."""
 
 
 class Driven(Protocol):
@@ -78,4 +76,4 @@ class TripCause:
 
     def _lasted(self, cycles: deque[int]) -> bool:
         most = cycles.maxlen or 0
-        return len(cycles) == most and self._rig.cycles - cycles[0] < _FORGOTTEN * most
+        return len(cycles) == most and self._rig.cycles - cycles[0] < FORGOTTEN * most

@@ -8,6 +8,8 @@ from typing import Final, NamedTuple
 from smarttac_can.od.cia import ErrorRegister
 from smarttac_can.vocabulary.fault_codes import FaultCode
 
+FORGOTTEN: Final = 20
+"""Sound cycles that make up for a faulty one, where a watchdog forgets slowly."""
 STUCK_GAUGE_CYCLES: Final = 12
 """Equal samples of gauge or pick-up in a row that are a fault; 9e-10 false alarms an hour."""
 STUCK_THERMOMETER_CYCLES: Final = 100
@@ -90,6 +92,8 @@ class WatchdogRow(NamedTuple):
     """Cycles from the first faulty one to 0 V; a name where an object sets it."""
     why: str
     """Why that many."""
+    forgets: str
+    """What a sound cycle or frame does to the count; where it ends it, why nothing adds up."""
     limit: str = ""
     """Object that holds the limit."""
     lasting: bool = True
@@ -103,33 +107,48 @@ _MANUFACTURER: Final = ErrorRegister.MANUFACTURER
 _DEADLINE: Final = "event timer of RPDO 5 to 7"
 _AT_ONCE: Final = "acted on where it is noticed"
 _ONE_SAMPLE: Final = "one sample is enough: its noise is far below the limit"
+_NO_COUNT: Final = "no count: once is enough"
+_TIMER: Final = "at once: the timer starts anew, as what is late has come"
+_SLOWLY: Final = f"slowly: {FORGOTTEN} sound cycles make up for a faulty one"
+"""A leaky bucket, `nodes.lapses.Lapses`: faulty cycles that are spread add up to a fault, too."""
 
 WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.NMT: WatchdogRow(
         "NMT left OPERATIONAL while running",
-        FaultCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+        FaultCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE,
+        _NO_COUNT,
+        lasting=False,
     ),
     Watchdog.HEARTBEAT: WatchdogRow(
         "the heartbeat of a watched node is lost",
         FaultCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
         "the consumer time; at once when the node boots again, 1 s and a heartbeat after one that "
         "was OPERATIONAL left it; the plate is watched with 2 s, two heartbeats, beside its PDOs",
+        _TIMER,
         "Consumer heartbeat time",
     ),
     Watchdog.MEASUREMENT: WatchdogRow(
         "the measurements of the plate are late",
         FaultCode.MEASUREMENT_LOST, _COMMUNICATION, _DEADLINE,
-        "the shortest of the three; see the deadline of the loop", _DEADLINE,
+        "the shortest of the three; see the deadline of the loop",
+        "at once: the timer starts anew, as what is late has come. Unusable measurements have to "
+        "be in a row: CAN may deliver a frame twice, and a doubled PDO looks like an incomplete "
+        "measurement. Spread ones are ticks without a cycle, bit 24",
+        _DEADLINE,
     ),
     Watchdog.SETPOINT: WatchdogRow(
         "a set-point PDO is late",
         FaultCode.SETPOINT_LOST, _COMMUNICATION, "event timer of RPDO 1 to 4",
-        "what the master asks for; off by default", "event timer of RPDO 1 to 4",
+        "what the master asks for; off by default",
+        _TIMER,
+        "event timer of RPDO 1 to 4",
     ),
     Watchdog.SYNC_LOST: WatchdogRow(
         "SYNC is lost",
         FaultCode.SYNC_LOST, _COMMUNICATION, _DEADLINE,
-        "without SYNC there are no measurements", _DEADLINE,
+        "without SYNC there are no measurements",
+        _TIMER,
+        _DEADLINE,
     ),
     Watchdog.SYNC_IRREGULAR: WatchdogRow(
         "SYNC is irregular",
@@ -137,85 +156,114 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "counted over two deadlines and 2 periods, with one less than the deadline too many or too "
         "few: at 3 ms 6 to 10 in 8 are right; the window in which it begins may end too early to "
         "tell. A drift is counted over 1000 periods, with 10 and the deadline too many or too few: "
-        "2000 cycles", _DEADLINE,
+        "2000 cycles",
+        "with each window: what the short one lets pass adds up in the long one, to 1.3 % at 3 ms",
+        _DEADLINE,
     ),
     Watchdog.SYNC_COUNTER: WatchdogRow(
         "the SYNC counter has jumped",
-        FaultCode.SYNC_COUNTER, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+        FaultCode.SYNC_COUNTER, _COMMUNICATION, 1, _AT_ONCE,
+        _NO_COUNT,
+        lasting=False,
     ),
     Watchdog.BUS_OFF: WatchdogRow(
         "the CAN controller is bus-off",
         FaultCode.BUS_OFF, _COMMUNICATION, 1, _AT_ONCE,
+        _NO_COUNT,
     ),
     Watchdog.TRANSMIT_QUEUE: WatchdogRow(
         "the transmit queue is full",
-        FaultCode.TRANSMIT_QUEUE, _COMMUNICATION, 1, _AT_ONCE, lasting=False,
+        FaultCode.TRANSMIT_QUEUE, _COMMUNICATION, 1, _AT_ONCE,
+        _NO_COUNT,
+        lasting=False,
     ),
     Watchdog.VOLTAGE: WatchdogRow(
         "the controllers ask for more than the voltage limit",
         FaultCode.VOLTAGE, ErrorRegister.VOLTAGE, 1,
-        "checked before the drive goes out", "Limit.Voltage",
+        "checked before the drive goes out",
+        _NO_COUNT,
+        "Limit.Voltage",
     ),
     Watchdog.AMPLITUDE: WatchdogRow(
         "the vibration is above its limit",
         FaultCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
         "a finger that lifts lets the amplitude overshoot for less than the 5 ms the loop takes",
+        _SLOWLY,
         "Limit.Amplitude trip",
     ),
     Watchdog.TEMPERATURE: WatchdogRow(
         "the plate is too hot",
-        FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE, 1, _ONE_SAMPLE, "Limit.Temperature",
+        FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE, 1, _ONE_SAMPLE,
+        _NO_COUNT,
+        "Limit.Temperature",
     ),
     Watchdog.NORMAL_FORCE: WatchdogRow(
         "the normal force is above its limit",
-        FaultCode.NORMAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Normal force",
+        FaultCode.NORMAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE,
+        _NO_COUNT,
+        "Limit.Normal force",
     ),
     Watchdog.LATERAL_FORCE: WatchdogRow(
         "the lateral force is above its limit",
-        FaultCode.LATERAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE, "Limit.Lateral force",
+        FaultCode.LATERAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE,
+        _NO_COUNT,
+        "Limit.Lateral force",
     ),
     Watchdog.SATURATED: WatchdogRow(
         "a sensor is at the end of its range",
         FaultCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
         "a single sample may be a disturbance",
+        _SLOWLY,
     ),
     Watchdog.STUCK: WatchdogRow(
         "a sensor is stuck",
         FaultCode.SENSOR_STUCK, _MANUFACTURER, STUCK_THERMOMETER_CYCLES,
         "12 identical samples of gauge or pick-up, 100 of the thermometer: see the false alarms",
+        "at once: noise repeats single samples of a sound sensor, which would add up. One that "
+        "sticks for less shows samples at most 11 ms old, the thermometer 99 ms",
     ),
     Watchdog.GAUGES: WatchdogRow(
         "the gauges contradict each other",
         FaultCode.GAUGES_IMPLAUSIBLE, _MANUFACTURER, GAUGE_CYCLES,
-        "a finger that arrives or leaves may do so between two samples", "Limit.Gauge mismatch",
+        "a finger that arrives or leaves may do so between two samples",
+        _SLOWLY,
+        "Limit.Gauge mismatch",
     ),
     Watchdog.PICKUP: WatchdogRow(
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
         "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
         "than any finger explains: 20 cycles, until its force is felt as well; with a plate node "
-        "as many more as its deadline is above 3 ms", "Model",
+        "as many more as its deadline is above 3 ms",
+        f"{_SLOWLY}. None at all has to be in a row, as the end of each pulse under a finger may "
+        "look like it",
+        "Model",
     ),
     Watchdog.RESONANCE: WatchdogRow(
         "the resonance is lost",
         FaultCode.RESONANCE, _MANUFACTURER, RESONANCE_CYCLES,
         "from the end of its range the loop takes 50 ms to the resonance; cycles with a vibration "
         "count",
+        f"{_SLOWLY}. Cycles without a vibration do not count; a mode that does not track the "
+        "resonance forgets all",
     ),
     Watchdog.CONTROLLER: WatchdogRow(
         "the controllers gave no finite drive",
         FaultCode.CONTROLLER, _MANUFACTURER, 1, "checked before the drive goes out",
+        _NO_COUNT,
         lasting=False,
     ),
     Watchdog.CALIBRATION: WatchdogRow(
         "the calibration is missing or that of another plate",
         FaultCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
+        _NO_COUNT,
         "Calibration.Plate serial number",
     ),
     Watchdog.PLATE: WatchdogRow(
         "the plate went to 0 V by itself: its drives were late",
         FaultCode.DRIVE_LOST, _COMMUNICATION, 1,
         "the plate says so, by 8253h, in the cycle after it did",
+        _NO_COUNT,
         "event timer of the plate's RPDO 1",
         lasting=False,
     ),
@@ -226,6 +274,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "one frame is enough, and the plate tells of its own; without a plate that tells, as many "
         "measurements beyond one a SYNC as the deadline has ms, in twice as many SYNCs and 2: one "
         "less is what SYNCs that were not heard may leave. Present until 3 s without",
+        "with each window: one less is what SYNCs that were not heard may leave in each. A "
+        "measurement that a window lets pass is not answered",
         _DEADLINE,
         told=True,
     ),
@@ -234,13 +284,16 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
         "a step of the friction loop asks for more, but not for longer; with a plate node as many "
         "more as its deadline is above 3 ms",
+        _SLOWLY,
         "Limit.Amplitude by drive",
     ),
     Watchdog.MISSED_TIME: WatchdogRow(
         "too many ticks of a second had no cycle",
         FaultCode.MISSED_TIME, _MANUFACTURER, 2000,
         "judged at the end of each second of a run; the one in which it begins may end too early "
-        "to tell", "Limit.Missed ticks",
+        "to tell",
+        "with each second: the limit is a share of it",
+        "Limit.Missed ticks",
         lasting=False,
     ),
     Watchdog.STAGE: WatchdogRow(
@@ -248,6 +301,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.STAGE, ErrorRegister.VOLTAGE, 1,
         "the plate says so, by 3311h, in the cycle in which it sees it: at once in the simulated "
         "stage and a front end's, within 5 cycles where hardware reads the stage back",
+        f"{_SLOWLY}, where hardware reads the stage back; elsewhere no count",
         lasting=False,
     ),
     Watchdog.NOT_ENABLED: WatchdogRow(
@@ -256,6 +310,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the plate says so, by 9010h: when its Enable goes while it drives, when the event timer "
         "of that RPDO is over, and when a voltage is asked for without; with a front end also when "
         "it had no measurement in time for 2 cycles in a row, or anything that is wrong",
+        "at once: the timer starts anew, as what is late has come. Cycles of a front end without a "
+        "measurement have to be in a row: spread ones are ticks without a cycle, bit 24",
         "event timer of the plate's RPDO 2",
         lasting=False,
     ),
