@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from smarttac_can.host.eds_files import read_eds
-from smarttac_can.nodes import drive_sender, lapses
+from smarttac_can.nodes import drive_sender
 from smarttac_can.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
 from smarttac_can.nodes.loop_period import deadlines
 from smarttac_can.nodes.master_watch import NOT_OPERATIONAL_US
@@ -69,7 +69,7 @@ def bounds(stimulator: ObjectDictionary, plate: ObjectDictionary) -> dict[str, f
         "NOT_OPERATIONAL": NOT_OPERATIONAL_US // TICK_US,
         "FORCE_PATH": round(1e3 * pi / swing),
         "WRONG_MAX": drive_sender.WRONG_MAX,
-        "FORGOTTEN": lapses.FORGOTTEN,
+        "FORGOTTEN": watchdogs.FORGOTTEN,
         "MISSED_PERCENT": stimulator["Limit.Missed ticks"].default,
         "BY_DRIVE": round(1e6 * _default(stimulator, "Limit.Amplitude by drive")),
         "A": round(1e6 * _default(stimulator, _TRIP), 2),

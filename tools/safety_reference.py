@@ -50,9 +50,10 @@ _OF_THE_PLATE = (
         ErrorRegister.VOLTAGE,
         "a power stage that puts out more than 1 V more or less than it was told: at once where it "
         "reads itself back, as in the simulation; by `Stage read-back`, once mapped, for 3 cycles "
-        "in a row, where a reading may be a cycle old: 5 cycles at most. Sent again for each "
-        "voltage that is asked for after 0 V",
-        "a drive of 0 V, once the reading is right",
+        "in a row or fewer again and again, where a reading may be a cycle old: 5 cycles at most. "
+        "Sent again for each voltage that is asked for after 0 V",
+        "a drive of 0 V, once the reading is right; by `Stage read-back` after "
+        f"{FORGOTTEN + 1} such cycles",
     ),
     (
         FaultCode.NOT_ENABLED,

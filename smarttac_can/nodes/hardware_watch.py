@@ -6,6 +6,7 @@ from typing import Final
 
 from smarttac_can.device.device import Device
 from smarttac_can.nodes.front_end import STAGE_TOLERANCE
+from smarttac_can.nodes.lapses import Lapses
 from smarttac_can.nodes.loop_frames import PLATE_RPDOS
 from smarttac_can.nodes.stricter import LONGER, OTHER, Rule
 from smarttac_can.od.cia import (
@@ -21,8 +22,8 @@ from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.fault_codes import FaultCode
 
 READ_BACK_CYCLES: Final = 3
-"""Cycles in a row with a wrong reading that are a fault. Two more pass before, at most: a reading
-may be a cycle old, and so may what it is compared with."""
+"""Cycles in a row with a wrong reading that are a fault; for those now and then see `Lapses`. Two
+more pass before, at most: a reading may be a cycle old, and so may what it is compared with."""
 
 
 class HardwareWatch:
@@ -60,7 +61,7 @@ class HardwareWatch:
         self.cause: FaultCode | None = None
         self._told = (0.0, 0.0)
         self._wrong = False
-        self._wrong_cycles = 0
+        self._wrong_cycles = Lapses()
 
     def configure(self) -> None:
         """Look up what is mapped; for when PDOs have changed, or the NMT state has."""
@@ -75,7 +76,7 @@ class HardwareWatch:
         self.reads_back = self._read_back in self._inputs
         if not self.reads_back:
             self._wrong = False
-            self._wrong_cycles = 0
+            self._wrong_cycles.clear()
         self._rules = dict(rule for number in self.sources for rule in self._of_rpdo(number))
         self.look()
 
@@ -99,7 +100,7 @@ class HardwareWatch:
     def cycle(self, told: float) -> None:
         """Count a cycle of the loop at whose end the stage was told a voltage in V."""
         self._told = (told, self._told[0])
-        self._wrong_cycles = min(self._wrong_cycles + 1, READ_BACK_CYCLES) if self._wrong else 0
+        self._wrong_cycles.count(self._wrong, READ_BACK_CYCLES)
         self.look()
 
     def look(self) -> None:
@@ -109,7 +110,7 @@ class HardwareWatch:
         self.cause = None
         if not (heard and enabled):
             self.cause = FaultCode.NOT_ENABLED
-        elif self._wrong_cycles >= READ_BACK_CYCLES:
+        elif self._wrong_cycles.share(READ_BACK_CYCLES) >= 1.0:
             self.cause = FaultCode.STAGE
 
     def require(self, entry: Entry, value: int, *, in_use: bool) -> None:

@@ -12,8 +12,10 @@ from smarttac_can.device.collision import GONE_AFTER_US
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_faults import Disturbance, FrameFault
 from smarttac_can.od.cia import HEARTBEAT_ID, PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS
+from smarttac_can.plant.faults import Fault
 from smarttac_can.trials.rig import MASTER_ID, PLATE_HEARTBEAT_MS, Rig
 from smarttac_can.trials.stage_hardware import StageHardware
+from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.signals import TICK_US, Drive, Measurement, Setpoint
 
 SETPOINT_DEADLINE_MS: Final = 5
@@ -188,6 +190,22 @@ def limit_amplitude(nm: int) -> Act:
 def speak_as(can_id: int) -> Act:
     """Have somebody send empty frames with an identifier of another node."""
     return lambda rig: rig.each_cycle.append(Frame(can_id))
+
+
+def offset_sometimes(sensor: int, value: int, off: int, period: int) -> Act:
+    """Make an act after which a sensor is off by a value in `off` of `period` cycles."""
+    wrong, none = Fault(FaultKind.OFFSET, sensor, value), Fault(FaultKind.NONE, sensor, 0)
+
+    def act(rig: Rig) -> None:
+        begin = rig.cycles + 1
+
+        def break_or_mend() -> None:
+            bad = (rig.cycles - begin) % period < off
+            rig.plate_block.plate.inject(wrong if bad else none)
+
+        rig.unsteady = break_or_mend
+
+    return act
 
 
 def fall_silent(rig: Rig) -> None:

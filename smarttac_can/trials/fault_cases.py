@@ -151,6 +151,10 @@ CASES: Final[tuple[FaultCase, ...]] = (
     *_sensor("S6", 6, Watchdog.GAUGES, Watchdog.NORMAL_FORCE, why=_DIAGONAL),
     *(broken(f"S{number} jumps", GAUGE_CYCLES, Watchdog.GAUGES, FaultKind.OFFSET, number, 600)
       for number in range(3, 7)),
+    *(FaultCase(f"S{number} off in {off} of {period} cycles", bound, Watchdog.GAUGES,
+                act.offset_sometimes(number, mN, off, period), Rig.mend, through_loop=True)
+      for number, mN, off, period, bound in
+      ((1, 1700, 4, 5, 7), (3, 600, 4, 5, 7), (4, -600, 1, 2, 11), (6, 600, 1, 3, 16))),
     *_sensor("pick-up d", PICKUP_D, Watchdog.PICKUP, Watchdog.SATURATED, {
         Mode.AMPLITUDE: Watchdog.SATURATED, Mode.AMPLITUDE_RESONANCE: Watchdog.SATURATED,
         Mode.IDENTIFY: Watchdog.STUCK,

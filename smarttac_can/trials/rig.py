@@ -107,6 +107,8 @@ class Rig:
         Called after every cycle.
     each_cycle
         Further frames that the master sends in every cycle.
+    unsteady
+        Breaks and mends the simulated plate; called before every cycle until `mend`.
     hardware
         What watches the power stage, if anything does.
     """
@@ -126,6 +128,7 @@ class Rig:
         self.syncs = 1
         self.observe: Callable[[], None] | None = None
         self.each_cycle: list[Frame] = []
+        self.unsteady: Callable[[], None] | None = None
         self.hardware: StageHardware | None = None
         self._emcy_ids = (EMCY_ID + STIMULATOR_ID, EMCY_ID + PLATE_ID)
         self.master = LocalMaster(self.bus, self._hear)
@@ -154,6 +157,8 @@ class Rig:
         """Let 1 ms pass, then send SYNC; so many times."""
         for _ in range(count):
             self.cycles += 1
+            if self.unsteady is not None:
+                self.unsteady()
             self.bus.advance(TICK_US)
             if self.heartbeat and self.cycles % HEARTBEAT_CYCLES == 0:
                 self.master.send(requests.heartbeat(MASTER_ID))
@@ -222,6 +227,7 @@ class Rig:
 
     def mend(self) -> None:
         """Mend what was broken of the simulated plate."""
+        self.unsteady = None
         self.write("Fault.Kind", 0)
 
     def count_syncs(self) -> None:

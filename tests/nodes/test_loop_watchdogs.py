@@ -55,11 +55,30 @@ def test_four_cycles_are_none_and_five_are_a_fault() -> None:
     assert faults_after(5, twist=0.3) == GAUGES
 
 
-def test_a_sound_cycle_begins_the_count_anew() -> None:
+@pytest.mark.parametrize(
+    "odd", [{"twist": 0.3}, {"Fx": 2.4}, {"x": 0.05}, {"Fn": -0.3}], ids=lambda odd: next(iter(odd))
+)
+@pytest.mark.parametrize(
+    ("off", "sound", "at"), [(4, 1, 7), (1, 1, 11), (1, 2, 16), (1, 19, 1601), (1, 20, None)]
+)
+def test_gauges_that_contradict_now_and_then_are_a_fault(
+    odd: dict[str, float], off: int, sound: int, at: int | None
+) -> None:
     watchdogs = LoopWatchdogs(stimulator_od())
-    for at in range(20):
-        assert not look(watchdogs, at, twist=0.0 if at % 5 == 4 else 0.3)
-    assert [look(watchdogs, at, twist=0.3) for at in range(20, 25)] == [0, 0, 0, 0, GAUGES]
+    for cycle in range(1, 3001):
+        bad = (cycle - 1) % (off + sound) < off
+        if look(watchdogs, cycle, **(odd if bad else {})) & GAUGES:
+            assert cycle == at
+            return
+    assert at is None
+
+
+def test_a_finger_may_contradict_for_4_cycles_when_it_lands_and_when_it_leaves() -> None:
+    watchdogs = LoopWatchdogs(stimulator_od())
+    for cycle in range(2000):
+        # 6 landings a second; 61 sound cycles from each until the finger leaves.
+        odd = cycle % 168 < 4 or 65 <= cycle % 168 < 69
+        assert not look(watchdogs, cycle, twist=0.3 if odd else 0.0)
 
 
 @pytest.mark.parametrize(
