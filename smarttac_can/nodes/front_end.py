@@ -20,7 +20,8 @@ STAGE_TOLERANCE: Final = 1.0
 LATE_US: Final = 500
 """Longest time in us for a call: the other half of a tick is for frames and controllers."""
 SILENT_CYCLES: Final = 2
-"""Cycles in a row without a measurement in time that are a fault; one passes."""
+"""Cycles in a row without a measurement in time that are a fault; one passes. Spread ones do not
+add up here: the stimulator counts them second by second, as ticks without a cycle."""
 SOUND_CYCLES: Final = 20
 """Sound cycles in a row after which a fault is forgotten."""
 UNKNOWN: Final = 1e9

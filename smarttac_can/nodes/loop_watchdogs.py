@@ -188,7 +188,10 @@ class LoopWatchdogs:
         )
 
     def _stuck(self, sensors: tuple[int, ...]) -> bool:
-        """Count samples that are the same as before, although noise makes them differ."""
+        """Count samples that are the same as before, although noise makes them differ.
+
+        In a row: noise repeats single samples of a sound sensor, which would add up.
+        """
         before = self._repeats
         same = compress(_PLACES, map(eq, sensors, self._last))
         self._repeats = repeats = {at: before.get(at, 0) + 1 for at in same}

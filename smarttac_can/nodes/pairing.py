@@ -11,7 +11,9 @@ from smarttac_can.nodes.plate_block import TICK_MASK
 from smarttac_can.od.dictionary import ObjectDictionary
 
 UNUSABLE_MAX: Final = 3
-"""Measurements in a row, incomplete, corrupt or of a foreign tick, before it is a fault."""
+"""Measurements in a row, incomplete, corrupt or of a foreign tick, before it is a fault. Spread
+ones do not add up: CAN may deliver a frame twice, and a doubled first PDO begins one that stays
+incomplete. `MissedTime` counts ticks without a cycle."""
 _FIRST, *_, _LAST = MEASUREMENT_RPDOS
 _PARTS: Final = len(MEASUREMENT_RPDOS)
 _NOTHING: Final = -1

@@ -194,6 +194,22 @@ def test_one_cycle_without_a_measurement_passes_a_second_in_a_row_is_0_v(
     assert plate.od["Error register"].value == 0x81
 
 
+def test_every_second_cycle_without_a_measurement_is_missed_time() -> None:
+    hardware = Hardware()
+    line, _, stimulator = regulating(hardware)
+    sample, asked = hardware.sample, 0
+
+    def every_second() -> Any:
+        nonlocal asked
+        asked += 1
+        return sample() if asked % 2 else None
+
+    hardware.sample = every_second  # type: ignore[method-assign]
+    line.sync(2000)
+    assert stimulator.block.supervisor.latched == 1 << Watchdog.MISSED_TIME
+    assert stimulator.block.state is State.FAULT
+
+
 def test_a_call_of_half_a_tick_is_in_time() -> None:
     line, plate, fake = driven()
     fake.took_us = 500
