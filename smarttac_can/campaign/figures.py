@@ -5,19 +5,22 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from smarttac_can.bench.drawing import GREEN, RED, canvas
+from smarttac_can.bench.drawing import GREEN, PALE, RED, canvas
 from smarttac_can.campaign.chunk import COLUMNS, Rows
 from smarttac_can.campaign.summary import LIMIT_CYCLE
 
 _PANELS: Final = {
-    "rise_time_ms": "rise time, ms",
-    "overshoot_percent": "overshoot, % of the step",
-    "static_error_percent": "static error, % of the reference",
-    "chatter": "chatter",
+    "rise_time_ms": "rise time (ms)",
+    "overshoot_percent": "overshoot (% of the step)",
+    "static_error_percent": "static error (% of the reference)",
+    "chatter": "chatter of the COF (standard deviation)",
 }
 _CURVES: Final = {"": (RED, "-", "true COF"), "measured_": (GREEN, "--", "measured COF")}
+_FEW_DECADES, _MANY_DECADES = 1.0, 2.5
 
 
 def distributions(rows: Rows, title: str) -> Figure:
@@ -28,21 +31,52 @@ def distributions(rows: Rows, title: str) -> Figure:
     rows
         A row a finger; columns as in `COLUMNS`.
     title
-        Over the figure.
+        What was run, below the heading.
     """
-    with canvas(9.0, 6.4) as figure:
-        figure.suptitle(title)
-        for axes, (name, label) in zip(figure.subplots(2, 2).flat, _PANELS.items(), strict=True):
+    with canvas(9.0, 7.0) as figure:
+        figure.suptitle(f"Random fingers under control (simulated)\n{title}", fontsize=11)
+        panels = figure.subplots(2, 2, sharey=True)
+        for axes, (name, label) in zip(panels.flat, _PANELS.items(), strict=True):
             for prefix, (colour, line, legend) in _CURVES.items():
                 column = rows[:, COLUMNS.index(prefix + name)]
                 known = np.sort(column[np.isfinite(column)])
                 share = 100.0 * np.arange(1, len(known) + 1) / len(rows)
                 axes.plot(known, share, color=colour, linestyle=line, label=legend)
             if name == "chatter":
-                axes.axvline(LIMIT_CYCLE, color="black", linewidth=0.8, linestyle=":")
+                _mark_limit_cycles(axes)
             axes.set_xscale("log")
+            _label_few(axes)
             axes.set_xlabel(label)
-            axes.set_ylabel("fingers below, %")
             axes.set_ylim(0.0, 100.0)
-        figure.axes[0].legend()
+        for axes in panels[:, 0]:
+            axes.set_ylabel("fingers below (%)")
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return figure
+
+
+def _mark_limit_cycles(axes: Axes) -> None:
+    axes.axvline(LIMIT_CYCLE, color=PALE, linewidth=1.2, linestyle=":")
+    axes.annotate(
+        f"limit cycle above {LIMIT_CYCLE:g}",
+        (LIMIT_CYCLE, 3.0),
+        (-3.0, 0.0),
+        textcoords="offset points",
+        ha="right",
+        va="bottom",
+        rotation=90,
+        fontsize=9,
+    )
+
+
+def _label_few(axes: Axes) -> None:
+    """Label a logarithmic axis by plain numbers, so few that they do not touch."""
+    low, high = axes.get_xlim()
+    decades = np.log10(high / low)
+    if decades < _FEW_DECADES:
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+    else:
+        subs = (1.0,) if decades > _MANY_DECADES else (1.0, 2.0, 5.0)
+        axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=8))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())

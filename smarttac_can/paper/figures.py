@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas
@@ -165,30 +165,42 @@ def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
     return figure
 
 
-def fig7(traces: Iterable[Trace]) -> Figure:
+def fig7(traces: Iterable[Trace], law: str) -> Figure:
     """Draw the friction around each switch of the reference: touches, mean, reference (Fig. 7).
 
-    One panel a subject, with the up-steps left and the down-steps right.
+    Two panels a subject, with the up-steps left and the down-steps right.
+
+    Parameters
+    ----------
+    traces
+        The runs.
+    law
+        Name of the friction law that regulated them, for the title.
     """
     traces = list(traces)
     subjects = subjects_of(traces, "table1")
     if not subjects:
         raise UndefinedError("table1 was not run")
     rows = (len(subjects) + 1) // 2
-    title = "Controlled friction around the switch of its reference (simulated)"
+    title = f"Controlled friction around the switch of its reference, law {law} (simulated)"
     with canvas(11, 0.7 + 3.5 * rows) as figure:
         figure.suptitle(title, x=0.012, ha="left", weight="bold", fontsize=13)
-        panels = figure.subfigures(rows, 2, squeeze=False, wspace=0.03, hspace=0.05).flat
-        for subject, panel in zip(subjects, panels, strict=False):
+        # One grid, so that the panels of all rows stand below each other.
+        panels = figure.subplots(rows, 4, squeeze=False).reshape(2 * rows, 2)
+        for subject, pair in zip(subjects, panels, strict=False):
             trace = find(traces, "table1", subject)
-            _draw_subject(panel, subject, [align_at_switch([trace], up=up) for up in (True, False)])
+            _draw_subject(pair, subject, [align_at_switch([trace], up=up) for up in (True, False)])
+        for axes in panels[len(subjects) :].flat:
+            axes.remove()
         lines = [Line2D([], [], **style) for style in CURVES.values()]
-        figure.legend(lines, list(CURVES), loc="upper right", ncols=len(CURVES), fontsize=10)
+        figure.legend(lines, list(CURVES), loc="outside lower right", ncols=len(CURVES))
     return figure
 
 
-def _draw_subject(panel: SubFigure, subject: int, directions: Sequence[Touches]) -> None:
-    left, right = panel.subplots(1, 2, sharey=True)
+def _draw_subject(pair: Iterable[Axes], subject: int, directions: Sequence[Touches]) -> None:
+    left, right = pair
+    right.sharey(left)
+    right.tick_params(labelleft=False)
     for axes, touches, name in zip((left, right), directions, ("up", "down"), strict=True):
         axes.set_xlabel("time after the switch (ms)")
         axes.set_title(f"Subject {subject}, {name}-step", fontsize=10.5, pad=6)

@@ -24,7 +24,7 @@ CAPTIONS = {
 
 
 def pictures(
-    traces: list[Trace], law: Callable[[float], float]
+    traces: list[Trace], law: Callable[[float], float], law_name: str
 ) -> Iterator[tuple[str, dict[str, bytes] | UndefinedError]]:
     """Give the name of each figure and its picture by format, or why there is none.
 
@@ -34,6 +34,8 @@ def pictures(
         The runs.
     law
         Eq. (9) for Fig. 3: E in % to dW in m.
+    law_name
+        Name of the friction law of the runs.
     """
     from smarttac_can.bench.drawing import rendered  # noqa: PLC0415  matplotlib is an extra
     from smarttac_can.paper import figures  # noqa: PLC0415
@@ -43,7 +45,7 @@ def pictures(
         "fig3": lambda: figures.fig3(law),
         "fig5": lambda: figures.fig5(traces),
         "fig6": lambda: figures.fig6(traces),
-        "fig7": lambda: figures.fig7(traces),
+        "fig7": lambda: figures.fig7(traces, law_name),
     }
     for name, figure in draw.items():
         try:

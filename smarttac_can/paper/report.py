@@ -125,7 +125,7 @@ def write_report(
     directory.mkdir(parents=True, exist_ok=True)
     traces = list(traces)
     sections = []
-    for name, picture in pictures(traces, law):
+    for name, picture in pictures(traces, law, summary["law"]):
         if isinstance(picture, UndefinedError):
             sections.append(f"<p>Fig. {name[3:]}: {escape(str(picture))}.</p>")
             continue

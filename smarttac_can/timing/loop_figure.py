@@ -11,6 +11,7 @@ from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas
 from smarttac_can.timing.loop_timing import Delays, LoopTiming
 
 _BINS: Final = 120
+_MS_PER_US: Final = 1e-3
 _CURVES: Final[dict[str, dict[str, Any]]] = {
     "sync": {"color": PALE, "linestyle": ":", "label": "SYNC later than 1 ms after the last"},
     "measurement": {"color": GREEN, "linestyle": "--", "label": "measurement after SYNC"},
@@ -36,12 +37,12 @@ def histogram(timing: LoopTiming) -> Figure:
                 list(delays.counts), edges, weights=list(delays.counts.values())
             )
             style = dict(_CURVES[name])
-            style["label"] += f", at most {delays.quantile_us(1.0)} µs"
-            axes.stairs(counts, edges, linewidth=1.8, **style)
+            style["label"] += f", at most {delays.quantile_us(1.0) * _MS_PER_US:.2f} ms"
+            axes.stairs(counts, edges * _MS_PER_US, linewidth=1.8, **style)
         axes.set_yscale("log")
-        axes.set(xlim=(0, longest + 1), ylim=(0.7, None))
+        axes.set(xlim=(0, (longest + 1) * _MS_PER_US), ylim=(0.7, None))
         axes.set_title(f"Delays in {timing.ticks} ticks of the loop, {timing.missed} missed")
-        axes.set_xlabel("delay (µs)")
+        axes.set_xlabel("delay (ms)")
         axes.set_ylabel("ticks")
         axes.legend(loc="upper right", labelcolor=INK)
     return figure

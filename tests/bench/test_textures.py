@@ -139,8 +139,15 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
     path = tmp_path / f"texture{end}"
     texture.save_figure(path)
     assert path.stat().st_size > 5000
-    (line,) = texture.figure().axes[0].lines
+    (axes,) = texture.figure().axes
+    (line,) = axes.lines
     assert line.get_ydata().max() == pytest.approx(0.4)
+    # The whole width of the line is inside the frame.
+    (left, right), (_, top) = axes.get_xlim(), axes.get_ylim()
+    first, last = texture.extent
+    assert left <= first - 0.01 * (last - first)
+    assert right >= last + 0.01 * (last - first)
+    assert top >= 1.05 * 0.4
 
 
 @pytest.mark.parametrize(

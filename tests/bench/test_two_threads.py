@@ -30,6 +30,7 @@ def test_two_threads_in_run(
     link: Literal["local", "bus"], second: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     raised: list[BenchError | None] = []
+    tried: list[str] = []
     with Stimulator.simulate(link) as bench:
         bench.voltage = 20.0
         bench.mode = "open_loop"
@@ -37,7 +38,8 @@ def test_two_threads_in_run(
         own = bench._objects.link
 
         def never_but_try_once() -> bool:
-            if not raised:
+            if not tried:
+                tried.append(second)
                 raised.append(in_another_thread(acts[second]))
             return False
 

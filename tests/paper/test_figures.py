@@ -11,6 +11,8 @@ from smarttac_can.paper import figures
 from smarttac_can.paper.metrics import align_at_switch, find, friction_ratio_percent
 from smarttac_can.population.steps import UndefinedError
 
+LAW = {"fig7": ["measured"]}
+
 
 def law(error):
     return 1e-6 * max(-1.0, min(1.0, 0.04 * error))
@@ -89,7 +91,7 @@ def test_fig6_shows_the_difference(traces):
 
 
 def test_fig7_shows_touches_mean_and_reference_in_both_directions(traces):
-    figure = drawn(figures.fig7(traces))
+    figure = drawn(figures.fig7(traces, "measured"))
     assert len(figure.axes) == 8
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert titles[:3] == ["Subject 1, up-step", "Subject 1, down-step", "Subject 2, up-step"]
@@ -107,16 +109,29 @@ def test_fig7_shows_touches_mean_and_reference_in_both_directions(traces):
     assert "paper" not in down, "Table I is of the up-steps"
 
 
+def test_fig7_names_its_law_and_its_rows_align(traces):
+    # COFs of one and of three digits make tick labels of other widths.
+    figure = drawn(
+        figures.fig7([*traces, friction(3, 0.2, 0.3), friction(4, 0.2125, 0.2325)], "nominal")
+    )
+    assert "law nominal (simulated)" in figure.get_suptitle()
+    places = [axes.get_position() for axes in figure.axes]
+    for above, below in zip(places[:4], places[4:8], strict=True):
+        assert (above.x0, above.x1) == pytest.approx((below.x0, below.x1), abs=1e-9)
+    for row in (places[:4], places[4:8]):
+        assert np.ptp([place.y0 for place in row]) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_fig7_says_why_a_panel_is_empty():
-    no_down = drawn(figures.fig7([friction(1, 0.2, 0.3, passes=2)]))
+    no_down = drawn(figures.fig7([friction(1, 0.2, 0.3, passes=2)], "measured"))
     assert "no whole touch" in words(no_down.axes[1])
     still = trace("table1", 2, mu=np.full(400, 2500), mu_ref=np.repeat([2000, 3000], 200))
-    assert "0 % of the step" in words(drawn(figures.fig7([still])).axes[0])
+    assert "0 % of the step" in words(drawn(figures.fig7([still], "measured")).axes[0])
 
 
 @pytest.mark.parametrize("name", ["fig2", "fig5", "fig6", "fig7"])
 def test_every_picture_of_a_run_says_simulated(traces, name):
-    figure = getattr(figures, name)(traces)
+    figure = getattr(figures, name)(traces, *LAW.get(name, ()))
     titles = [figure.get_suptitle(), *(axes.get_title(loc="left") for axes in figure.axes)]
     assert any("(simulated)" in title for title in titles)
 
@@ -124,7 +139,7 @@ def test_every_picture_of_a_run_says_simulated(traces, name):
 @pytest.mark.parametrize("name", ["fig2", "fig5", "fig6", "fig7"])
 def test_what_was_not_run_is_not_drawn(name):
     with pytest.raises(UndefinedError, match="was not run"):
-        getattr(figures, name)([])
+        getattr(figures, name)([], *LAW.get(name, ()))
 
 
 def test_drawing_leaves_the_users_matplotlib_alone(traces):

@@ -24,13 +24,14 @@ def test_every_delay_is_in_the_histogram(timing: LoopTiming) -> None:
     figure = histogram(timing)
     figure.savefig(BytesIO(), format="png", dpi=50)
     (axes,) = figure.axes
+    assert axes.get_xlabel() == "delay (ms)"
     assert axes.get_yscale() == "log"
     assert axes.get_title(loc="left") == "Delays in 1001 ticks of the loop, 1001 missed"
     curves = {patch.get_label(): patch.get_data() for patch in axes.patches}
     assert [sum(data.values) for data in curves.values()] == [1000, 1000, 1001]
-    assert "drive after SYNC, at most 4000 µs" in curves
-    drives = curves["drive after SYNC, at most 4000 µs"]
+    assert "drive after SYNC, at most 4.00 ms" in curves
+    drives = curves["drive after SYNC, at most 4.00 ms"]
     assert drives.edges[0] == 0
-    assert drives.edges[-1] > 4000
+    assert 4.0 < drives.edges[-1] < 4.1
     assert drives.values[-1] == 1
     assert len({patch.get_linestyle() for patch in axes.patches}) == 3

@@ -1,0 +1,80 @@
+"""The picture of a campaign: what it says, and that nothing of it lies on something else."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from smarttac_can.campaign.chunk import COLUMNS
+from smarttac_can.campaign.figures import distributions
+from smarttac_can.campaign.summary import LIMIT_CYCLE
+
+FINGERS = 50
+
+
+def rows(low, high):
+    """Fingers whose figures are spread over a range, the same for all columns."""
+    return np.tile(np.geomspace(low, high, FINGERS)[:, np.newaxis], len(COLUMNS))
+
+
+def drawn(low, high):
+    figure = distributions(rows(low, high), "50 fingers, seed 1, dead time 540 us, case nominal")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return figure, canvas.get_renderer()
+
+
+RANGES = [
+    (2.1, 2.9),
+    (0.8, 3.0),
+    (1.0, 12.0),
+    (0.9, 99.0),
+    (0.003, 30.0),
+    (1e-6, 900.0),
+    (3.0, 3.0),
+]
+
+
+def labels(axis):
+    """Labels of the ticks of an axis that are seen."""
+    low, high = sorted(axis.get_view_interval())
+    ticks = zip(
+        [*axis.get_majorticklocs(), *axis.get_minorticklocs()],
+        [*axis.get_majorticklabels(), *axis.get_minorticklabels()],
+        strict=True,
+    )
+    return [text for at, text in ticks if low <= at <= high and text.get_text()]
+
+
+@pytest.mark.parametrize(("low", "high"), RANGES)
+def test_no_text_lies_on_another(low, high):
+    figure, renderer = drawn(low, high)
+    texts = [figure._suptitle, *figure.legends]
+    for axes in figure.axes:
+        ticks = [*labels(axes.xaxis), *(labels(axes.yaxis) if axes.get_ylabel() else [])]
+        names = [label for label in (axes.xaxis.label, axes.yaxis.label) if label.get_text()]
+        texts += [*names, *ticks]
+    boxes = [text.get_window_extent(renderer).padded(1.0) for text in texts]
+    for one, other in combinations(boxes, 2):
+        assert not one.overlaps(other)
+
+
+@pytest.mark.parametrize(("low", "high"), RANGES[:-1])
+def test_each_axis_has_two_plain_numbers_at_least(low, high):
+    figure, _ = drawn(low, high)
+    for axes in figure.axes:
+        numbers = [text.get_text() for text in labels(axes.xaxis)]
+        assert 2 <= len(numbers) <= 8
+        assert all(float(number) > 0 for number in numbers)
+
+
+def test_it_says_what_it_is():
+    figure, _ = drawn(0.9, 99.0)
+    title, what = figure.get_suptitle().splitlines()
+    assert title == "Random fingers under control (simulated)"
+    assert what.startswith("50 fingers, seed 1")
+    chatter = figure.axes[3]
+    (note,) = chatter.texts
+    assert note.get_text() == f"limit cycle above {LIMIT_CYCLE:g}"
+    assert note.xy[0] == LIMIT_CYCLE
