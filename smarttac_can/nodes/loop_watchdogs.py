@@ -80,6 +80,7 @@ class LoopWatchdogs:
         "_temperature",
         "_temperature_max",
         "_tick",
+        "_zero",
         "vibration",
     )
 
@@ -111,6 +112,7 @@ class LoopWatchdogs:
         self._repeats: dict[int, int] = {}
         self._saturated = Lapses()
         self._odd = Lapses()
+        self._zero: tuple[float, ...] = ()
 
     def judge(self, drive: Drive, parameters: CascadeParameters) -> int:
         """Look at a drive before it goes out; return bits, 0 for a sound one."""
@@ -213,7 +215,12 @@ class LoopWatchdogs:
             faults = _NORMAL
         if Ft > self._Ft_max:
             faults |= _LATERAL
-        _, _, o3, o4, o5, o6 = cascade.tribometer.offsets
+        offsets = cascade.tribometer.offsets
+        if offsets != self._zero:
+            # What contradicted each other was the old zero.
+            self._zero = offsets
+            self._odd.clear()
+        _, _, o3, o4, o5, o6 = offsets
         _, _, s3, s4, s5, s6 = gauges
         s3 -= o3
         s4 -= o4

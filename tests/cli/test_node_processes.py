@@ -230,6 +230,7 @@ def test_a_line_per_change_of_state_and_none_per_cycle(multicast: dict[str, Any]
     with processes(multicast, "node --lockstep") as (node,):
         with Stimulator.connect(**multicast, lockstep=True) as bench:
             bench.run(0.2)
+            bench.voltage = 10.0
             bench.mode = "open loop"
             bench.run(0.2)
             bench.mode = Mode.OFF

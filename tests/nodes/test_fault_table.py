@@ -52,6 +52,10 @@ BOUND = {
     **{f"S{number} dead": 12 for number in range(1, 7)},
     **{f"S{number} saturated": 2 for number in range(1, 7)},
     **{f"S{number} jumps": 5 for number in range(3, 7)},
+    "S1 off in 4 of 5 cycles": 7,
+    "S3 off in 4 of 5 cycles": 7,
+    "S4 off in 1 of 2 cycles": 11,
+    "S6 off in 1 of 3 cycles": 16,
     **{f"pick-up {axis} {what}": 12 for axis in "dq" for what in ("stuck", "dead")},
     **{f"pick-up {axis} saturated": 2 for axis in "dq"},
     "S3 saturated, plate inside": 2,
@@ -98,6 +102,11 @@ LATCHED = {
 }
 """Cycles until the stimulator has latched it, where the plate is at 0 V before by itself."""
 TO_SHOW = {
+    # Sound cycles between the faulty ones, and what the leaky counter takes back in them.
+    "S1 off in 4 of 5 cycles": 2,
+    "S3 off in 4 of 5 cycles": 2,
+    "S4 off in 1 of 2 cycles": 6,
+    "S6 off in 1 of 3 cycles": 11,
     "drives lost": 2,
     "drives two cycles late": 2,
     "drives corrupt": 2,
