@@ -35,14 +35,15 @@ def look(
     Fy: float = 0.0,
     x: float = 0.0,
     twist: float = 0.0,
+    zero: tuple[float, ...] = ZERO,
 ) -> int:
     lean = x / HALF
     left, right = 0.25 * Fn * (1 - lean), 0.25 * Fn * (1 + lean)
     loads = (0.0, 0.0, left + twist / 4, right - twist / 4, left - twist / 4, right + twist / 4)
-    gauges = tuple(load + zero for load, zero in zip(loads, ZERO, strict=True))
+    gauges = tuple(load + offset for load, offset in zip(loads, zero, strict=True))
     cascade: Any = SimpleNamespace(
         contact=Contact(Fx, Fy, Fn, 0.0, 0.0, x, 0.0, touching=False),
-        tribometer=SimpleNamespace(tared=True, offsets=ZERO),
+        tribometer=SimpleNamespace(tared=True, offsets=zero),
         parameters=SimpleNamespace(gauge_positions=(-HALF, HALF, -HALF, HALF)),
     )
     measurement = Measurement(0j, gauges, 20.0, 0)  # type: ignore[arg-type]
@@ -71,6 +72,14 @@ def test_gauges_that_contradict_now_and_then_are_a_fault(
             assert cycle == at
             return
     assert at is None
+
+
+def test_a_new_zero_begins_the_count_anew() -> None:
+    watchdogs = LoopWatchdogs(stimulator_od())
+    new_zero = (*ZERO[:5], 0.01)
+    zeros = [ZERO] * 4 + [new_zero] * 5
+    faults = [look(watchdogs, at, twist=0.3, zero=zero) & GAUGES for at, zero in enumerate(zeros)]
+    assert faults == [0] * 8 + [GAUGES]
 
 
 def test_a_finger_may_contradict_for_4_cycles_when_it_lands_and_when_it_leaves() -> None:

@@ -118,6 +118,29 @@ def test_what_a_second_has_missed_is_told_at_its_end(period_us: int, missed: int
         assert time.missed == missed * (at % cycles) // cycles
 
 
+@pytest.mark.parametrize(
+    ("pauses", "slow_cycles", "cure"),
+    [(10, 20, "cycles take too long"), (10, 19, "start the node with"), (1, 0, "start the node")],
+)
+def test_more_than_half_of_what_was_missed_decides_on_the_cure(
+    pauses: int, slow_cycles: int, cure: str
+) -> None:
+    clock = Clock()
+    time = MissedTime(clock)
+    time.cycle()
+    # A pause misses 2 ticks, a slow cycle 1.
+    gaps = [3] * pauses + [2] * slow_cycles
+    gaps += [1] * (1000 - sum(gaps))
+    for gap in gaps:
+        clock.advance(1000 * gap)
+        missed = time.cycle()
+    assert missed == 2 * pauses + slow_cycles
+    assert time.told().startswith(
+        f"{missed} of 1000 ticks missed, {2 * pauses} of them while the machine stood still or "
+        f"gave this process no time; {cure}"
+    )
+
+
 def test_it_can_be_reset_at_once() -> None:
     line, node = running_inside()
     sleep_through(node, 5, 2)
