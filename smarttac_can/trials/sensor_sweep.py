@@ -5,7 +5,9 @@ drives the simulated plate inside: no bus, lockstep. The stimulator is a black b
 is the true vibration of the plate, not what its pick-up reads. `PROMISES` says how far that may go.
 
 A cell is run from rest: tare without a finger, arm, drive, and let the sensor fail at its onset.
-An identification comes before that where the cell asks for one.
+An identification comes before that where the cell asks for one: with the sensor failed already, or
+with all sensors sound, on a device that stores the model and the zeros and is powered on again. Of
+the cell before, a device keeps nothing.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from __future__ import annotations
 import random
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
@@ -26,6 +28,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.host.process_signals import end_with_parent
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.settings import GAUGE_ZERO, MODEL
 from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
@@ -436,6 +439,10 @@ def _subject(damping: float) -> Subject:
     return replace(SUBJECTS[1], load_damping=damping)
 
 
+_STORED: Final = (MODEL, GAUGE_ZERO)
+"""Records that hold what an identification, and the tare before it, leave behind."""
+
+
 class _Bench:
     """A stimulator with a plate inside that is used for one cell after the other."""
 
@@ -443,10 +450,22 @@ class _Bench:
         self.plate = PlateBlock(plate_od())
         self.block = StimulatorBlock(stimulator_od(), self.plate)
 
-    def forget(self) -> None:
-        """Begin as a device that was never used."""
-        self.block.od.reset()
+    def power_on(self, stored: Mapping[str, Any]) -> None:
+        """Begin as a device that has stored these values by name, and nothing else."""
+        od = self.block.od
+        od.reset()
+        for name, value in stored.items():
+            od[name].value = value
         self.block.power_on()
+
+    def stored(self) -> dict[str, Any]:
+        """Return what the identification in force would leave in the storage."""
+        od = self.block.od
+        return {
+            entry.name: entry.value
+            for entry in od
+            if entry.writable and entry.name.partition(".")[0] in _STORED
+        }
 
     def begin(self, cell: Cell, finger: CellFinger, failure: Failure, onset: int) -> None:
         """Begin a run, tare without a finger, and arm."""
@@ -525,17 +544,18 @@ _NEVER: Final = 1 << 40
 
 
 @cache
-def _fresh_bench() -> _Bench:
+def _bench() -> _Bench:
     return _Bench()
 
 
 @cache
-def _identified_bench(dead_time: int) -> _Bench:
-    """Return a bench that has identified its plate, all sensors sound."""
-    bench = _Bench()
+def _identification(dead_time: int) -> dict[str, Any]:
+    """Return what is stored of a plate that was identified with all sensors sound."""
+    bench = _bench()
+    bench.power_on({})
     sound = Cell(dead_time=dead_time)
     bench.identify(sound, parse_failure(sound.failure), _NEVER)
-    return bench
+    return bench.stored()
 
 
 def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
@@ -550,13 +570,12 @@ def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
     """
     failure = parse_failure(cell.failure)
     mode = Mode[cell.mode]
-    if cell.identified == "sound" and mode is not Mode.IDENTIFY:
-        bench = _identified_bench(cell.dead_time)
-    else:
-        bench = _fresh_bench()
-        bench.forget()
-        if cell.identified == "failed":
-            bench.identify(cell, failure, 0)
+    sound = cell.identified == "sound" and mode is not Mode.IDENTIFY
+    stored = _identification(cell.dead_time) if sound else {}
+    bench = _bench()
+    bench.power_on(stored)
+    if cell.identified == "failed":
+        bench.identify(cell, failure, 0)
     onset = 0 if cell.onset == "before" else _STEADY
     lands = None if cell.motion == "none" else (_FIRST_DRIVE + 10) * TICK
     lifts = None
