@@ -53,6 +53,19 @@ def number_given(name: str, value: object) -> float:
     return number if abs(number) >= _LEFT_OF_ZERO else 0.0
 
 
+def truth(name: str, value: object) -> bool:
+    """Return what a person gave for True or False.
+
+    Raises
+    ------
+    ValueError
+        If it is neither: a text such as ``no`` would count as True.
+    """
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} {value!r} is neither True nor False")
+    return value
+
+
 def find_object(od: ObjectDictionary, name: str) -> Entry:
     """Find an object by its name.
 
@@ -61,12 +74,40 @@ def find_object(od: ObjectDictionary, name: str) -> Entry:
     BenchError
         If there is none; the message has names that are near.
     """
-    entry = od.find(name)
+    entry = od.find(name) if isinstance(name, str) else None
     if entry is None:
-        near = get_close_matches(name, [known.name for known in od], _HINTS)
+        near = get_close_matches(str(name), [known.name for known in od], _HINTS)
         hint = f", perhaps {' or '.join(near)}" if near else ""
         raise BenchError(f"there is no object {name!r}{hint}")
     return entry
+
+
+def find_number(od: ObjectDictionary, name: str) -> Entry:
+    """Find an object that is a number by its name.
+
+    Raises
+    ------
+    BenchError
+        If there is none; the message has names that are near.
+    """
+    entry = find_object(od, name)
+    if not isinstance(entry.default, int | float):
+        hint = ": it is the text in .message" if name == _MESSAGE else ""
+        raise BenchError(f"{name} is not a number{hint}")
+    return entry
+
+
+def raw_value(entry: Entry, text: str) -> int:
+    """Return the raw value of an object for a text such as ``80 V``, whatever the limits.
+
+    Raises
+    ------
+    ValueError
+        If it is no number with a unit of this kind, or would become 0.
+    """
+    raw = entry.counts(text)
+    require_kept(entry, raw, text.strip())
+    return raw
 
 
 class NamedObjects:
@@ -111,7 +152,7 @@ class NamedObjects:
         ValueError
             If the unit is of another kind.
         """
-        entry = self._number(name)
+        entry = find_number(self.od, name)
         return self.link.read(name) * entry.unit.in_unit(unit or entry.unit.symbol)
 
     def set(self, name: str, value: float | str) -> None:
@@ -134,13 +175,11 @@ class NamedObjects:
             If the value is not finite, its unit of another kind, or it is not 0 and the step of
             the object would make 0 of it.
         """
-        entry = self._number(name)
+        entry = find_number(self.od, name)
         text = (
             value if isinstance(value, str) else f"{number_given(name, value)} {entry.unit.symbol}"
         )
-        raw = entry.counts(text)
-        require_kept(entry, raw, text.strip())
-        self.write(name, raw)
+        self.write(name, raw_value(entry, text))
 
     def nearest(self, name: str, value: float) -> float:
         """Return the number that an object holds when it takes the one nearest to a measured one.
@@ -161,7 +200,7 @@ class NamedObjects:
         ValueError
             If the value is not finite.
         """
-        entry = self._number(name)
+        entry = find_number(self.od, name)
         counts = entry.counts(f"{finite(name, value)} {entry.unit.symbol}")
         return float(counts * entry.unit.number)
 
@@ -178,10 +217,3 @@ class NamedObjects:
     def is_too_sharp(self, error: RefusedError) -> bool:
         """Whether the device refused something for being armed or running."""
         return error.code == AbortCode.STATE and self.state in _SHARP
-
-    def _number(self, name: str) -> Entry:
-        entry = find_object(self.od, name)
-        if not isinstance(entry.default, int | float):
-            hint = ": it is the text in .message" if name == _MESSAGE else ""
-            raise BenchError(f"{name} is not a number{hint}")
-        return entry

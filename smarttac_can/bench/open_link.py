@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 from smarttac_can.bench.link import Link
 from smarttac_can.bench.local_link import LocalLink
-from smarttac_can.bench.named_objects import find_object
+from smarttac_can.bench.named_objects import find_number, raw_value, truth
+from smarttac_can.bench.refused import bounds
 from smarttac_can.bench.simulation import (
     PLATE_ID,
     STIMULATOR_ID,
@@ -25,8 +26,9 @@ from smarttac_can.host.bus import LogHook
 from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.errors import BenchError
-from smarttac_can.od.cia import Abort
+from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 
 if TYPE_CHECKING:
     from smarttac_can.bench.tapped_network import TappedNetwork
@@ -62,11 +64,14 @@ def open_can_link(
     ------
     BenchError
         If the bus cannot be opened, no node answers, or it is another device.
+    ValueError
+        If `lockstep` is neither True nor False.
     TypeError
         If an option is a misspelt argument, or one that the interface would ignore.
     """
     from smarttac_can.bench.tapped_network import TappedNetwork  # noqa: PLC0415 - only over CAN
 
+    truth("lockstep", lockstep)
     _refuse_misspelt(interface, options)
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
     network = TappedNetwork()
@@ -88,26 +93,28 @@ def _refuse_misspelt(interface: str | None, options: Iterable[str]) -> None:
 
 
 def open_simulated_link(
-    link: LinkName, *, plate_inside: bool, presets: Mapping[str, int], log: LogHook | None
+    link: LinkName, *, plate_inside: bool, presets: Mapping[str, int | str], log: LogHook | None
 ) -> tuple[Link, ObjectDictionary]:
     """Open a link to a simulation; the arguments are those of `Stimulator.simulate`.
 
     Raises
     ------
     ValueError
-        If there is no such link, or a preset is not a value of its object, or not at power-on.
+        If there is no such link, `plate_inside` is neither True nor False, or a preset is not a
+        value of its object, or not at power-on.
     BenchError
         If there is no such object.
     """
-    require_presets(presets)
+    truth("plate_inside", plate_inside)
+    raw = raw_presets(presets)
     if link not in get_args(LinkName):
         raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
     bus = LocalBus(log=log)
     try:
         if link == "local":
-            block = simulated_block(presets)
+            block = simulated_block(raw)
             return LocalLink(block), block.od
-        attach_nodes(bus, plate_inside=plate_inside, presets=presets)
+        attach_nodes(bus, plate_inside=plate_inside, presets=raw)
     except Abort as error:
         raise ValueError(f"presets {dict(presets)} are refused at power-on: {error}") from error
     from smarttac_can.bench.local_network import LocalNetwork  # noqa: PLC0415 - only over CAN
@@ -122,24 +129,33 @@ def open_simulated_link(
     )
 
 
-def require_presets(presets: Mapping[str, int]) -> None:
-    """Refuse presets that are no raw values of objects of a stimulator.
+def raw_presets(presets: Mapping[str, int | str]) -> dict[str, int]:
+    """Return the raw values of presets of a stimulator, of which some may be texts with units.
 
     Raises
     ------
     ValueError
-        If one is outside the limits of its object.
+        If they are no mapping, or one is no value of its object or outside its limits.
     BenchError
-        If there is no such object.
+        If there is no such object, or it is no number.
     """
+    if not isinstance(presets, Mapping):
+        raise ValueError(f"presets {presets!r} are no mapping of names to values")
     od = stimulator_od()
-    for name, raw in presets.items():
-        entry = find_object(od, name)
-        try:
-            entry.check(raw)
-        except Abort as error:
-            bounds = f"{entry.low}..{entry.high}"
-            raise ValueError(f"preset {name!r} is {raw!r}, no raw value in {bounds}") from error
+    return {name: _raw_preset(find_number(od, name), given) for name, given in presets.items()}
+
+
+def _raw_preset(entry: Entry, given: int | str) -> int:
+    raw, wrong, within = given, "no raw value in", f"{entry.low}..{entry.high}"
+    if isinstance(given, str):
+        raw, wrong, within = raw_value(entry, given), "outside", bounds(entry)
+    try:
+        if not isinstance(raw, int):
+            raise Abort(AbortCode.LENGTH)
+        entry.check(raw)
+    except Abort as error:
+        raise ValueError(f"preset {entry.name!r} is {given!r}, {wrong} {within}") from error
+    return raw
 
 
 def _over_can(

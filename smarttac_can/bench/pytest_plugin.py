@@ -54,13 +54,14 @@ def make_stimulator() -> Iterator[Callable[..., Stimulator]]:
     ------
     callable
         ``make_stimulator(subject=1, seed=1, plate_inside=True, presets={})``: subject 1..9, seed of
-        noise and finger, whether the plate is a node of its own, raw values by name that replace
-        defaults. Returns a `Stimulator`, which is closed with the test. ``ValueError`` or
-        ``BenchError`` for a preset that is none, as `Stimulator.simulate`.
+        noise and finger, whether the plate is inside the stimulator, values by name that replace
+        defaults, as in `Stimulator.simulate`. Returns a `Stimulator`, closed with the test.
+        ``ValueError`` or ``BenchError`` for a preset that is none, as there.
     """
     from uuid import uuid4  # noqa: PLC0415 - see above
 
-    from smarttac_can.bench.open_link import require_presets  # noqa: PLC0415
+    from smarttac_can.bench.named_objects import truth  # noqa: PLC0415
+    from smarttac_can.bench.open_link import raw_presets  # noqa: PLC0415
     from smarttac_can.bench.simulation import PLATE_ID, lockstep_nodes  # noqa: PLC0415
     from smarttac_can.bench.stimulator import Stimulator  # noqa: PLC0415
     from smarttac_can.host.node_thread import node_in_thread  # noqa: PLC0415
@@ -73,10 +74,11 @@ def make_stimulator() -> Iterator[Callable[..., Stimulator]]:
             subject: int = 1,
             seed: int = 1,
             plate_inside: bool = True,
-            presets: dict[str, int] | None = None,
+            presets: dict[str, int | str] | None = None,
         ) -> Stimulator:
-            drawn = {"Simulation.Subject": subject, "Simulation.Seed": seed, **(presets or {})}
-            require_presets(drawn)
+            truth("plate_inside", plate_inside)
+            finger = {"Simulation.Subject": subject, "Simulation.Seed": seed}
+            drawn = raw_presets(finger | (presets or {}))
             options: dict[str, Any] = {"interface": "virtual", "channel": f"smarttac-{uuid4().hex}"}
             for node in lockstep_nodes(plate_inside=plate_inside, presets=drawn):
                 stack.enter_context(node_in_thread(node, PythonCanBus(**options), lockstep=True))

@@ -18,12 +18,17 @@ def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
     """Say that a device refused a raw value, and why."""
     text = f"cannot {write_action(entry, raw)}: {reason}"
     if not entry.low <= raw <= entry.high:
-        text += f": {_number(entry, entry.low)} to {_shown(entry, entry.high)}"
+        text += f": {bounds(entry)}"
     elif entry.name == FAULT_KIND and reason.code == AbortCode.VALUE:
         kind = FaultKind(round(raw))
         low, high = value_range(kind)
         text += f": Fault.Value of {kind.name.lower()} is {low} to {high}"
     return RefusedError(text, reason.code)
+
+
+def bounds(entry: Entry) -> str:
+    """Return the bounds of an object in its displayed unit, such as ``0 to 3000 nm``."""
+    return f"{_number(entry, entry.low)} to {_shown(entry, entry.high)}"
 
 
 def _shown(entry: Entry, raw: float) -> str:

@@ -189,7 +189,7 @@ class Stimulator:
         link: LinkName = "bus",
         *,
         plate_inside: bool = False,
-        presets: Mapping[str, int] | None = None,
+        presets: Mapping[str, int | str] | None = None,
         log: LogHook | None = None,
     ) -> Self:
         """Simulate a stimulator and its plate inside this process, without threads or waiting.
@@ -202,13 +202,21 @@ class Stimulator:
         plate_inside
             Whether the plate is inside the stimulator node; without a bus it always is.
         presets
-            Raw values by name that replace defaults of the stimulator's EDS.
+            Values by name that replace defaults of the stimulator's EDS: raw integers, or texts
+            with a unit as `set` takes them, such as ``800 nm``.
         log
             Called with the time stamp in us and the frame, for every frame on the bus.
+
+        Raises
+        ------
+        ValueError
+            If there is no such link, `plate_inside` is neither True nor False, or a preset is no
+            value of its object.
+        BenchError
+            If there is no such object.
         """
-        return cls(
-            *open_simulated_link(link, plate_inside=plate_inside, presets=presets or {}, log=log)
-        )
+        given = {} if presets is None else presets
+        return cls(*open_simulated_link(link, plate_inside=plate_inside, presets=given, log=log))
 
     def __enter__(self) -> Self:
         return self

@@ -8,16 +8,21 @@ from decimal import Decimal
 from math import inf
 from typing import Final, NamedTuple, Self
 
+_MICRO: Final = ("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")
+"""What people write for it; the object dictionary has the first."""
+_PREFIXES: Final = {"G": 9, "M": 6, "k": 3, "": 0, "m": -3, "n": -9, "p": -12} | dict.fromkeys(
+    _MICRO, -6
+)
 _SYMBOLS: Final = {
     prefix + base: (base, ten - 3 * (base == "g"))
-    for prefix, ten in {"G": 9, "M": 6, "k": 3, "": 0, "m": -3, "u": -6, "n": -9, "p": -12}.items()
+    for prefix, ten in _PREFIXES.items()
     for base in ("m", "s", "V", "A", "N", "Hz", "K", "W", "J", "Pa", "Ohm", "rad", "g")
 } | {"degC": ("degC", 0), "1": ("", 0), "%": ("", -2), "ppm": ("", -6)}
 """What a symbol measures, nothing for a pure number, and its power of ten to the SI unit."""
 _LONGEST: Final = 40
 """Characters of what stands in the brackets."""
-_QUANTITY: Final = re.compile(r"([+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)\s*(.*)", re.ASCII)
-_TERM: Final = re.compile(r"(?P<symbol>[A-Za-z%1]+)(?:\^(?P<power>[1-9]))?")
+_QUANTITY: Final = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?)\s*(.*)")
+_TERM: Final = re.compile(rf"(?P<symbol>[A-Za-z%1{''.join(_MICRO)}]+)(?:\^(?P<power>[1-9]))?")
 
 
 class Quantity(NamedTuple):
@@ -29,7 +34,10 @@ class Quantity(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read such as ``80 V``, ``0.5um``, ``35 %`` or ``0.35``; ValueError if it is no such."""
+        """Read such as ``80 V``, ``0.5um``, ``35 %`` or ``0.35``; ValueError if it is no such.
+
+        Micro may be written as u, or as the sign or the Greek letter of that name.
+        """
         found = _QUANTITY.fullmatch(text.strip())
         if found is None:
             raise ValueError(f"{text!r} is not a number with a unit")

@@ -79,7 +79,14 @@ def test_a_fault_that_is_injected_ends_a_run(make_stimulator: Make) -> None:
     assert bench.read().voltage == 0.0
 
 
-@pytest.mark.parametrize("options", [{"subject": 10}, {"seed": -1}, {"presets": {"Nope": 1}}])
+def test_a_preset_may_have_a_unit(make_stimulator: Make) -> None:
+    assert make_stimulator(presets={"Setpoint.Amplitude": "800 nm"}).amplitude == 0.8
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"subject": 10}, {"seed": -1}, {"presets": {"Nope": 1}}, {"plate_inside": "no"}],
+)
 def test_what_there_is_none_of_is_refused(make_stimulator: Make, options: dict[str, Any]) -> None:
     with pytest.raises((ValueError, BenchError)):
         make_stimulator(**options)

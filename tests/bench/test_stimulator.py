@@ -49,7 +49,11 @@ def test_set_points(bench: Stimulator, name: str, value: float, raw: tuple[str, 
     ("name", "texts", "displayed"),
     [
         ("Setpoint.Voltage", ("80 V", "80000 mV", "0.08kV"), 80_000),
-        ("Setpoint.Amplitude", ("0.5 um", "500 nm", "5e-7 m"), 500),
+        (
+            "Setpoint.Amplitude",
+            ("0.5 um", "0.5 \N{MICRO SIGN}m", "0.5 \N{GREEK SMALL LETTER MU}m", "500 nm", "5e-7 m"),
+            500,
+        ),
         ("Setpoint.COF left", ("0.35", "35 %"), 0.35),
         ("Finger.Speed", ("60 mm/s", "0.06 m/s"), 60),
         ("Mode", ("2",), 2),
@@ -67,7 +71,7 @@ def test_a_text_has_a_unit_and_a_number_the_displayed_one(
 
 def test_set_points_take_texts_with_units(bench: Stimulator) -> None:
     bench.voltage = "0.02 kV"
-    bench.amplitude = "500 nm"
+    bench.amplitude = "0.5 \N{GREEK SMALL LETTER MU}m"
     bench.frequency = "43.5kHz"
     bench.boundary = "0.01 m"
     bench.cof = ("35 %", 0.4)
@@ -243,7 +247,22 @@ def test_labels_are_refused_before_anything_runs(
         ({"Setpoint.Voltag": 1}, BenchError, "no object 'Setpoint.Voltag', perhaps Setpoint.Volt"),
         ({"Setpoint.Voltage": 100_000}, ValueError, r"is 100000, no raw value in 0\.\."),
         ({"Limit.Lowest frequency": 4_450_000}, ValueError, "are refused at power-on: abort 0"),
-        ({"Setpoint.Voltage": "80 V"}, ValueError, "'Setpoint.Voltage' is '80 V', no raw value"),
+        (
+            {"Setpoint.Voltage": "800 V"},
+            ValueError,
+            "^preset 'Setpoint.Voltage' is '800 V', outside 0 to 200000 mV$",
+        ),
+        (
+            {"Setpoint.Voltage": "80 N"},
+            ValueError,
+            "^Setpoint.Voltage '80 N' is not a number with a unit like mV$",
+        ),
+        ({"Setpoint.Amplitude": "1 pm"}, ValueError, "^Setpoint.Amplitude 1 pm would become 0"),
+        ({"Setpoint.Voltage": 0.5}, ValueError, r"is 0\.5, no raw value in 0\.\."),
+        ({"Setpoint.Voltage": None}, ValueError, r"is None, no raw value in 0\.\."),
+        ({"Message": "hello"}, BenchError, "^Message is not a number"),
+        ({1: 1}, BenchError, "^there is no object 1$"),
+        ("Setpoint.Voltage", ValueError, "^presets 'Setpoint.Voltage' are no mapping of names to"),
     ],
 )
 @pytest.mark.parametrize("link", ["local", "bus"])
@@ -252,6 +271,24 @@ def test_a_preset_that_is_none(
 ) -> None:
     with pytest.raises(error, match=text):
         Stimulator.simulate(link, presets=presets)
+
+
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_a_preset_is_a_raw_value_or_a_text_with_a_unit(link: LinkName) -> None:
+    presets: dict[str, int | str] = {"Setpoint.Amplitude": "800 nm", "Setpoint.Voltage": 1234}
+    with Stimulator.simulate(link, presets=presets) as bench:
+        assert (bench.amplitude, bench.voltage) == (0.8, 12.34)
+    with Stimulator.simulate(link, presets={"Setpoint.Amplitude": "0.8 \N{MICRO SIGN}m"}) as bench:
+        assert bench.amplitude == 0.8
+
+
+@pytest.mark.parametrize("flag", ["no", 0, None])
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_the_plate_is_inside_or_not(link: LinkName, flag: Any) -> None:
+    with pytest.raises(ValueError, match=f"^plate_inside {flag!r} is neither True nor False$"):
+        Stimulator.simulate(link, plate_inside=flag)
+    with pytest.raises(ValueError, match=f"^lockstep {flag!r} is neither True nor False$"):
+        Stimulator.connect(interface="virtual", lockstep=flag)
 
 
 def test_a_bench_without_a_with_is_left_at_0_v() -> None:

@@ -85,14 +85,37 @@ def test_what_is_no_unit_is_refused(parameter_name: str) -> None:
         ("+1e-07 N s/m", quantity("1e-7", "N s/m")),
         ("35 %", quantity("35", "%")),
         ("0.35", quantity("0.35", "")),
+        ("1 \N{MICRO SIGN}m", quantity("1", "\N{MICRO SIGN}m")),
+        ("1\N{NO-BREAK SPACE}um", quantity("1", "um")),
     ],
 )
 def test_what_a_person_writes(text: str, read: Quantity) -> None:
     assert Quantity.parse(text) == read
 
 
+@pytest.mark.parametrize("micro", ["u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}"])
+def test_micro_may_be_u_or_the_sign_or_the_greek_letter(micro: str) -> None:
+    assert Quantity.parse(f"1 {micro}m").over(quantity("1", "nm")) == 1000.0
+    assert Quantity.parse(f"2.5{micro}m/{micro}s").si == 2.5
+    assert quantity("1", "mm").in_unit(f"{micro}m") == 1000.0
+
+
 @pytest.mark.parametrize(
-    "text", ["", "V", "mV 80", "nan V", "inf V", "80 volts", "1,5 V", "0x10", "1e9999 V", "8\n0 V"]
+    "text",
+    [
+        "",
+        "V",
+        "mV 80",
+        "nan V",
+        "inf V",
+        "80 volts",
+        "1,5 V",
+        "0x10",
+        "1e9999 V",
+        "8\n0 V",
+        "\N{ARABIC-INDIC DIGIT THREE} V",
+        "1 \N{GREEK SMALL LETTER NU}m",
+    ],
 )
 def test_what_a_person_does_not_write(text: str) -> None:
     with pytest.raises(ValueError, match="is not"):
