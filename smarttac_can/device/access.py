@@ -110,6 +110,13 @@ class Access:
         # A master that writes back what it read must not restart timers and counts.
         if value == entry.value:
             owners = [owner for owner in owners if owner.begins_anew]
+        self._put(entry, value, owners)
+
+    def put(self, entry: Entry, value: Any) -> None:
+        """Have the services take a value from the application, without the checks of a write."""
+        self._put(entry, value, self._owners.get(entry.index, ()))
+
+    def _put(self, entry: Entry, value: Any, owners: Sequence[Service]) -> None:
         entry.value = value
         for owner in owners:
             owner.apply(entry)

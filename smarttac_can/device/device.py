@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from smarttac_can.device.access import Access
 from smarttac_can.device.application import Application
@@ -120,7 +121,7 @@ class Device:
             for n in RPDO.numbers(od)
         }
         self._tpdos = {n: TPDO(port, od, n) for n in TPDO.numbers(od)}
-        access = Access(od, application, self._take_parameters)
+        self._access = access = Access(od, application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
         react = self._error_behaviour.react
         self._watches = HeartbeatConsumer(port, od, emergency, application, react)
@@ -272,6 +273,18 @@ class Device:
     def lateness(self, rpdos: tuple[int, ...], ahead: int) -> float:
         """Largest share of its deadline that passes for one of some RPDOs, as `silence`."""
         return self.clock.share([self._rpdos[number].deadline for number in rpdos], ahead)
+
+    def put(self, entry: Entry, value: Any) -> None:
+        """Put a parameter in force that the application has chosen, without the checks of a write.
+
+        Parameters
+        ----------
+        entry
+            Of the object dictionary of the device.
+        value
+            Raw value that the entry may have.
+        """
+        self._access.put(entry, value)
 
     def trigger(self, tpdo: int) -> None:
         """Tell a TPDO, from 1, of an event: see `TPDO` for what each type makes of it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
@@ -61,8 +62,14 @@ def expect_plate(od: ObjectDictionary, plate: int, deadline_ms: int | None) -> N
     serial.default = serial.value = plate_serial(serial, plate)
 
 
-def link_to_plate(od: ObjectDictionary, plate: int, produce_sync: bool) -> None:
-    """Give the PDOs of the loop the plate's COB-IDs, SYNC the loop's period, and watch the plate.
+def links_to_plate(
+    od: ObjectDictionary, plate: int, produce_sync: bool
+) -> Iterator[tuple[Entry, int]]:
+    """Yield what links a stimulator to a plate and has its default, with the value it should have.
+
+    These are the COB-IDs of the PDOs of the loop, the period of SYNC and its producer bit, and the
+    watch of the plate's heartbeat. A value that a master has written or stored stays, unless it is
+    the default: a master that downloads the defaults of the EDS file means no other plate.
 
     Parameters
     ----------
@@ -73,18 +80,19 @@ def link_to_plate(od: ObjectDictionary, plate: int, produce_sync: bool) -> None:
     produce_sync
         Whether the stimulator produces SYNC.
     """
-    for rpdo, base in zip(MEASUREMENT_RPDOS, TPDO_IDS, strict=False):
-        od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_COB_ID).value = base + plate
-    od.entry(TPDO_COMMUNICATION + DRIVE_TPDO - 1, PDO_COB_ID).value = RPDO_IDS[0] + plate
-    od.entry(SYNC_PERIOD).value = TICK_US
-    _watch_heartbeat(od, plate)
+    links = [
+        (od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_COB_ID), base + plate)
+        for rpdo, base in zip(MEASUREMENT_RPDOS, TPDO_IDS, strict=False)
+    ]
+    drive = od.entry(TPDO_COMMUNICATION + DRIVE_TPDO - 1, PDO_COB_ID)
+    links += [(drive, RPDO_IDS[0] + plate), (od.entry(SYNC_PERIOD), TICK_US)]
     if produce_sync:
-        od.entry(SYNC_COB_ID).value |= COB_SYNC_PRODUCER
-
-
-def _watch_heartbeat(od: ObjectDictionary, plate: int) -> None:
-    """Watch the plate by the last entry, unless that or the plate is taken."""
+        sync = od.entry(SYNC_COB_ID)
+        links.append((sync, sync.default | COB_SYNC_PRODUCER))
     members = od.objects[HEARTBEAT_CONSUMER].entries
-    watched = [entry for subindex, entry in members.items() if subindex]
-    if watched[-1].value == 0 and plate not in [e.value >> 16 & 0xFF for e in watched]:
-        watched[-1].value = plate << 16 | _PLATE_HEARTBEAT_MS
+    watches = [entry for subindex, entry in members.items() if subindex]
+    if plate not in [entry.value >> 16 & 0xFF for entry in watches]:
+        links.append((watches[-1], plate << 16 | _PLATE_HEARTBEAT_MS))
+    for entry, value in links:
+        if entry.value == entry.default:
+            yield entry, value

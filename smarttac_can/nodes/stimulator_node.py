@@ -19,7 +19,7 @@ from smarttac_can.nodes.loop_period import LoopPeriod
 from smarttac_can.nodes.master_watch import MasterWatch
 from smarttac_can.nodes.missed_time import TICKS, MissedTime
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_link import expect_plate, link_to_plate
+from smarttac_can.nodes.plate_link import expect_plate, links_to_plate
 from smarttac_can.nodes.publishing import Publishing
 from smarttac_can.nodes.settings import mend_settings
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
@@ -32,6 +32,8 @@ from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import OF_LATE_DRIVES, REPORTED_BY_PLATE, Watchdog
 
 _PERCENT: Final = 100
+_LINKING: Final = (NMTState.RESET_COMMUNICATION, NMTState.OPERATIONAL)
+"""After a reset the links can be read; what a master has written since is mended at the start."""
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
@@ -181,8 +183,9 @@ class StimulatorNode(Application):
             self.block.start_run()
             if not self._plate_node_id:
                 self._ticker.start(TICK_US, periodic=True)
-        elif state is NMTState.RESET_COMMUNICATION and self._plate_node_id:
-            link_to_plate(self.od, self._plate_node_id, self._produce_sync)
+        elif state in _LINKING and self._plate_node_id:
+            for entry, value in links_to_plate(self.od, self._plate_node_id, self._produce_sync):
+                self.device.put(entry, value)
         block = self.block
         if state is NMTState.OPERATIONAL:
             block.enter()

@@ -3,7 +3,7 @@
 import pytest
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.nodes.plate_link import link_to_plate, plate_serial
+from smarttac_can.nodes.plate_link import links_to_plate, plate_serial
 
 SERIAL = "Calibration.Plate serial number"
 
@@ -30,6 +30,17 @@ def test_the_last_entry_watches_the_plate_unless_that_or_the_plate_is_taken(
     od = stimulator_od()
     for subindex, watch in taken.items():
         od.entry(0x1016, subindex).value = watch
-    link_to_plate(od, 33, produce_sync=False)
+    for entry, value in links_to_plate(od, 33, produce_sync=False):
+        entry.value = value
     watches = [od.entry(0x1016, subindex).value for subindex in (1, 2, 3, 4)]
     assert watches == [taken.get(subindex, 0) for subindex in (1, 2, 3)] + [last]
+
+
+def test_what_differs_from_the_default_is_kept() -> None:
+    od = stimulator_od()
+    first, drive, sync = od.entry(0x1404, 1), od.entry(0x1804, 1), od.entry(0x1005)
+    first.value, sync.value = 0x8000_01A1, 0x81
+    links = dict(links_to_plate(od, 33, produce_sync=True))
+    assert first not in links
+    assert sync not in links
+    assert links[drive] == 0x221

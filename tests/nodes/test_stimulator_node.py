@@ -113,25 +113,36 @@ def test_a_wrong_cycle_period_is_reported_once_and_stops_the_drive() -> None:
     assert ids(line.send(SYNC, *measurement(2)))[:2] == [EMCY_STIMULATOR, DRIVE]
 
 
-def test_a_master_that_downloads_the_defaults_stops_no_loop() -> None:
-    """All of the EDS but signatures, mappings in force, and the links to the plate."""
-    line, plate, node = both_nodes()
+@pytest.mark.parametrize("produce_sync", [False, True])
+def test_a_master_that_downloads_the_defaults_stops_no_loop(produce_sync: bool) -> None:
+    """All of the EDS but signatures and mappings in force, and read back at once."""
+    plate = PlateNode(plate_od())
+    node = StimulatorNode(stimulator_od(), plate_node_id=33, produce_sync=produce_sync)
+    line = Line(plate, node, lockstep=not produce_sync)
     line.nmt(START)
-    line.sync(70)
+
+    def cycles(count: int) -> list[Frame]:
+        if produce_sync:
+            return [frame for _ in range(count) for frame in line.advance(1)]
+        return line.sync(count)
+
+    cycles(70)
     line.nmt(PREOP, node.device.node_id)
-    linked = {(index, 1) for index in (0x1404, 0x1405, 0x1406, 0x1804)} | {(0x1016, 4)}
     signatures = {0x1010, 0x1011, 0x6125}
     for entry in stimulator_od():
         mapping = 0x1600 <= entry.index < 0x1800 or 0x1A00 <= entry.index < 0x1C00
-        apart = mapping or (entry.index, entry.subindex) in linked or entry.index in signatures
-        if entry.writable and entry.size and not apart:
+        if entry.writable and entry.size and not mapping and entry.index not in signatures:
             assert line.write_entry(node, entry, entry.default) == 0, entry.name
+            assert node.od.entry(entry.index, entry.subindex).value == entry.default
     line.nmt(START, node.device.node_id)
-    frames = line.sync(100)
+    frames = cycles(100)
     assert EMCY_STIMULATOR not in ids(frames)
+    assert ids(frames).count(DRIVE) == 100
+    assert node.od.entry(0x1016, 4).value == 33 << 16 | 2000
+    assert line.write(node, "Drive unwatched", 1) == 0
     assert line.write(node, "Setpoint.Voltage", 2000) == 0
     line.run(node, OPEN_LOOP)
-    line.sync(5)
+    cycles(5)
     assert plate.od["Stage.Voltage"].value == 2000
 
 
@@ -564,11 +575,11 @@ def test_bad_presets_are_refused_at_power_on() -> None:
 def test_what_a_master_has_configured_outlasts_start() -> None:
     line, node = stimulator_alone()
     watch, cob_id = node.od.entry(0x1016, 4), node.od.entry(0x1405, 1)
-    assert line.write_entry(node, watch, 0) == 0
+    assert line.write_entry(node, watch, 33 << 16 | 60_000) == 0
     assert line.write_entry(node, cob_id, cob_id.value | 1 << 31) == 0
-    for command in (START, STOP, PREOP):
+    for command in (START, STOP, PREOP, START):
         line.nmt(command)
-        assert watch.value == 0
+        assert watch.value == 33 << 16 | 60_000
         assert cob_id.value == 1 << 31 | MEASUREMENT[1]
 
 
