@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from smarttac_can.master.errors import RefusedError
+from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.vocabulary.objects import LIFTED, RECORDED, STROKE
 
@@ -16,12 +16,46 @@ class SimulatedFinger:
 
     Parameters
     ----------
+    read
+        Reads an object by name in a unit, `Stimulator.get`.
     write
         Writes an object by name, `Stimulator.set`.
     """
 
-    def __init__(self, write: Callable[[str, float | str], None]) -> None:
+    def __init__(
+        self, read: Callable[[str, str], float], write: Callable[[str, float | str], None]
+    ) -> None:
+        self._read = read
         self._write = write
+
+    def __repr__(self) -> str:
+        try:
+            return f"<SimulatedFinger: {self._moves()}; {self._surroundings()}>"
+        except BenchError as error:
+            return f"<SimulatedFinger: {error}>"
+
+    def _moves(self) -> str:
+        motion = self._read("Finger.Motion", "")
+        if motion == LIFTED:
+            return "lifted"
+        if motion == RECORDED:
+            return "as recorded"
+        force, more = self._read("Finger.Force", "N"), self._read("Finger.Force variation", "%")
+        speed, faster = (
+            self._read("Finger.Speed", "mm/s"),
+            self._read("Finger.Speed variation", "%"),
+        )
+        return (
+            f"subject {self._read('Simulation.Subject', ''):.0f}, {force:.3f} N +-{more:.0f} %, "
+            f"{speed:.1f} mm/s +-{faster:.0f} %, travel {self._read('Finger.Range', 'mm'):.1f} mm"
+        )
+
+    def _surroundings(self) -> str:
+        return (
+            f"seed {self._read('Simulation.Seed', ''):.0f}, "
+            f"{self._read('Simulation.Ambient temperature', 'degC'):.1f} degC, "
+            f"drive instant {self._read('Simulation.Drive instant', 'us'):.0f} us"
+        )
 
     def lift(self) -> None:
         """Lift the finger off the plate."""

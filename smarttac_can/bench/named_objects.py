@@ -153,7 +153,7 @@ class NamedObjects:
             If the unit is of another kind.
         """
         entry = find_number(self.od, name)
-        return self.link.read(name) * entry.unit.in_unit(unit or entry.unit.symbol)
+        return float(entry.unit.times(self.link.read(name), unit or entry.unit.symbol))
 
     def set(self, name: str, value: float | str) -> None:
         """Write an object by name; refused, not clipped, outside its limits.

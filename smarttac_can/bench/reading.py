@@ -42,15 +42,18 @@ class Reading:
     temperature: float
     """Plate temperature in degC."""
     position: float
-    """Position of the finger in mm from the middle of the plate."""
+    """Position of the finger in mm from the middle of the plate; NaN while it does not touch."""
 
     def __repr__(self) -> str:
-        cof = "no contact" if isnan(self.cof) else f"COF {self.cof:.4f}"
+        contact = "no contact"
+        if not isnan(self.cof):
+            contact = f"COF {self.cof:.4f} at {self.position:.2f} mm"
         return (
-            f"<Reading of {self.age:.3f} s ago: {self.state}, mode {self.mode}, {self.status!r}; "
-            f"{cof}, Ft {self.tangential_force:.3f} N, Fn {self.normal_force:.3f} N, "
+            f"<Reading of {self.age:.3f} s ago: {self.state}, mode {self.mode}, "
+            f"status {self.status.name or 0}; {contact}, "
+            f"Ft {self.tangential_force:.3f} N, Fn {self.normal_force:.3f} N, "
             f"{self.amplitude:.4f} um, {self.voltage:.2f} V, {self.frequency:.2f} Hz, "
-            f"{self.temperature:.2f} degC, position {self.position:.2f} mm>"
+            f"{self.temperature:.2f} degC>"
         )
 
     @classmethod
@@ -71,7 +74,7 @@ class Reading:
                 )
 
         def value(name: str, unit: str) -> float:
-            return raw[name] * od[name].unit.in_unit(unit)
+            return float(od[name].unit.times(raw[name], unit))
 
         return cls(
             age=age,
@@ -85,5 +88,5 @@ class Reading:
             voltage=value("Vibration.Voltage", "V"),
             frequency=value("Vibration.Frequency", "Hz"),
             temperature=value("Plate temperature", "degC"),
-            position=value("Contact.Position", "mm"),
+            position=value("Contact.Position", "mm") if raw["Contact.COF"] else nan,
         )

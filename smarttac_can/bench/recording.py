@@ -87,9 +87,11 @@ class Recording:
 
     def __repr__(self) -> str:
         if self.summary is not None:
-            state = f"{self.summary.rows} rows, {self.summary.lost} ticks lost"
+            state = f"{self.summary.rows} rows of 1 ms, {self.summary.lost} lost"
         else:
-            state = f"{self._cycles} cycles so far" if self.goes_on else "not being recorded"
+            state = (
+                f"{self._cycles} cycles of 1 ms so far" if self.goes_on else "not being recorded"
+            )
         return f"<Recording {str(self.path)!r}: {state}>"
 
     @property

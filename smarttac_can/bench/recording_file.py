@@ -57,7 +57,13 @@ _NAMES: Final = {column.object: column.name for column in COLUMNS} | {
     _MODE: "mode",
 }
 """Names of channels by object; others have the name of their object."""
-_NAN_AT_0: Final = [column.object for column in COLUMNS if column.nan_at_0]
+_NEEDS: Final = {
+    column.object: other.object
+    for column in COLUMNS
+    for other in COLUMNS
+    if column.needs == other.name
+}
+"""By objects that have no value at times, the one that is 0 then."""
 _CHUNK_ROWS: Final = 8192
 _NOT_OF_A_RECORDING: Final = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 """What a head of another form raises."""
@@ -258,7 +264,7 @@ class _Columns:
         for name, values in times.items():
             _append(self._times[name], values)
         for name, dataset in self._values.items():
-            _append(dataset, _in_unit(self._od[name], rows.values[name]))
+            _append(dataset, _in_unit(self._od[name], rows.values))
         self.rows += len(rows.tick)
         if len(rows.run):
             self.runs = int(rows.run[-1]) + 1
@@ -276,7 +282,7 @@ class _Columns:
         for name, dataset in self._values.items():
             entry = self._od[name]
             dataset.attrs["units"] = _unit(entry) or "1"
-            dataset.attrs["resolution"] = _step(entry)
+            dataset.attrs["resolution"] = _value(entry, 1)
             dataset.attrs["object"] = name
             dataset.attrs["sampling"] = _EVERY_CYCLE if self._channels[name] else _ON_CHANGE
             if name in _MEANINGS:
@@ -292,7 +298,7 @@ def _write_events(
     changes = []
     for dated in events[Kind.SET_POINT]:
         entry = ods[dated.event.node_id][dated.event.text]
-        value = dated.event.raw * _step(entry)
+        value = _value(entry, dated.event.raw)
         row = (dated.event.node_id, entry.name, value, _unit(entry) or "1")
         changes.append((*_when(dated), *row))
     _table(file, "set_points", f"{when} node_id:i8 name:s value:f8 units:s", changes)
@@ -350,7 +356,7 @@ def _describe(
     for name, value in head["identity"].items():
         file.attrs[name] = _storable(value)
     settings = [
-        (name, raw * _step(own[name]), _unit(own[name]) or "1")
+        (name, _value(own[name], raw), _unit(own[name]) or "1")
         for name, raw in head["settings"].items()
     ]
     _table(file, "settings", "name:s value:f8 units:s", settings)
@@ -369,17 +375,19 @@ def _unit(entry: Entry) -> str:
     return _UNITS.get(entry.unit.symbol, entry.unit.symbol)
 
 
-def _step(entry: Entry) -> float:
-    """Return what one count of an object is in the unit of the file."""
-    return entry.unit.in_unit(_unit(entry))
+def _value(entry: Entry, raw: Any) -> Any:
+    """Return raw values of an object in the unit of the file."""
+    return entry.unit.times(raw, _unit(entry))
 
 
-def _in_unit(entry: Entry, raw: Any) -> Any:
-    """Return raw values in the unit of the file, NaN where they say that there is none."""
+def _in_unit(entry: Entry, raw: Mapping[str, Integers]) -> Any:
+    """Return the values of an object in the unit of the file, NaN where there is none."""
     if entry.name in _MEANINGS:
-        return raw
-    values = raw * _step(entry)
-    return np.where(raw == 0, np.nan, values) if entry.name in _NAN_AT_0 else values
+        return raw[entry.name]
+    values = _value(entry, raw[entry.name])
+    # Another mapping may lack the one that it needs.
+    needed = raw.get(_NEEDS.get(entry.name, ""))
+    return values if needed is None else np.where(needed == 0, np.nan, values)
 
 
 def _growing(group: h5py.Group, name: str, dtype: str) -> h5py.Dataset:
@@ -518,8 +526,8 @@ class RecordedData:
     def __repr__(self) -> str:
         lost = sum(gap.ticks for gap in self.gaps)
         return (
-            f"<RecordedData {str(self.path)!r}: {len(self)} rows, {lost} ticks lost, "
-            f"{len(self.markers)} markers, {len(self.set_points)} set-points>"
+            f"<RecordedData {str(self.path)!r}: {len(self)} rows of 1 ms, {lost} lost; "
+            f"markers {len(self.markers)}, set-points {len(self.set_points)}>"
         )
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
@@ -529,7 +537,7 @@ class RecordedData:
     @cached_property
     def time_s(self) -> Floats:
         """Time of each row in s since its run began."""
-        values = np.asarray(self.tick * 1e-3)
+        values = np.asarray(self.tick / 1000)
         values.setflags(write=False)
         return values
 
@@ -574,6 +582,8 @@ def _read(path: Path, file: h5py.File) -> RecordedData:
         name = _NAMES.get(stored_name, stored_name)
         scale, units[name] = current(data.attrs["units"])
         channels[name] = data[:] if scale == 1.0 else data[:] * scale
+    if current is _current_1 and {"cof", "position_mm"} <= channels.keys():
+        channels["position_mm"][np.isnan(channels["cof"])] = np.nan
     times = {name: file[name][:] for name in ("tick", "run", "host_time_ns")}
     for values in (*channels.values(), *times.values()):
         values.setflags(write=False)

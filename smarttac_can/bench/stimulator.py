@@ -88,7 +88,7 @@ class Stimulator:
         self._control = StateControl(self._objects)
         self._loop = Loop(self._objects, self._control)
         self._recording: Recording | None = None
-        self.finger = SimulatedFinger(self.set)
+        self.finger = SimulatedFinger(self.get, self.set)
 
     @property
     def _link(self) -> Link:
@@ -251,6 +251,9 @@ class Stimulator:
         finally:
             self._objects.link = cast("Link", ClosedLink(link.where))
             link.close()
+
+    def __dir__(self) -> list[str]:
+        return [name for name in super().__dir__() if not name.startswith("_")]
 
     def __repr__(self) -> str:
         return f"<Stimulator over {self._link.where}>"

@@ -28,7 +28,6 @@ from smarttac_can import __version__
 from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.host.file_errors import in_words
 from smarttac_can.master.errors import BenchError
-from smarttac_can.od.units import Quantity
 
 if TYPE_CHECKING:
     import pandas
@@ -46,20 +45,20 @@ class Column(NamedTuple):
     """Name of the object that is recorded."""
     decimals: int
     unit: str
-    nan_at_0: bool = False
-    """Whether an integer of 0 says that there is no value: NaN, an empty cell in a file."""
+    needs: str = ""
+    """Column in which an integer of 0 says that there is no value: NaN, an empty cell in a file."""
 
 
 COLUMNS: Final = (
     Column("time_s", "Contact.Tick", 3, "s"),
-    Column("cof", "Contact.COF", 4, "", nan_at_0=True),
-    Column("cof_reference", "Contact.COF reference", 4, "", nan_at_0=True),
+    Column("cof", "Contact.COF", 4, "", needs="cof"),
+    Column("cof_reference", "Contact.COF reference", 4, "", needs="cof_reference"),
     Column("amplitude_um", "Vibration.Amplitude", 4, "um"),
     Column("voltage_v", "Vibration.Voltage", 2, "V"),
     Column("frequency_hz", "Vibration.Frequency", 2, "Hz"),
     Column("tangential_force_n", "Contact.Tangential force", 3, "N"),
     Column("normal_force_n", "Contact.Normal force", 3, "N"),
-    Column("position_mm", "Contact.Position", 2, "mm"),
+    Column("position_mm", "Contact.Position", 2, "mm", needs="cof"),
     Column("status", "Statusword", 0, ""),
 )
 """Columns of a trace, in the order of its rows."""
@@ -70,7 +69,7 @@ _LATER: Final = 2
 """How many of the columns, the last ones, files of format 1 do not have."""
 _NAMES_1: Final = ("tick", "mu", "mu_ref", "W", "V", "f", "Ft", "Fn")
 _COLUMNS_1: Final = tuple(
-    column._replace(name=name, decimals=column.decimals if name != "tick" else 0, nan_at_0=False)
+    column._replace(name=name, decimals=column.decimals if name != "tick" else 0, needs="")
     for column, name in zip(COLUMNS, _NAMES_1, strict=False)
 )
 _HEADER_1: Final = ("experiment", "subject", *_NAMES_1)
@@ -122,7 +121,7 @@ class Trace:
     """Number of the subject from 1; 0 where no finger takes part."""
     counts: Integers
     """The integers of the wire: a row for each tick, a column for each of `COLUMNS`; without the
-    last two of a trace that was read from a file of format 1."""
+    last two of a trace that was read from a file of format 1. 0 where there is no value."""
 
     mu = _Former("cof", "1e-4")
     mu_ref = _Former("cof_reference", "1e-4")
@@ -143,7 +142,11 @@ class Trace:
                 f"a row of {self.experiment} has {counts.shape[1]} values, not {len(COLUMNS)}, or "
                 f"{len(_COLUMNS_1)} without position and status"
             )
-        object.__setattr__(self, "counts", _read_only(counts.astype(np.int64)))
+        counts = counts.astype(np.int64)
+        for at, column in enumerate(COLUMNS[: counts.shape[1]]):
+            # A node goes on to publish where the finger was last.
+            counts[_integers(counts, column.needs or column.name) == 0, at] = 0
+        object.__setattr__(self, "counts", _read_only(counts))
         if not np.all(np.diff(self.tick) > 0):
             raise ValueError(f"ticks of {self.experiment} do not increase")
 
@@ -166,6 +169,10 @@ class Trace:
 
     def __len__(self) -> int:
         return len(self.counts)
+
+    def __dir__(self) -> list[str]:
+        former = [name for name, value in vars(type(self)).items() if isinstance(value, _Former)]
+        return [name for name in super().__dir__() if name not in former]
 
     def __repr__(self) -> str:
         first, last = self.tick[0], self.tick[-1]
@@ -226,7 +233,10 @@ class Trace:
 
     @cached_property
     def position_mm(self) -> Floats:
-        """Position of the finger in mm from the middle; NaN of a trace from a file of format 1."""
+        """Position of the finger in mm from the middle; NaN while it does not touch.
+
+        All NaN of a trace from a file of format 1.
+        """
         return self._in_unit("position_mm")
 
     @cached_property
@@ -261,9 +271,11 @@ class Trace:
         column, counts = COLUMNS[at], _integers(self.counts, name)
         if at >= self.counts.shape[1]:
             return _read_only(np.full(len(self), np.nan))
-        last_decimal = Quantity.parse(f"1e-{column.decimals} {column.unit}").in_unit(column.unit)
-        values = np.asarray(counts * last_decimal, dtype=np.float64)
-        return _read_only(np.where(counts == 0, np.nan, values) if column.nan_at_0 else values)
+        # The same floats as of a decimal in the file that is read by anybody.
+        values = np.asarray(counts / 10**column.decimals, dtype=np.float64)
+        if column.needs:
+            values[_integers(self.counts, column.needs) == 0] = np.nan
+        return _read_only(values)
 
 
 def data_frame(arrays: dict[str, Any], attrs: dict[str, Any]) -> pandas.DataFrame:
@@ -317,11 +329,7 @@ def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
     with Path(path).open("w", encoding="ascii", newline="") as file:
         file.write(f"{FORMAT}\n{','.join(HEADER)}\n")
         for trace in traces:
-            columns = [
-                _decimals(column, values)
-                for column, values in zip(COLUMNS, trace.counts.T.tolist(), strict=False)
-            ]
-            columns += [[""] * len(trace)] * (len(COLUMNS) - len(columns))
+            columns = [_cells(trace.counts, column) for column in COLUMNS]
             start = f"{trace.experiment},{trace.subject},"
             file.writelines(start + ",".join(row) + "\n" for row in zip(*columns, strict=True))
 
@@ -368,11 +376,17 @@ def _read_only(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return values
 
 
-def _decimals(column: Column, values: list[int]) -> list[str]:
-    """Write integers as decimals with the point so many digits from the right, no float."""
+def _cells(counts: Integers, column: Column) -> list[str]:
+    """Write a column as decimals with the point so many digits from the right, no float."""
+    at = COLUMNS.index(column)
+    if at >= counts.shape[1]:
+        return [""] * len(counts)
+    there = np.ones(len(counts), np.bool_)
+    if column.needs:
+        there = _integers(counts, column.needs) != 0
     return [
-        "" if column.nan_at_0 and not value else f"{Decimal(value).scaleb(-column.decimals):f}"
-        for value in values
+        f"{Decimal(count).scaleb(-column.decimals):f}" if one else ""
+        for count, one in zip(counts[:, at].tolist(), there.tolist(), strict=True)
     ]
 
 
@@ -400,7 +414,7 @@ def _rows(lines: Iterator[str]) -> Iterator[tuple[str, str, list[int]]]:
             # Of a trace that came from a file of format 1.
             del texts[-_LATER:]
         for column, pattern, text in zip(columns, number, texts, strict=False):
-            if not (pattern.fullmatch(text) or (column.nan_at_0 and not text)):
+            if not (pattern.fullmatch(text) or (column.needs and not text)):
                 raise ValueError(
                     f"line {line}: {column.name} {text!r} "
                     f"is not a number with {column.decimals} decimals"

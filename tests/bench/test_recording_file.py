@@ -139,7 +139,9 @@ def test_arrays_with_the_names_and_units_of_a_trace(bench: Stimulator, tmp_path:
     pd.testing.assert_frame_equal(table[list(frame.columns)], frame)
     assert table.attrs["units"]["amplitude_um"] == "um"
     assert list(table.columns[:4]) == ["time_s", "run", "tick", "host_time_ns"]
-    assert repr(recording).startswith(f"<RecordedData '{tmp_path / 'run.h5'}': 600 rows, 0 ticks")
+    assert repr(recording).startswith(
+        f"<RecordedData '{tmp_path / 'run.h5'}': 600 rows of 1 ms, 0 lost; "
+    )
 
 
 def test_set_points_and_settings_have_the_units_of_the_trace(tmp_path: Path) -> None:
@@ -235,13 +237,13 @@ def test_reprs(tmp_path: Path) -> None:
         assert repr(recording) == f"<Recording '{tmp_path / 'run.h5'}': not being recorded>"
         with recording:
             bench.run(0.02)
-            assert "20 cycles so far>" in repr(recording)
-        assert repr(recording).endswith("run.h5': 20 rows, 0 ticks lost>")
+            assert repr(recording).endswith("run.h5': 20 cycles of 1 ms so far>")
+        assert repr(recording).endswith("run.h5': 20 rows of 1 ms, 0 lost>")
         reading = bench.read()
     assert repr(reading) == (
-        f"<Reading of 0.000 s ago: NOT_READY, mode OFF, {reading.status!r}; no contact, "
+        f"<Reading of 0.000 s ago: NOT_READY, mode OFF, status LIVE; no contact, "
         f"Ft {reading.tangential_force:.3f} N, Fn {reading.normal_force:.3f} N, "
-        f"{reading.amplitude:.4f} um, 0.00 V, 43390.00 Hz, 20.00 degC, position 0.00 mm>"
+        f"{reading.amplitude:.4f} um, 0.00 V, 43390.00 Hz, 20.00 degC>"
     )
 
 

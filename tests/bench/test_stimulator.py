@@ -291,6 +291,35 @@ def test_the_plate_is_inside_or_not(link: LinkName, flag: Any) -> None:
         Stimulator.connect(interface="virtual", lockstep=flag)
 
 
+def test_dir_shows_what_is_public(bench: Stimulator) -> None:
+    names = dir(bench)
+    assert [name for name in names if name.startswith("_")] == []
+    assert {"amplitude", "connect", "finger", "mode", "record", "run", "simulate"} <= set(names)
+
+
+def test_a_finger_shows_itself_with_units(bench: Stimulator) -> None:
+    finger = bench.finger
+    finger.stroke(2, force=0.5, speed=61.25, travel=12.34, force_variation=0.2)
+    finger.surroundings(seed=7, temperature=23.0)
+    assert repr(finger) == (
+        "<SimulatedFinger: subject 2, 0.500 N +-20 %, 61.2 mm/s +-0 %, travel 12.3 mm; "
+        "seed 7, 23.0 degC, drive instant 0 us>"
+    )
+    finger.lift()
+    assert repr(finger).startswith("<SimulatedFinger: lifted; seed 7, ")
+    bench.close()
+    assert repr(finger).startswith("<SimulatedFinger: the stimulator over ")
+    assert repr(finger).endswith(" is closed: connect anew>")
+
+
+def test_numbers_have_no_digits_that_floats_add(bench: Stimulator) -> None:
+    bench.cof = 0.35
+    assert bench.cof == (0.35, 0.35)
+    bench.set("Limit.Voltage", "57.3 V")
+    assert bench.get("Limit.Voltage", "kV") == 0.0573
+    assert bench.get("Limit.Voltage") == 57_300.0
+
+
 def test_a_bench_without_a_with_is_left_at_0_v() -> None:
     block = simulated_block({})
     bench = Stimulator(LocalLink(block), block.od)

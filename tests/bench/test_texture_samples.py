@@ -45,7 +45,11 @@ def test_a_recording_of_one_s_own(tmp_path: Path) -> None:
     assert float(named[cof]) == pytest.approx(said, rel=0.01)
 
     head, rows = lines[: begin + 1], [line.split(",") for line in lines[begin + 1 :]]
-    slides = [row for row in rows if abs(float(row[position])) < 13.0 and float(row[force]) > 0.5]
+    touches = [row for row in rows if row[position]]
+    assert [row[position] == "" for row in rows] == [row[cof] == "" for row in rows]
+    slides = [
+        row for row in touches if abs(float(row[position])) < 13.0 and float(row[force]) > 0.5
+    ]
     path.write_text("".join([*head, *map(",".join, slides)]))
     texture = Texture.from_csv(path, position="position_mm", cof="cof")
     assert texture.cof(np.linspace(-12.0, 12.0, 40)) == pytest.approx(0.42, abs=0.03)

@@ -1,6 +1,7 @@
 import re
 from decimal import Decimal
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -141,6 +142,22 @@ def test_a_count_in_another_unit_is_the_nearest_float() -> None:
     assert quantity("0.1", "us").in_unit("s") == 1e-7
     assert quantity("0.1", "%").in_unit("") == 1e-3
     assert quantity("10", "um").in_unit("mm") == 0.01
+
+
+@pytest.mark.parametrize("count", [35, 3, -7, 42, 2**31 - 1, 0])
+def test_counts_in_another_unit_are_the_nearest_floats(count: int) -> None:
+    for unit, symbol, exact in (
+        (quantity("1", "%"), "", Decimal("0.01")),
+        (quantity("0.0001", ""), "", Decimal("0.0001")),
+        (quantity("10", "mV"), "V", Decimal("0.01")),
+        (quantity("0.1", "nm"), "um", Decimal("0.0001")),
+        (quantity("2.5", "km"), "mm", Decimal("2500000")),
+    ):
+        nearest = float(count * exact)
+        assert unit.times(count, symbol) == nearest
+        assert unit.times(np.array([count, 1]), symbol).tolist() == [nearest, float(exact)]
+    with pytest.raises(ValueError, match=r"^'N' is not a unit like %$"):
+        quantity("1", "%").times(count, "N")
 
 
 @pytest.mark.parametrize("kind", KINDS)

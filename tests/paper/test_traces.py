@@ -46,7 +46,7 @@ def test_the_file_holds_decimals_of_the_documented_units(tmp_path):
         "experiment,subject,time_s,cof,cof_reference,amplitude_um,voltage_v,frequency_hz,"
         "tangential_force_n,normal_force_n,position_mm,status\n"
         "table1,2,0.007,0.3012,0.3000,1.0004,21.50,43390.12,-0.051,0.500,-12.05,1031\n"
-        "table1,2,0.008,,,0.0000,0.00,43390.12,0.000,0.000,-12.05,1031\n"
+        "table1,2,0.008,,,0.0000,0.00,43390.12,0.000,0.000,,1031\n"
     )
 
 
@@ -60,12 +60,34 @@ def test_one_trace_needs_no_list(tmp_path):
 
 
 def test_position_and_status_come_back(tmp_path):
-    one = Trace.from_rows("run", 0, [(k, *range(7), 100 - k, 1024 + k) for k in range(5)])
+    one = Trace.from_rows("run", 0, [(k, *range(1, 8), 100 - k, 1024 + k) for k in range(5)])
     write_csv(tmp_path / "t.csv", one)
     (read,) = read_csv(tmp_path / "t.csv")
-    assert read.position_mm.tolist() == one.position_mm.tolist()
-    assert read.position_mm == pytest.approx([1.0, 0.99, 0.98, 0.97, 0.96])
+    assert read.position_mm.tolist() == one.position_mm.tolist() == [1.0, 0.99, 0.98, 0.97, 0.96]
     assert read.status.tolist() == [1024, 1025, 1026, 1027, 1028]
+
+
+def test_without_contact_there_is_no_position(tmp_path):
+    """The node goes on to publish where the finger was last, 0 before it came."""
+    rows = [(0, 0, *[5] * 6, 0, 1), (1, 30, *[5] * 6, 0, 1), (2, 0, *[5] * 6, 700, 1)]
+    one = Trace.from_rows("run", 0, rows)
+    assert np.isnan(one.position_mm).tolist() == np.isnan(one.cof).tolist() == [True, False, True]
+    write_csv(tmp_path / "t.csv", one)
+    (read,) = read_csv(tmp_path / "t.csv")
+    assert same(read, one)
+    lines = (tmp_path / "t.csv").read_text().splitlines()[2:]
+    assert [line.split(",")[-2] for line in lines] == ["", "0.00", ""]
+
+
+def test_floats_are_those_of_the_decimals_in_the_file(tmp_path):
+    """A product with 1e-4 would be the neighbour of some: 3500 * 1e-4 is 0.35000000000000003."""
+    counts = [3500, 42, 2999, 6, 1234]
+    one = Trace.from_rows("run", 0, [(k, *[count] * 8, 1) for k, count in enumerate(counts)])
+    assert one.cof.tolist() == [0.35, 0.0042, 0.2999, 0.0006, 0.1234]
+    lines = [line.split(",") for line in written(tmp_path / "t.csv", one).splitlines()[1:]]
+    for name in ("time_s", "amplitude_um", "voltage_v", "frequency_hz", "normal_force_n"):
+        at = lines[0].index(name)
+        assert [float(line[at]) for line in lines[1:]] == getattr(one, name).tolist(), name
 
 
 def test_a_trace_without_position_has_none_to_check_for(tmp_path):
