@@ -6,7 +6,7 @@ from smarttac_can.plant.faults import Fault, SensorFault, Slam, broken, pickup_g
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.motion import Making, at_rest, making, moved
 from smarttac_can.plant.parameters import PlateParameters, require
-from smarttac_can.plant.sensors import Sensors
+from smarttac_can.plant.sensors import Measuring, Sensors
 from smarttac_can.plant.subjects import Subject
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
 from smarttac_can.vocabulary.signals import TICK, Drive, Measurement
@@ -38,6 +38,8 @@ class Plate:
     dead_time
         Time in s from the start of a tick to the instant at which the new drive comes into
         force, 0..0.001.
+    sensors
+        What measures; None for sound sensors with the noise of the seed.
 
     Attributes
     ----------
@@ -78,6 +80,8 @@ class Plate:
         seed: int = 1,
         ambient: float = 20.0,
         dead_time: float = 0.0,
+        *,
+        sensors: Measuring | None = None,
     ) -> None:
         require("ambient", ambient, -20.0, 60.0)
         require("dead_time", dead_time, 0.0, TICK)
@@ -90,7 +94,7 @@ class Plate:
         self._sound = (parameters, finger, ambient)
         self._sensor_fault: SensorFault | None = None
         self._pickup: tuple[float, float] | None = None
-        self._sensors = Sensors(parameters.sensors, seed)
+        self._sensors = Sensors(parameters.sensors, seed) if sensors is None else sensors
         self._making = self._made()
         self._state = at_rest(ambient)
         self._last: Drive | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import floor
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.random import default_rng  # not in a run: its import loses a Ctrl-C
@@ -171,6 +171,16 @@ def _bit(count: int, limit: int, bit: int) -> int:
 
 def _ended(count: int, limit: int) -> int:
     return max(-limit, min(limit, count))
+
+
+class Measuring(Protocol):
+    """What tells a plate's true values as a plate reports them."""
+
+    def measure(
+        self, tick: int, W: complex, temperature: float, forces: tuple[float, float, float]
+    ) -> Measurement:
+        """Return what is reported at a tick, 0 or more; the others are those of `readings`."""
+        ...
 
 
 class Sensors:

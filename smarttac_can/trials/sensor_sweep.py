@@ -35,7 +35,7 @@ from smarttac_can.od.cia import Abort
 from smarttac_can.plant.finger import FingerState, smooth
 from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.sensors import PICKUP_SATURATED
+from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors
 from smarttac_can.plant.subjects import SUBJECTS, Subject
 from smarttac_can.trials.workers import interrupts_held
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
@@ -175,31 +175,27 @@ def failures(gains: Sequence[float] = GAINS) -> list[Failure]:
 
 _SENSORS: Final = SensorParameters()
 _PLATE: Final = ResonatorParameters()
-_SOUND: Final = (1.0, 1.0)
 
 
-class FailingPlate(Plate):
-    """A plate, one sensor of which fails from a tick on.
+class FailingSensors:
+    """The sensors of a plate, one of which fails from a tick on.
 
     A gain of the pick-up is lost before its converter, everything else happens to its counts.
+
+    Parameters
+    ----------
+    failure
+        Which, and how.
+    onset
+        The first tick in which it fails.
+    seed
+        Of the noise, also of that which a failure adds.
     """
 
-    __slots__ = ("_draw", "_failure", "_held", "_onset", "_past")
+    __slots__ = ("_draw", "_failure", "_held", "_onset", "_past", "_sound")
 
-    def __init__(
-        self,
-        subject: Subject,
-        finger: CellFinger,
-        *,
-        failure: Failure,
-        onset: int,
-        seed: int,
-        ambient: float,
-        dead_time: float,
-    ) -> None:
-        super().__init__(
-            PlateParameters(), subject, finger, seed=seed, ambient=ambient, dead_time=dead_time
-        )
+    def __init__(self, failure: Failure, onset: int, seed: int) -> None:
+        self._sound = Sensors(_SENSORS, seed)
         self._failure = failure
         self._onset = onset
         self._draw = random.Random(seed)
@@ -208,18 +204,23 @@ class FailingPlate(Plate):
             maxlen=int(failure.size) + 1 if failure.kind == "delayed" else 1
         )
 
-    def sample(self) -> Measurement:
-        """Return what the sensors report at the present tick; to be called once a tick."""
+    def measure(
+        self, tick: int, W: complex, temperature: float, forces: tuple[float, float, float]
+    ) -> Measurement:
+        """Return what the sensors report at a tick; to be called once for each tick in turn."""
         sensor, kind, size, on, of = self._failure
-        since = self.tick - self._onset
+        since = tick - self._onset
         failing = since >= 0 and since % of < on
-        self._pickup = None
-        if failing and kind == "gain" and sensor in PICKUP_SENSORS:
-            self._pickup = (1.0 if sensor == "q" else size, 1.0 if sensor == "d" else size)
-        sound = super().sample()
+        weak = kind == "gain" and sensor in PICKUP_SENSORS
+        if failing and weak:
+            W = complex(
+                W.real if sensor == "q" else size * W.real,
+                W.imag if sensor == "d" else size * W.imag,
+            )
+        sound = self._sound.measure(tick, W, temperature, forces)
         if kind == "delayed":
             self._past.append(sound)
-        if not failing or self._pickup is not None:
+        if weak or not failing:
             return sound
         W, gauges, temperature, saturated = sound
         if kind == "swapped":
@@ -491,9 +492,9 @@ class _Bench:
         write(START_RUN, 1)
         behind = self.plate.behind
         assert isinstance(behind, SimulatedPlate)
-        behind.plate = FailingPlate(
-            _subject(cell.damping), finger, failure=failure, onset=onset, seed=cell.seed,
-            ambient=cell.ambient, dead_time=cell.dead_time * 1e-6,
+        behind.plate = Plate(
+            PlateParameters(), _subject(cell.damping), finger, ambient=cell.ambient,
+            dead_time=cell.dead_time * 1e-6, sensors=FailingSensors(failure, onset, cell.seed),
         )  # fmt: skip
         for _ in range(_TARE_CYCLES):
             block.tick()
