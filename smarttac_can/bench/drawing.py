@@ -47,11 +47,18 @@ _FORMATS: Final[dict[str, dict[str, Any]]] = {
 }
 
 
+class Picture(Figure):
+    """A figure that a notebook shows where it stands last in a cell, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return rendered(self)["png"]
+
+
 @contextmanager
 def canvas(width: float, height: float) -> Iterator[Figure]:
     """Make an off-screen figure of so many inches, in the style of the report."""
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Picture(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
 

@@ -11,10 +11,13 @@ from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.state_control import StateControl
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.process_signals import interrupt_waits
+from smarttac_can.host.progress import progress_bar
 from smarttac_can.master.errors import BenchError
 
 CYCLES_PER_SECOND: Final = 1000
 _LEAST_RECORDED: Final = 0.5
+_LONG_S: Final = 2.0
+"""Who waits for longer is shown how far it is."""
 
 
 class Loop:
@@ -46,6 +49,8 @@ class Loop:
 
     def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
         """Let the loop run, and return what was recorded in each of its cycles of 1 ms.
+
+        From 2 s on a bar shows how far it is, on a terminal and in a notebook.
 
         With a fault that is known already, by a `FaultError` or by `state`, it just records: the
         cause goes, and time passes, before `reset_fault`.
@@ -84,7 +89,14 @@ class Loop:
         rows: list[Row] = []
         with interrupt_waits() as interrupted:
             try:
-                self._objects.link.run(cycles, rows, interrupted)
+                with progress_bar(experiment, _LONG_S) as progress:
+
+                    def ends() -> bool:
+                        progress(len(rows) / cycles)
+                        return interrupted()
+
+                    self._objects.link.run(cycles, rows, ends)
+                    progress(len(rows) / cycles)
                 if interrupted():
                     raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
                 if len(rows) < cycles * _LEAST_RECORDED:

@@ -266,7 +266,7 @@ class Texture:
         """Draw the COF over the plate or the time; BenchError without the extra ``report``."""
         require_matplotlib()
         # Who plays textures needs no pictures.
-        from smarttac_can.bench.texture_figure import texture_figure  # noqa: PLC0415
+        from smarttac_can.bench.figures import texture_figure  # noqa: PLC0415
 
         return texture_figure(self)
 

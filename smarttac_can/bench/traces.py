@@ -16,6 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
+from html import escape
 from io import TextIOWrapper
 from itertools import chain, groupby
 from pathlib import Path
@@ -25,12 +26,15 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can import __version__
+from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.host.file_errors import in_words
 from smarttac_can.master.errors import BenchError
+from smarttac_can.vocabulary.states import Status
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.figure import FigureBase
 
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -262,6 +266,43 @@ class Trace:
             },
         )
 
+    def plot(self, figure: FigureBase | None = None) -> FigureBase:
+        """Draw the arrays over the time, one below another.
+
+        A notebook shows what is returned; ``trace.plot().savefig("run.png")`` writes it.
+
+        Parameters
+        ----------
+        figure
+            What to draw into: ``plt.figure()`` of pyplot for a window, a subfigure; a new figure,
+            off screen, if None.
+
+        Raises
+        ------
+        BenchError
+            If matplotlib is missing, the extra ``report``.
+        ValueError
+            If `figure` is no figure.
+        """
+        require_matplotlib()
+        # Who records needs no pictures.
+        from smarttac_can.bench.figures import trace_figure  # noqa: PLC0415
+
+        return trace_figure(self, figure)
+
+    def _repr_html_(self) -> str:
+        """Return a table of what is in the arrays, for a notebook."""
+        rows = [_summary(column, getattr(self, column.name)) for column in COLUMNS[:-1]]
+        head = ("", "unit", "least", "median", "greatest", "rows without")
+        table = [f"<tr>{''.join(f'<th>{text}</th>' for text in head)}</tr>"]
+        table += [f"<tr>{''.join(f'<td>{text}</td>' for text in row)}</tr>" for row in rows]
+        set_bits = {bit.name: np.count_nonzero(self.status & bit) for bit in Status}
+        bits = ", ".join(f"{name} in {count} rows" for name, count in set_bits.items() if count)
+        return (
+            f"<table><caption>{escape(repr(self)[1:-1])}</caption>{''.join(table)}</table>"
+            f"<p>status: {bits or 'no bit set'}</p>"
+        )
+
     def to_csv(self, path: Path | str) -> None:
         """Write the CSV file of this trace alone, as `write_csv` does."""
         write_csv(path, self)
@@ -276,6 +317,14 @@ class Trace:
         if column.needs:
             values[_integers(self.counts, column.needs) == 0] = np.nan
         return _read_only(values)
+
+
+def _summary(column: Column, values: Floats) -> tuple[str, ...]:
+    """Return name, unit, least, median and greatest value, and how many rows have none."""
+    found = values[~np.isnan(values)]
+    numbers = (found.min(), np.median(found), found.max()) if len(found) else ()
+    texts = [f"{number:.{column.decimals}f}" for number in numbers] or ["-"] * 3
+    return (column.name, column.unit or "1", *texts, str(len(values) - len(found)))
 
 
 def data_frame(arrays: dict[str, Any], attrs: dict[str, Any]) -> pandas.DataFrame:

@@ -16,7 +16,6 @@ from smarttac_can.campaign.runner import run_campaign
 from smarttac_can.campaign.summary import lines, summary
 from smarttac_can.cli.options import NEW_FILE, law_option, seed_option
 from smarttac_can.cli.plain_errors import need_matplotlib, plain_errors
-from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.reproduction import dead_time_option
 from smarttac_can.cli.result_file import (
     force_option,
@@ -26,6 +25,7 @@ from smarttac_can.cli.result_file import (
     result_folder,
     result_folder_path,
 )
+from smarttac_can.host.progress import progress_bar
 from smarttac_can.population.cases import CASES
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.trial import Campaign

@@ -17,7 +17,6 @@ from smarttac_can.audit import verify_rows
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli.options import FiniteRange, seed_option
 from smarttac_can.cli.plain_errors import naming, plain_errors
-from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.result_file import (
     force_option,
     json_file_option,
@@ -28,6 +27,7 @@ from smarttac_can.cli.result_file import (
 )
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.candump import CandumpWriter, read_candump
+from smarttac_can.host.progress import progress_bar
 from smarttac_can.trials.chosen_rows import WAYS, cases
 from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_matrix import HOLD_CYCLES, fault_matrix

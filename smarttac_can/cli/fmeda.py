@@ -10,13 +10,13 @@ import click
 
 from smarttac_can.cli.options import seed_option
 from smarttac_can.cli.plain_errors import plain_errors
-from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.result_file import (
     force_option,
     json_file_option,
     opened_results,
     report_results,
 )
+from smarttac_can.host.progress import progress_bar
 from smarttac_can.trials.healthy_runs import HealthyRun, healthy_as_json, healthy_run
 from smarttac_can.trials.sensor_sweep import (
     Cell,

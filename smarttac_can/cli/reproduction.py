@@ -14,7 +14,6 @@ from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
 from smarttac_can.cli.options import law_option, seed_option
 from smarttac_can.cli.plain_errors import naming, need_matplotlib, one_line, plain_errors
-from smarttac_can.cli.progress import progress_bar
 from smarttac_can.cli.result_file import (
     force_option,
     json_file_option,
@@ -24,6 +23,7 @@ from smarttac_can.cli.result_file import (
     result_folder_path,
 )
 from smarttac_can.host.bounded_file import read_bounded
+from smarttac_can.host.progress import progress_bar
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions, SubjectSet
 from smarttac_can.paper.provenance import EMERGES, fitted

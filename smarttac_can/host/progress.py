@@ -1,0 +1,124 @@
+"""Progress of a long run for who looks on: a bar on a terminal or in a notebook, else nothing.
+
+On a terminal it is on stderr, so that stdout stays for the results.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from html import escape
+from math import inf
+from multiprocessing import parent_process
+from time import monotonic
+from typing import Any, Final, Protocol
+
+_STEPS: Final = 1000
+_EVERY_S: Final = 0.1
+_NO_TERMINAL: Final = (OSError, ValueError)
+"""What a stream raises that is gone, closed, or has no such letters."""
+_SHOWN: Final = threading.Lock()
+"""Held while a bar may be shown: another in the middle of it would be in its way."""
+
+
+class _Bar(Protocol):
+    def draw(self, share: float) -> None:
+        """Show the share that is done, 0..1."""
+
+    def end(self) -> None:
+        """Leave it as it is."""
+
+
+@contextmanager
+def progress_bar(label: str, after: float = 0.0) -> Iterator[Callable[[float], None]]:
+    """Show a bar while the block lasts; what it yields is called with the share done, 0..1.
+
+    There is none where nobody would see it, in a worker process, and while another one is shown.
+    A terminal that fails ends the bar, and not the block.
+
+    Parameters
+    ----------
+    label
+        What goes on.
+    after
+        How long the block has to last, in s, before there is a bar.
+    """
+    bar = _bar(label)
+    if bar is None or not _SHOWN.acquire(blocking=False):
+        yield lambda _share: None
+        return
+    begins, next_at = monotonic() + after, 0.0
+
+    def progress(share: float) -> None:
+        nonlocal next_at
+        now = monotonic()
+        if now < begins or (now < next_at and share < 1.0):
+            return
+        next_at = now + _EVERY_S
+        try:
+            bar.draw(share)
+        except _NO_TERMINAL:
+            next_at = inf
+
+    try:
+        if not after:
+            progress(0.0)
+        yield progress
+    finally:
+        if 0.0 < next_at < inf:
+            with suppress(*_NO_TERMINAL):
+                bar.end()
+        _SHOWN.release()
+
+
+def _bar(label: str) -> _Bar | None:
+    """Return a bar for who looks on, None if nobody does."""
+    if parent_process() is not None:
+        return None
+    if _in_notebook():
+        return _NotebookBar(label)
+    with suppress(*_NO_TERMINAL):
+        if sys.stderr is not None and sys.stderr.isatty():
+            return _TerminalBar(label)
+    return None
+
+
+def _in_notebook() -> bool:
+    """Tell whether a Jupyter kernel runs this; a terminal's IPython has none."""
+    ipython = sys.modules.get("IPython")
+    shell = None if ipython is None else ipython.get_ipython()
+    return getattr(shell, "kernel", None) is not None
+
+
+class _TerminalBar:
+    def __init__(self, label: str) -> None:
+        import click  # noqa: PLC0415 - who looks on waits for longer than that
+
+        self._bar = click.progressbar(range(_STEPS), label=label, file=sys.stderr)
+
+    def draw(self, share: float) -> None:
+        self._bar.make_step(round(share * _STEPS) - self._bar.pos)
+        self._bar.render_progress()
+
+    def end(self) -> None:
+        self._bar.render_finish()
+
+
+class _NotebookBar:
+    def __init__(self, label: str) -> None:
+        self._label = escape(label)
+        self._handle: Any = None
+
+    def draw(self, share: float) -> None:
+        from IPython.display import HTML, display  # noqa: PLC0415 - a notebook has imported it
+
+        text = f'{self._label} <progress value="{share:.3f}" max="1"></progress> {share:.0%}'
+        if self._handle is None:
+            self._handle = display(HTML(text), display_id=True)
+        else:
+            self._handle.update(HTML(text))
+
+    def end(self) -> None:
+        pass

@@ -1,0 +1,133 @@
+"""A trace for who looks at it: a picture, and a table in a notebook."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from smarttac_can.bench import BenchError, Stimulator, Trace
+
+PANELS = [
+    "COF",
+    "force (N)",
+    "amplitude (\N{MICRO SIGN}m)",
+    "voltage (V)",
+    "frequency (Hz)",
+    "position (mm)",
+]
+
+
+@pytest.fixture(scope="module")
+def trace() -> Iterator[Trace]:
+    with Stimulator.simulate("local") as bench:
+        bench.finger.stroke(2)
+        bench.start_run()
+        bench.tare()
+        bench.amplitude = 1.0
+        bench.mode = "friction"
+        yield bench.run(0.5, "rough.b", 2)
+
+
+def without(trace: Trace, first: int, last: int) -> Trace:
+    rows = np.r_[0:first, last : len(trace)]
+    return Trace(trace.experiment, trace.subject, trace.counts[rows])
+
+
+def test_a_picture(trace: Trace, tmp_path: Path) -> None:
+    figure = trace.plot()
+    assert [axes.get_ylabel() for axes in figure.axes] == PANELS
+    cof = figure.axes[0]
+    measured, reference = cof.lines
+    assert cof.get_title(loc="left") == "rough.b, subject 2"
+    np.testing.assert_array_equal(measured.get_xdata(), trace.time_s)
+    np.testing.assert_array_equal(measured.get_ydata(), trace.cof)
+    np.testing.assert_array_equal(reference.get_ydata(), trace.cof_reference)
+    assert [text.get_text() for text in cof.get_legend().get_texts()] == ["measured", "reference"]
+    assert figure.axes[-1].get_xlabel() == "time (s)"
+    for end in ("png", "svg"):
+        figure.savefig(tmp_path / f"t.{end}")
+        assert (tmp_path / f"t.{end}").stat().st_size > 20_000
+
+
+def test_a_notebook_shows_it_without_pyplot(trace: Trace) -> None:
+    picture: Any = trace.plot()
+    assert picture._repr_png_().startswith(b"\x89PNG")
+
+
+def test_it_is_drawn_into_a_figure_that_is_given(trace: Trace) -> None:
+    figure = Figure(layout="constrained")
+    left, right = figure.subfigures(1, 2)
+    assert trace.plot(left) is left
+    assert without(trace, 1, 2).plot(right) is right
+    assert [len(left.axes), len(right.axes)] == [6, 6]
+
+
+@pytest.mark.parametrize("given", ["run.png", 3, []])
+def test_what_is_no_figure(trace: Trace, given: Any) -> None:
+    with pytest.raises(ValueError, match=r" is no figure of matplotlib$"):
+        trace.plot(given)
+
+
+def test_a_line_ends_where_ticks_are_missing(trace: Trace) -> None:
+    figure = without(trace, 300, 310).plot()
+    assert figure.axes[0].get_title(loc="left") == "rough.b, subject 2, 10 ticks lost"
+    (voltage,) = figure.axes[3].lines
+    x, y = (np.asarray(data) for data in voltage.get_data())
+    assert np.flatnonzero(np.isnan(y)).tolist() == np.flatnonzero(np.isnan(x)).tolist() == [300]
+    assert (len(y), y[299], y[301]) == (491, trace.voltage_v[299], trace.voltage_v[310])
+
+
+def test_what_has_no_value_has_no_panel() -> None:
+    """Without contact, as also a file of format 1 without position."""
+    figure = Trace.from_rows("bare", 0, [(k, 0, 0, 1, 1, 1, 1, 1) for k in range(5)]).plot()
+    assert [axes.get_ylabel() for axes in figure.axes] == PANELS[1:-1]
+    assert len(Trace.from_rows("one", 0, [(0,) * 10]).plot().axes) == 4
+
+
+def test_a_long_trace_keeps_its_peaks(trace: Trace) -> None:
+    counts = np.tile(trace.counts, (200, 1))
+    counts[:, 0] = np.arange(len(counts)) + 1000 * (np.arange(len(counts)) >= 50_000)
+    counts[70_001, 4] = 19_000
+    (voltage,) = Trace("long", 1, counts).plot().axes[3].lines
+    x, y = (np.asarray(data) for data in voltage.get_data())
+    assert len(y) == 4001
+    assert np.nanmax(y) == 190.0
+    assert x[np.nanargmax(y)] == pytest.approx(71.0, abs=0.06)
+    assert np.isnan(x).sum() == 1
+    gap = int(np.flatnonzero(np.isnan(x))[0])
+    assert (x[gap - 1], x[gap + 1]) == (pytest.approx(49.95), 51.0)
+
+
+def test_pictures_without_matplotlib(trace: Trace, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("smarttac_can.bench.extras.find_spec", lambda name: None)
+    with pytest.raises(
+        BenchError, match=r"^the pictures need matplotlib: pip install 'smarttac-can\[report\]'$"
+    ):
+        trace.plot()
+    assert "rough.b" in trace._repr_html_()
+
+
+def test_a_table_in_a_notebook(trace: Trace) -> None:
+    page = ET.fromstring(f"<div>{trace._repr_html_()}</div>")
+    assert page.findtext(".//caption") == repr(trace)[1:-1]
+    rows = [[cell.text for cell in row] for row in page.iter("tr")]
+    assert rows[0][1:] == ["unit", "least", "median", "greatest", "rows without"]
+    by_name = {row[0]: row[1:] for row in rows[1:]}
+    touched = trace.cof[~np.isnan(trace.cof)]
+    assert by_name["cof"] == [
+        *("1", f"{touched.min():.4f}", f"{np.median(touched):.4f}", f"{touched.max():.4f}"),
+        str(len(trace) - len(touched)),
+    ]
+    assert by_name["frequency_hz"][0] == "Hz"
+    assert list(by_name)[-1] == "position_mm"
+    assert f"LIVE in {len(trace)} rows" in (page.findtext("p") or "")
+
+
+def test_a_table_of_nothing() -> None:
+    page = Trace.from_rows("bare", 0, [(0,) * 8])._repr_html_()
+    assert "<td>cof</td><td>1</td><td>-</td><td>-</td><td>-</td><td>1</td>" in page
+    assert "status: no bit set" in page
