@@ -11,27 +11,11 @@ from smarttac_can.bench.stimulator import Stimulator
 
 GAUGES: Final = range(1, 7)
 SAMPLES: Final = 64
-_CYCLE_S: Final = 1e-3
-
-
-def sample(stimulator: Stimulator, names: list[str]) -> npt.NDArray[np.float64]:
-    """Read objects 64 times, a cycle or more apart, in their displayed units.
-
-    Returns
-    -------
-    ndarray
-        Shape (64, number of objects).
-    """
-    rows = []
-    for _ in range(SAMPLES):
-        stimulator.run(_CYCLE_S)
-        rows.append([stimulator.get(name) for name in names])
-    return np.array(rows)
 
 
 def mean_gauges(stimulator: Stimulator) -> npt.NDArray[np.float64]:
     """Return the mean of 64 raw samples of S1..S6 in N, shape (6,)."""
-    means: npt.NDArray[np.float64] = sample(stimulator, gauge_names()).mean(axis=0) * 1e-3
+    means: npt.NDArray[np.float64] = stimulator.sample(gauge_names(), SAMPLES).mean(axis=0) * 1e-3
     return means
 
 

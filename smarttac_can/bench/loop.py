@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Final
+
+import numpy as np
+import numpy.typing as npt
 
 from smarttac_can.bench.errors import BusyError, NotRunningError, RunInterruptedError
 from smarttac_can.bench.link import Row, unwrapped
@@ -18,6 +23,8 @@ CYCLES_PER_SECOND: Final = 1000
 _LEAST_RECORDED: Final = 0.5
 _LONG_S: Final = 2.0
 """Who waits for longer is shown how far it is."""
+_MOST_CYCLES: Final = 100
+"""In which the objects of a sample have been read, on a slow bus as well."""
 
 
 class Loop:
@@ -87,33 +94,93 @@ class Loop:
         if cycles < 1:
             raise ValueError(f"seconds {seconds} is below 0.001")
         rows: list[Row] = []
+        with self._running(rows, experiment, subject) as interrupted:
+            with progress_bar(experiment, _LONG_S) as progress:
+
+                def ends() -> bool:
+                    progress(len(rows) / cycles)
+                    return interrupted()
+
+                self._objects.link.run(cycles, rows, ends)
+                progress(len(rows) / cycles)
+            if interrupted():
+                raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
+            if len(rows) < cycles * _LEAST_RECORDED:
+                raise NotRunningError(
+                    f"{cycles - len(rows)} of {cycles} cycles were lost: is this machine too "
+                    "busy, or the bus too slow for it?"
+                )
+            state = self._control.state
+        trace = Trace.from_rows(experiment, subject, unwrapped(rows[:cycles]))
+        if not knew_fault:
+            self._control.require_no_fault(state, trace)
+        return trace
+
+    def sample(self, names: Sequence[str], count: int) -> npt.NDArray[np.float64]:
+        """Read objects again and again while the loop runs once, a cycle or more apart.
+
+        What the node measures and does not publish is read so: raw gauges, ``Plate input.S1``.
+        In real time one sample after another takes as long as the SDO reads do, and the objects of
+        one sample may be of cycles that follow each other.
+
+        Parameters
+        ----------
+        names
+            Names of the objects.
+        count
+            How many times, 1 or more.
+
+        Returns
+        -------
+        ndarray
+            Shape (count, number of objects), in displayed units.
+
+        Raises
+        ------
+        ValueError
+            If `count` is below 1.
+        BenchError
+            If there is no such object, or it is no number. Otherwise as `run`.
+        """
+        if count < 1:
+            raise ValueError(f"count {count} is below 1")
+        samples: list[list[float]] = []
+        rows: list[Row] = []
+        knew_fault = self._control.knows_fault
+        with self._running(rows, "sample", 0) as interrupted:
+
+            def ends() -> bool:
+                if rows:
+                    samples.append([self._objects.get(name) for name in names])
+                return len(samples) == count or interrupted()
+
+            self._objects.link.run(count * _MOST_CYCLES, rows, ends)
+            if len(samples) < count:
+                few = f"{len(samples)} of {count} samples"
+                if interrupted():
+                    raise RunInterruptedError(f"interrupted after {few}")
+                raise NotRunningError(f"the loop gave {few}: is the bus too slow for it?")
+            state = self._control.state
+        if not knew_fault:
+            self._control.require_no_fault(state)
+        return np.array(samples)
+
+    @contextmanager
+    def _running(
+        self, rows: list[Row], experiment: str, subject: int
+    ) -> Iterator[Callable[[], bool]]:
+        """Have the loop run in a block: an error disarms, and keeps what was recorded.
+
+        It gives the block what tells whether Ctrl-C has come.
+        """
         with interrupt_waits() as interrupted:
             try:
-                with progress_bar(experiment, _LONG_S) as progress:
-
-                    def ends() -> bool:
-                        progress(len(rows) / cycles)
-                        return interrupted()
-
-                    self._objects.link.run(cycles, rows, ends)
-                    progress(len(rows) / cycles)
-                if interrupted():
-                    raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
-                if len(rows) < cycles * _LEAST_RECORDED:
-                    raise NotRunningError(
-                        f"{cycles - len(rows)} of {cycles} cycles were lost: is this machine too "
-                        "busy, or the bus too slow for it?"
-                    )
-                state = self._control.state
+                yield interrupted
             except BusyError:  # not this run to be ended
                 raise
             except BenchError as error:
                 self._end_run(error, rows, experiment, subject)
                 raise
-        trace = Trace.from_rows(experiment, subject, unwrapped(rows[:cycles]))
-        if not knew_fault:
-            self._control.require_no_fault(state, trace)
-        return trace
 
     def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
         """Keep what a run has recorded that an error ends, and disarm."""

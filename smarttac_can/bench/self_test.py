@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.errors import RunInterruptedError
-from smarttac_can.bench.gauge_samples import GAUGES, gauge_names, sample
+from smarttac_can.bench.gauge_samples import GAUGES, SAMPLES, gauge_names
 from smarttac_can.bench.resonance_fit import ResonanceFit
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.master.errors import BenchError, BusLostError, HeartbeatLostError
 
 _TIMING_S: Final = 1.0
-_SETTLE_S: Final = 0.02
-_CYCLE_S: Final = 1e-3
+_SETTLE_CYCLES: Final = 20
+_END_S: Final = 0.02
 _MEAN_OF: Final = 8
 _SWEEP_UM: Final = 0.5
 _SWEEP_HZ: Final = 250.0
@@ -85,12 +85,14 @@ def selftest(stimulator: Stimulator, tell: Callable[[Check], None] = lambda _: N
     Parameters
     ----------
     stimulator
-        Connected, not armed by anybody else.
+        Connected; not armed, by nobody.
     tell
         Called with each check as soon as it is made.
 
     Raises
     ------
+    BenchError
+        If somebody drives the stimulator; nothing was changed then.
     BusLostError, HeartbeatLostError
         If the stimulator is no longer there.
     RunInterruptedError
@@ -104,6 +106,7 @@ def selftest(stimulator: Stimulator, tell: Callable[[Check], None] = lambda _: N
                 checks.append(check)
                 tell(check)
 
+    stimulator.claim()
     before = stimulator.voltage, stimulator.frequency
     try:
         judge({"timing": _timing, "rest": _at_rest, "sweep": _sweep})
@@ -145,7 +148,7 @@ def _timing(stimulator: Stimulator) -> Iterator[Check]:
 
 def _at_rest(stimulator: Stimulator) -> Iterator[Check]:
     names = [*gauge_names(), "Plate input.W_d", "Plate input.W_q"]
-    samples = sample(stimulator, names)
+    samples = stimulator.sample(names, SAMPLES)
     yield from _gauges(stimulator, samples[:, : len(GAUGES)])
     for axis, values in zip(("d", "q"), samples.T[len(GAUGES) :], strict=True):
         yield Check(f"noise.W_{axis}", float(values.std(ddof=1)), "nm", *PICKUP_NOISE_NM)
@@ -188,12 +191,9 @@ def _sweep(stimulator: Stimulator) -> Iterator[Check]:
 def _answer(stimulator: Stimulator, frequency: float) -> complex:
     """Return W in m at a frequency in Hz, the mean of some samples after it has settled."""
     stimulator.frequency = frequency
-    stimulator.run(_SETTLE_S)
-    total = 0j
-    for _ in range(_MEAN_OF):
-        stimulator.run(_CYCLE_S)
-        total += complex(stimulator.get("Vibration.W_d", "m"), stimulator.get("Vibration.W_q", "m"))
-    return total / _MEAN_OF
+    samples = stimulator.sample(("Vibration.W_d", "Vibration.W_q"), _SETTLE_CYCLES + _MEAN_OF)
+    d, q = samples[_SETTLE_CYCLES:].mean(axis=0)
+    return 1e-9 * complex(d, q)
 
 
 def _about(value: float) -> tuple[float, float]:
@@ -201,6 +201,6 @@ def _about(value: float) -> tuple[float, float]:
 
 
 def _end(stimulator: Stimulator) -> Iterator[Check]:
-    trace = stimulator.run(_SETTLE_S, "selftest.end")
+    trace = stimulator.run(_END_S, "selftest.end")
     yield Check("end.voltage", float(trace.voltage_v[-1]), "V", 0.0, 0.0)
     yield Check("end.amplitude", float(trace.amplitude_um[-1]) * 1e3, "nm", 0.0, END_NM)

@@ -78,6 +78,18 @@ class StateControl:
         self.knows_fault = state is State.FAULT
         return state
 
+    def claim(self) -> None:
+        """Become the one bench that drives, before a procedure of many steps; nothing moves by it.
+
+        Raises
+        ------
+        BenchError
+            If another bench drives, or whoever drives has armed the stimulator.
+        """
+        self._link.drive()
+        if self.state in (State.ARMED, State.RUNNING):
+            raise BenchError(f"somebody drives the stimulator: {DISARM_FIRST}")
+
     def arm(self) -> None:
         """Make the watchdogs sharp, at 0 V; a loop that has just begun gets the time for its tare.
 

@@ -73,6 +73,7 @@ class Stimulator:
     get = of_part("_objects", NamedObjects.get)
     set = of_part("_objects", NamedObjects.set)
     nearest = of_part("_objects", NamedObjects.nearest)
+    claim = of_part("_control", StateControl.claim)
     arm = of_part("_control", StateControl.arm)
     disarm = of_part("_control", StateControl.disarm)
     quick_stop = of_part("_control", StateControl.quick_stop)
@@ -82,6 +83,7 @@ class Stimulator:
     identify = of_part("_control", StateControl.identify)
     read = of_part("_loop", Loop.read)
     run = of_part("_loop", Loop.run)
+    sample = of_part("_loop", Loop.sample)
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         self._objects = NamedObjects(link, od)

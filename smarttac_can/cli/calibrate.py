@@ -68,6 +68,7 @@ def calibrate(
         stimulator = stack.enter_context(
             Stimulator.connect(node_id=node_id, plate_node_id=plate_node, **bus.options)
         )
+        stimulator.claim()
         before = [stimulator.get(f"Calibration.{name}", "mm") for name in POSITIONS]
         weighings: list[Weighing] = []
         try:

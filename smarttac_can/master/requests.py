@@ -22,6 +22,8 @@ from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.entry import MAX_BYTES, Entry
 
 _UPLOAD: Final = 0x40
+_READS: Final = 2
+"""Command specifier of a request that begins an upload."""
 _DOWNLOAD: Final = 0x23
 _DOWNLOADED: Final = 0x60
 ABORT: Final = 0x80
@@ -105,6 +107,14 @@ def written(frame: Frame, node_id: int) -> Written | None:
         return None
     size = EXPEDITED_BYTES - (command >> 2 & 3)
     return Written((data[1] | data[2] << 8, data[3]), data[4 : 4 + size])
+
+
+def asked(frame: Frame, node_id: int) -> tuple[int, int] | None:
+    """Return index and sub-index of what a frame asks to read from a node; None if of nothing."""
+    data = frame.data
+    if frame.can_id != SDO_RX_ID + node_id or len(data) != FRAME_BYTES or data[0] >> 5 != _READS:
+        return None
+    return data[1] | data[2] << 8, data[3]
 
 
 def downloaded(node_id: int, entry: Entry) -> Frame:

@@ -286,7 +286,7 @@ def until(true: Any) -> None:
 
 
 def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path: Path) -> None:
-    """Another script's run puts the types back as it ends; the recording goes on all the same."""
+    """Other scripts run beside it and drive; what is lost all the same is named."""
     node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False):
         with (

@@ -57,20 +57,28 @@ def test_a_sound_plate_passes(link: str) -> None:
 def test_ctrl_c_within_a_run_is_no_check_that_fails(
     bench: Stimulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(_bench: Stimulator, _seconds: float) -> None:
-        raise RunInterruptedError("interrupted after 0 of 20 cycles")
+    def interrupted(_bench: Stimulator, _names: object, _count: int) -> None:
+        raise RunInterruptedError("interrupted after 0 of 28 samples")
 
     told: list[str] = []
 
     def tell(check: Check) -> None:
         told.append(check.name)
         if check.name == "null.W_q":  # the last one before the sweep
-            monkeypatch.setattr(Stimulator, "run", interrupted)
+            monkeypatch.setattr(Stimulator, "sample", interrupted)
 
     with pytest.raises(RunInterruptedError):
         selftest(bench, tell)
     assert told[-1] == "null.W_q"
     assert (bench.mode, bench.get("Drive.Voltage")) == (Mode.OFF, 0.0)
+
+
+def test_who_drives_is_not_disturbed(bench: Stimulator) -> None:
+    bench.voltage = 5.0
+    bench.mode = "open_loop"
+    with pytest.raises(BenchError, match=r"somebody drives the stimulator: .* disarm\(\) first"):
+        selftest(bench)
+    assert (bench.state, bench.mode, bench.voltage) == (State.RUNNING, Mode.OPEN_LOOP, 5.0)
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])

@@ -174,6 +174,16 @@ def test_tilts_in_one_direction_are_refused_before_any_weight_is_asked_for(
     assert not (tmp_path / "plate.json").exists()
 
 
+def test_who_drives_is_not_disturbed(laboratory: Laboratory, tmp_path: Path) -> None:
+    laboratory.bench.voltage = 5.0
+    laboratory.bench.mode = "open_loop"
+    result = calibrate(tmp_path, "--write")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("Error: somebody drives the stimulator: it is armed or running")
+    assert laboratory.asked == []
+    assert not (tmp_path / "plate.json").exists()
+
+
 def test_a_certificate_that_exists_is_kept(laboratory: Laboratory, tmp_path: Path) -> None:
     (tmp_path / "plate.json").write_text("of last year")
     result = calibrate(tmp_path)

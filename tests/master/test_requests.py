@@ -216,3 +216,16 @@ def test_a_transfer_without_an_end_is_given_up() -> None:
             downloads.hear(Frame(0x620, bytes((number, *bytes(7)))))
         downloads.hear(frame("5A0 A2 7F 7F 00 00 00 00 00"))
     assert downloads._transfer is None
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("620 40 01 20 02 00 00 00 00", (0x2001, 0x02)),
+        ("620 2F 01 20 02 A5 00 00 00", None),
+        ("621 40 01 20 02 00 00 00 00", None),
+        ("620 40 01 20", None),
+    ],
+)
+def test_what_a_frame_asks_to_read(text: str, address: tuple[int, int] | None) -> None:
+    assert requests.asked(frame(text), 0x20) == address

@@ -1,0 +1,144 @@
+"""Several benches on one stimulator in real time: none costs another one a row."""
+
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
+
+from smarttac_can.bench import BenchError, State, Stimulator, every_cycle, selftest
+from smarttac_can.bench.gauge_samples import mean_gauges
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+
+
+@pytest.fixture
+def node(virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> Iterator[StimulatorNode]:
+    # How soon a thread of the other bench gets its turn is the machine's business.
+    monkeypatch.setattr(every_cycle, "_ANSWERED_S", 2.0)
+    made = stimulator_with_plate(lockstep=False)
+    with in_threads(virtual, made, lockstep=False):
+        yield made
+
+
+def types(node: StimulatorNode) -> list[int]:
+    return [node.od.entry(0x1800 + number, 2).value for number in range(4)]
+
+
+def until(true: Any) -> None:
+    guard = time.monotonic() + GUARD_S
+    while not true():
+        assert time.monotonic() < guard
+        time.sleep(0.01)
+
+
+def weigh(bench: Stimulator) -> None:
+    for _ in range(3):
+        mean_gauges(bench)
+
+
+def run_often(bench: Stimulator) -> None:
+    for _ in range(20):
+        bench.run(0.001)
+
+
+@pytest.mark.parametrize("act", [Stimulator.tare, weigh, selftest, run_often])
+def test_a_recording_loses_no_row_to_another_bench(
+    virtual: dict[str, Any], node: StimulatorNode, act: Any, tmp_path: Path
+) -> None:
+    node.od["Finger.Motion"].value = 0
+    with (
+        Stimulator.connect(**virtual) as reader,
+        reader.record(tmp_path / "run.h5") as recording,
+        Stimulator.connect(**virtual) as other,
+    ):
+        until(lambda: recording.cycles > 100)
+        with suppress(BenchError):  # on a machine that is busy
+            act(other)
+        before = recording.cycles
+        until(lambda: recording.cycles > before + 100)
+        assert types(node) == [255, 254, 254, 254]
+    assert recording.summary is not None
+    assert (recording.summary.lost, recording.summary.gaps) == (0, 0)
+    assert types(node) == [255] * 4
+
+
+def test_a_recording_that_ends_costs_a_run_no_row(
+    virtual: dict[str, Any], node: StimulatorNode, tmp_path: Path
+) -> None:
+    ended = threading.Event()
+    with Stimulator.connect(**virtual) as reader, Stimulator.connect(**virtual) as other:
+
+        def record() -> None:
+            for number in range(3):
+                with reader.record(tmp_path / f"{number}.h5") as recording:
+                    until(lambda: recording.cycles > 100)
+            ended.set()
+
+        with ThreadPoolExecutor(1) as pool:
+            traces = []
+            recorded = pool.submit(record)
+            while not ended.is_set():
+                assert not recorded.done() or recorded.exception() is None
+                traces.append(other.run(0.5))
+    assert [trace.lost for trace in traces] == [0] * len(traces)
+    assert types(node) == [255] * 4
+
+
+def test_who_ends_last_puts_the_types_back(
+    virtual: dict[str, Any], node: StimulatorNode, tmp_path: Path
+) -> None:
+    """Whether it began first or last, and whoever it was that asked."""
+    with Stimulator.connect(**virtual) as one, Stimulator.connect(**virtual) as other:
+        for first, last in ((one, other), (other, one)):
+            outer, inner = first.record(tmp_path / "a.h5"), last.record(tmp_path / "b.h5")
+            outer.__enter__()
+            inner.__enter__()
+            outer.__exit__(None, None, None)
+            assert types(node) == [255, 254, 254, 254]
+            inner.__exit__(None, None, None)
+            assert types(node) == [255] * 4
+            for path in tmp_path.iterdir():
+                path.unlink()
+
+
+def test_types_that_a_tool_puts_back_without_asking_are_asked_for_anew(
+    virtual: dict[str, Any], node: StimulatorNode, tmp_path: Path
+) -> None:
+    with (
+        Stimulator.connect(**virtual) as reader,
+        reader.record(tmp_path / "run.h5") as recording,
+        Stimulator.connect(**virtual) as tool,
+    ):
+        device = tool._link._stimulator  # type: ignore[attr-defined]
+        for number in range(1, 4):
+            device.write(device.od.entry(0x1800 + number, 2), 255)
+        before = recording.cycles
+        # By the event timers, 100 ms, this would take longer than the guard.
+        until(lambda: recording.cycles > before + 1000)
+        assert types(node) == [255, 254, 254, 254]
+
+
+def test_nobody_answers_for_a_bench_that_was_killed(
+    virtual: dict[str, Any], node: StimulatorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(every_cycle, "_ANSWERED_S", 0.0)
+    for number in range(1, 4):
+        node.od.entry(0x1800 + number, 2).value = 254
+    with Stimulator.connect(**virtual) as bench:
+        bench.run(0.05)
+        assert types(node) == [255] * 4
+
+
+def test_who_drives_is_not_disturbed(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    """A self-test is refused beside a bench that drives."""
+    with Stimulator.connect(**virtual) as driver, Stimulator.connect(**virtual) as other:
+        driver.voltage = 5.0
+        driver.arm()
+        with pytest.raises(BenchError, match="another bench script drives node 32"):
+            selftest(other)
+        assert driver.state is State.ARMED
