@@ -37,13 +37,9 @@ class Taring:
         self.restore(tribometer)
 
     def restore(self, tribometer: Tribometer) -> None:
-        """Put the zeros of the objects in force."""
-        s1, s2, s3, s4, s5, s6 = [entry.si_value for entry in self._zeros]
-        # All zero is the default: a plate that was never tared.
-        if any((s1, s2, s3, s4, s5, s6)):
-            tribometer.offsets = (s1, s2, s3, s4, s5, s6)
-            self._supervisor.note_zero()
-            self._awaited = False
+        """Put the zeros of the objects in force; all of them 0 stand for a plate never tared."""
+        if any([entry.value for entry in self._zeros]):
+            self._put_in_force(tribometer)
 
     def tare_when_due(self, tribometer: Tribometer) -> None:
         """Make the tare at power-on if it is awaited, and there are samples for it."""
@@ -84,10 +80,12 @@ class Taring:
     def _tare(self, tribometer: Tribometer) -> None:
         zeros = tribometer.null()
         self._window.require(zeros)
-        tribometer.offsets = zeros
         for entry, zero in zip(self._zeros, zeros, strict=True):
             entry.value = entry.quantise(zero)
-        self.restore(tribometer)
-        # Zeros of 0 N are restored as none, but a tare was made.
+        self._put_in_force(tribometer)
+
+    def _put_in_force(self, tribometer: Tribometer) -> None:
+        s1, s2, s3, s4, s5, s6 = [entry.si_value for entry in self._zeros]
+        tribometer.offsets = (s1, s2, s3, s4, s5, s6)
         self._awaited = False
         self._supervisor.note_zero()

@@ -28,6 +28,11 @@ def zeros(bench: Stimulator) -> list[float]:
     return [bench.get(f"Gauge zero.Zero of S{gauge}") for gauge in range(1, 7)]
 
 
+def run_until(bench: Stimulator, cycles: int) -> None:
+    while (left := cycles - bench.get("Cycle.Cycles")) > 0:
+        bench.run(left * 1e-3)
+
+
 def rest(bench: Stimulator, force: float) -> None:
     """Have a finger press at the left turning point; it has slid 1 mm at most when it is tared."""
     bench.finger.stroke(1, force=force, speed=5)
@@ -105,6 +110,39 @@ def test_a_tare_at_power_on_waits_until_the_finger_is_gone() -> None:
         bench.run(0.2)
         assert bench.state is State.READY
         assert bench.message == ""
+
+
+def test_a_tare_at_power_on_is_tried_again_with_64_other_samples() -> None:
+    with Stimulator.simulate("local", presets={"Gauge null.Window": 10}) as bench:
+        run_until(bench, 100)
+        assert bench.message.startswith("not tared: S")
+        bench.set("Gauge null.Window", 1500)
+        run_until(bench, 127)
+        assert bench.state is State.NOT_READY
+        run_until(bench, 130)
+        assert bench.state is State.READY
+
+
+def test_a_tare_at_power_on_is_made_once() -> None:
+    with Stimulator.simulate("local") as bench:
+        run_until(bench, 70)
+        first = zeros(bench)
+        assert all(first)
+        run_until(bench, 300)
+        assert zeros(bench) == first
+
+
+def test_zeros_that_are_stored_are_no_tare_that_is_due() -> None:
+    with Stimulator.simulate("local") as bench:
+        run_until(bench, 70)
+        stored = {
+            f"Gauge zero.Zero of S{n}": round(10 * zero) for n, zero in enumerate(zeros(bench), 1)
+        }
+    stored["Gauge zero.Zero of S1"] += 30
+    with Stimulator.simulate("local", presets=stored) as bench:
+        run_until(bench, 70)
+        assert [round(10 * zero) for zero in zeros(bench)] == list(stored.values())
+        assert bench.state is State.READY
 
 
 def test_the_window_stays_while_armed(bench: Stimulator) -> None:
