@@ -38,7 +38,7 @@ class Taring:
 
     def restore(self, tribometer: Tribometer) -> None:
         """Put the zeros of the objects in force; all of them 0 stand for a plate never tared."""
-        if any([entry.value for entry in self._zeros]):
+        if any(entry.value for entry in self._zeros):
             self._put_in_force(tribometer)
 
     def tare_when_due(self, tribometer: Tribometer) -> None:
