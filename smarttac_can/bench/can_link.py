@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from queue import Empty
-from time import monotonic
+from time import monotonic, sleep
 from typing import Final
 
 import can
@@ -32,6 +32,7 @@ LOST_CYCLE_S: Final = 1.0
 """How long a cycle in lockstep may take before it counts as lost."""
 _STATUS_TPDO: Final = 1
 _LOST_IN_A_ROW: Final = 3
+_POLL_S: Final = 0.005
 
 
 class CanLink:
@@ -50,7 +51,7 @@ class CanLink:
     lockstep
         Whether the bench produces the SYNC and waits for every cycle.
     timeout
-        Longest wait for an SDO answer in s.
+        Longest wait in s for an SDO answer, and for the first values.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class CanLink:
         self._network = network
         self.where = where
         self._lockstep = lockstep
+        self._timeout = timeout
         # On a local bus everything happens within the call that sends: there is no other thread
         # to wait for, and the time is the bus's.
         self._threaded = not isinstance(network, LocalNetwork)
@@ -123,10 +125,11 @@ class CanLink:
         self._stimulator.write_block(self._stimulator.od[name], data)
 
     def snapshot(self) -> Snapshot:
-        """Return what the public TPDOs carried last."""
+        """Return what the public TPDOs carried last; in real time wait for the first of each."""
         self._check()
         if not self._lockstep:
             self._stimulator.check_operational()
+            self._await_first()
         values: dict[str, int] = {}
         oldest = now = self._clock()
         for pdo in self._pdos:
@@ -237,6 +240,11 @@ class CanLink:
         # python-canopen raises, when all is closed, what has ended its receiving.
         with suppress(can.CanError):
             self._network.disconnect()
+
+    def _await_first(self) -> None:
+        end = self._clock() + self._timeout
+        while any(pdo.received is None for pdo in self._pdos) and self._clock() < end:
+            sleep(_POLL_S)
 
     def _at_rest(self) -> bool:
         try:

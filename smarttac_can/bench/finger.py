@@ -111,9 +111,13 @@ class SimulatedFinger:
         self._write("Finger.Motion", STROKE)
 
     def surroundings(
-        self, *, seed: int, temperature: float = 20.0, drive_instant: float = 0.0
+        self,
+        *,
+        seed: int | None = None,
+        temperature: float | None = None,
+        drive_instant: float | None = None,
     ) -> None:
-        """Set what else a run depends on.
+        """Set what else a run depends on; what is not given stays.
 
         Parameters
         ----------
@@ -124,6 +128,9 @@ class SimulatedFinger:
         drive_instant
             When the plate puts a drive in force, in us after the tick, 0..999.
         """
-        self._write("Simulation.Seed", seed)
-        self._write("Simulation.Ambient temperature", f"{temperature} degC")
-        self._write("Simulation.Drive instant", f"{drive_instant} us")
+        if seed is not None:
+            self._write("Simulation.Seed", seed)
+        if temperature is not None:
+            self._write("Simulation.Ambient temperature", f"{temperature} degC")
+        if drive_instant is not None:
+            self._write("Simulation.Drive instant", f"{drive_instant} us")

@@ -45,10 +45,13 @@ class Loop:
     def read(self) -> Reading:
         """Return what the stimulator published last, with its age.
 
+        Right after `connect` it waits for the first values, up to the time-out given there; in
+        lockstep and in a simulation they come with the first `run`.
+
         Raises
         ------
         NotRunningError
-            If it has published nothing yet, or is no longer OPERATIONAL.
+            If it has not published all of them yet, or is no longer OPERATIONAL.
         HeartbeatLostError
             If a node has fallen silent.
         """

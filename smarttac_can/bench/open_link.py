@@ -93,7 +93,13 @@ def _refuse_misspelt(interface: str | None, options: Iterable[str]) -> None:
 
 
 def open_simulated_link(
-    link: LinkName, *, plate_inside: bool, presets: Mapping[str, int | str], log: LogHook | None
+    link: LinkName,
+    *,
+    seed: int,
+    subject: int,
+    plate_inside: bool,
+    presets: Mapping[str, int | str],
+    log: LogHook | None,
 ) -> tuple[Link, ObjectDictionary]:
     """Open a link to a simulation; the arguments are those of `Stimulator.simulate`.
 
@@ -106,7 +112,7 @@ def open_simulated_link(
         If there is no such object.
     """
     truth("plate_inside", plate_inside)
-    raw = raw_presets(presets)
+    raw = raw_presets(presets, seed=seed, subject=subject)
     if link not in get_args(LinkName):
         raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
     bus = LocalBus(log=log)
@@ -129,8 +135,15 @@ def open_simulated_link(
     )
 
 
-def raw_presets(presets: Mapping[str, int | str]) -> dict[str, int]:
+def raw_presets(presets: Mapping[str, int | str], *, seed: int, subject: int) -> dict[str, int]:
     """Return the raw values of presets of a stimulator, of which some may be texts with units.
+
+    Parameters
+    ----------
+    presets
+        Values by name.
+    seed, subject
+        Those of the simulated plate, unless they are among the presets.
 
     Raises
     ------
@@ -142,7 +155,9 @@ def raw_presets(presets: Mapping[str, int | str]) -> dict[str, int]:
     if not isinstance(presets, Mapping):
         raise ValueError(f"presets {presets!r} are no mapping of names to values")
     od = stimulator_od()
-    return {name: _raw_preset(find_number(od, name), given) for name, given in presets.items()}
+    simulated = {"Simulation.Seed": seed, "Simulation.Subject": subject}
+    given = {**simulated, **presets}
+    return {name: _raw_preset(find_number(od, name), value) for name, value in given.items()}
 
 
 def _raw_preset(entry: Entry, given: int | str) -> int:

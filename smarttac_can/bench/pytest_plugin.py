@@ -77,8 +77,7 @@ def make_stimulator() -> Iterator[Callable[..., Stimulator]]:
             presets: dict[str, int | str] | None = None,
         ) -> Stimulator:
             truth("plate_inside", plate_inside)
-            finger = {"Simulation.Subject": subject, "Simulation.Seed": seed}
-            drawn = raw_presets(finger | (presets or {}))
+            drawn = raw_presets(presets or {}, seed=seed, subject=subject)
             options: dict[str, Any] = {"interface": "virtual", "channel": f"smarttac-{uuid4().hex}"}
             for node in lockstep_nodes(plate_inside=plate_inside, presets=drawn):
                 stack.enter_context(node_in_thread(node, PythonCanBus(**options), lockstep=True))

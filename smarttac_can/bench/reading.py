@@ -69,8 +69,8 @@ class Reading:
         for name in PUBLISHED:
             if name not in raw:
                 raise NotRunningError(
-                    f"{name!r} has not been published yet: run() first, or wait for its TPDO's "
-                    "event timer, 0.1 s by default"
+                    f"{name!r} has not been published yet: run() first, or have its TPDO's event "
+                    "timer, 0.1 s by default, send it"
                 )
 
         def value(name: str, unit: str) -> float:

@@ -166,7 +166,7 @@ class Stimulator:
         lockstep
             Whether the nodes were started with ``--lockstep``: the bench then produces the SYNC.
         timeout
-            Longest wait for an SDO answer in s.
+            Longest wait in s for an SDO answer, and in real time for the first values of `read`.
 
         Raises
         ------
@@ -190,6 +190,8 @@ class Stimulator:
         cls,
         link: LinkName = "bus",
         *,
+        seed: int = 1,
+        subject: int = 1,
         plate_inside: bool = False,
         presets: Mapping[str, int | str] | None = None,
         log: LogHook | None = None,
@@ -201,6 +203,10 @@ class Stimulator:
         link
             ``bus`` for two CANopen nodes and this bench on a virtual CAN bus, in lockstep;
             ``local`` for their function blocks without CANopen: the same numbers, faster.
+        seed
+            Seed of noise and finger, 0..2^32 - 1.
+        subject
+            Number of the finger's subject: 1..5 the presets, 6..9 those fitted to Table I.
         plate_inside
             Whether the plate is inside the stimulator node; without a bus it always is.
         presets
@@ -212,13 +218,22 @@ class Stimulator:
         Raises
         ------
         ValueError
-            If there is no such link, `plate_inside` is neither True nor False, or a preset is no
-            value of its object.
+            If there is no such link, seed or subject, `plate_inside` is neither True nor False, or
+            a preset is no value of its object.
         BenchError
             If there is no such object.
         """
         given = {} if presets is None else presets
-        return cls(*open_simulated_link(link, plate_inside=plate_inside, presets=given, log=log))
+        return cls(
+            *open_simulated_link(
+                link,
+                seed=seed,
+                subject=subject,
+                plate_inside=plate_inside,
+                presets=given,
+                log=log,
+            )
+        )
 
     def __enter__(self) -> Self:
         return self

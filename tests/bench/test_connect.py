@@ -327,6 +327,29 @@ def test_types_that_a_killed_recording_left_behind_are_put_back(virtual: dict[st
         assert [device.read(entry) for entry in types] == [255] * 3
 
 
+def test_a_reading_right_after_connect_waits_for_the_first_values(virtual: dict[str, Any]) -> None:
+    node = stimulator_with_plate(lockstep=False)
+    with (
+        in_threads(virtual, node, lockstep=False),
+        Stimulator.connect(**virtual, timeout=GUARD_S) as bench,
+    ):
+        assert bench.read().mode is Mode.OFF
+
+
+def test_a_reading_waits_for_no_longer_than_the_time_out(virtual: dict[str, Any]) -> None:
+    with (
+        in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
+        Stimulator.connect(**virtual, timeout=0.3) as bench,
+    ):
+        bench.read()
+        link: Any = bench._link
+        subscribers, link._network.subscribers = link._network.subscribers, {}
+        link._pdos[2].received = None
+        with pytest.raises(NotRunningError, match=r"'Contact.Position' has not been published yet"):
+            bench.read()
+        link._network.subscribers = subscribers
+
+
 def test_nothing_is_read_of_a_stimulator_that_is_not_operational(virtual: dict[str, Any]) -> None:
     def state() -> int:
         return bench._link._stimulator.state  # type: ignore[attr-defined, no-any-return]

@@ -579,6 +579,31 @@ def test_without_a_finger_there_is_no_cof(bench: Stimulator) -> None:
     assert isnan(bench.read().cof)
 
 
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_a_simulation_has_the_seed_and_the_subject_that_are_given(link: LinkName) -> None:
+    with Stimulator.simulate(link, seed=7, subject=3) as bench:
+        assert (bench.get("Simulation.Seed"), bench.get("Simulation.Subject")) == (7, 3)
+        drawn = bench.run(0.1).tangential_force_n.tolist()
+    for seed, same in ((7, True), (8, False)):
+        with Stimulator.simulate(link, seed=seed, subject=3) as bench:
+            assert (bench.run(0.1).tangential_force_n.tolist() == drawn) is same
+    with pytest.raises(ValueError, match=r"Simulation.Subject.* 10"):
+        Stimulator.simulate(link, subject=10)
+
+
+def test_what_surroundings_are_not_given_stays() -> None:
+    with Stimulator.simulate("local", seed=7) as bench:
+        names = ("Simulation.Seed", "Simulation.Ambient temperature", "Simulation.Drive instant")
+        for given, expected in (
+            ({"temperature": 30.0}, [7, 30, 0]),
+            ({"seed": 9}, [9, 30, 0]),
+            ({"drive_instant": 120.0}, [9, 30, 120]),
+            ({"drive_instant": 0.0, "temperature": 0.0, "seed": 0}, [0, 0, 0]),
+        ):
+            bench.finger.surroundings(**given)
+            assert [bench.get(name) for name in names] == expected
+
+
 @pytest.mark.parametrize("inside", [True, False])
 def test_the_age_of_a_reading_is_that_of_its_oldest_value(inside: bool) -> None:
     with Stimulator.simulate("bus", plate_inside=inside) as bench:
