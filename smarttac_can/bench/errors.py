@@ -46,6 +46,7 @@ class RunInterruptedError(BenchError, KeyboardInterrupt):
 
 _SHELL_WORDS: Final = {
     "; .trace holds the recording": "",
+    ": run() first, or have": ": have",
     "reset_fault()": "reset it, by 'reset' in smarttac watch --drive",
     "disarm() first": "first 'mode off' in smarttac watch --drive, or its Esc",
     "then tare()": "then restart the node, which tares",
@@ -55,9 +56,21 @@ _SHELL_WORDS: Final = {
 """What messages of the bench advise a script to call, and what a person at a shell does instead."""
 
 
+_OF_A_SCRIPT: Final = ".trace "
+"""How a note begins that is for a script alone."""
+
+
 def in_shell_words(text: object) -> str:
-    """Return a message of the bench as it helps somebody who has no script but a shell."""
+    """Return a message of the bench as it helps somebody who has no script but a shell.
+
+    Returns
+    -------
+    str
+        Empty for what is of no use there.
+    """
     said = str(text)
+    if said.startswith(_OF_A_SCRIPT):
+        return ""
     for call, words in _SHELL_WORDS.items():
         said = said.replace(call, words)
     return said

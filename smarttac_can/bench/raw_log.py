@@ -73,7 +73,8 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[str]:
             note = "" if network.hears_itself else _OUT_OF_ORDER
         yield note
     if file.failures:
-        raise BenchError(f"{path} takes no more: {file.failures[0]}") from file.failures[0]
+        first = file.failures[0]
+        raise BenchError(f"{path} takes no more: {_why(first)}") from first
 
 
 class _File:
@@ -111,8 +112,11 @@ def _open(path: Path) -> can.Listener:
         with suppress(OSError):
             if not path.stat().st_size:
                 path.unlink()
-        why = reason(error) if isinstance(error, OSError) else error
-        raise BenchError(f"cannot log to {path}: {why}") from error
+        raise BenchError(f"cannot log to {path}: {_why(error)}") from error
+
+
+def _why(error: Exception) -> object:
+    return reason(error) if isinstance(error, OSError) else error
 
 
 @contextmanager

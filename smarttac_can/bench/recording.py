@@ -127,16 +127,19 @@ class Recording:
 
     def check(self) -> None:
         """Raise BenchError if nothing is written any more, such as on a full disk."""
-        if self._log is not None and self._log.error is not None:
-            why = self._log.error.strerror or self._log.error
-            raise BenchError(f"{self.log_path} takes no more: {why}; {self._cure}")
+        if self._log is not None:
+            self._require_room(self._log)
+
+    def _require_room(self, log: FrameLog) -> None:
+        if log.error is not None:
+            raise BenchError(
+                f"{self.log_path} takes no more: {reason(log.error)}; what was recorded is in it: "
+                f"make room, then {self._recover}"
+            )
 
     @property
-    def _cure(self) -> str:
-        return (
-            f"what was recorded is in {self.log_path}: make room, then smarttac record --recover "
-            f"{self.log_path} {self.path} makes the file"
-        )
+    def _recover(self) -> str:
+        return f"smarttac record --recover {self.log_path} {self.path} makes the file"
 
     def __enter__(self) -> Self:
         require_new(self.path)
@@ -174,7 +177,7 @@ class Recording:
         # The first failure is the one to report, with a note of the others.
         first = error or (failures[0] if failures else None)
         if first is not None:
-            others = [str(failure) for failure in failures if failure is not first]
+            others = [str(failure) for failure in failures if str(failure) != str(first)]
             if self.summary is not None:
                 others.append(f"{self.path} holds what was recorded until then")
             for text in others:
@@ -194,13 +197,12 @@ class Recording:
             raise BenchError(f"cannot write {self.log_path}: {reason(error)}") from error
 
     def _make_file(self, log: FrameLog) -> None:
-        if log.error is not None:
-            raise BenchError(f"{self.path} could not be made: {reason(log.error)}; {self._cure}")
+        self._require_room(log)
         try:
             self.summary = make_recording(self.log_path, self.path)
             self.log_path.unlink()
         except OSError as error:
-            raise BenchError(f"{error}; {self._cure}") from error
+            raise BenchError(f"{error}; {self._recover}") from error
 
     def _hearing(self, log: FrameLog, last: int) -> Callable[[int, bytes], None]:
         """Return what takes the frames; those with the identifier `last` end a cycle."""

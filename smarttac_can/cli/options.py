@@ -16,7 +16,7 @@ import click
 
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.tapped_network import TappedNetwork
-from smarttac_can.cli.plain_errors import one_line, plain_errors, warn
+from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.device.stored_image import begins_as_image
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.bus import BusError
@@ -123,7 +123,7 @@ def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
 def _storage(
     _ctx: click.Context, _param: click.Parameter, value: Path | None
 ) -> StorageFile | None:
-    """Refuse what could not be read at power-on, or a store would spoil; say what it cannot do."""
+    """Refuse what could not be read at power-on, a store would spoil, or could not be written."""
     if value is None:
         return None
     file = StorageFile(value)
@@ -134,9 +134,10 @@ def _storage(
     try:
         file.require_writable()
     except OSError as error:
-        refused = "1010h and LSS will refuse to store, and no faults are kept"
-        cure = "give --storage a file in a folder that can be written"
-        warn(value, [f"cannot be written ({reason(error)}): {refused}; {cure}"])
+        raise click.BadParameter(
+            f"{value} cannot be written ({reason(error)}), so that neither parameters nor faults "
+            "would be kept: name a file in a folder that can be written, or leave --storage out"
+        ) from error
     return file
 
 

@@ -30,7 +30,8 @@ def plain_errors(*others: type[Exception]) -> Iterator[None]:
     except KeyboardInterrupt:  # that of a run is an error of the bench as well
         raise
     except plain as error:
-        raise click.ClickException(one_line(in_shell_words(error))) from error
+        texts = map(in_shell_words, (error, *getattr(error, "__notes__", ())))
+        raise click.ClickException(one_line("; ".join(filter(None, texts)))) from error
     except BrokenProcessPool as error:
         raise click.ClickException("a process that shared the work was killed") from error
     except OSError as error:

@@ -261,7 +261,7 @@ def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
 
     with Stimulator.simulate("local") as bench:
         with (
-            pytest.raises(BenchError, match=r"run\.h5 could not be made: No space left on device"),
+            pytest.raises(BenchError, match=r"run\.h5\.log takes no more: No space left on device"),
             bench.record(tmp_path / "run.h5") as recording,
         ):
             monkeypatch.setattr(FrameLog, "_write", full)
@@ -275,7 +275,7 @@ def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
             bench.run(0.1)
             raise ZeroDivisionError
         (note,) = caught.value.__notes__
-        assert "b.h5 could not be made: No space left on device" in note
+        assert "b.h5.log takes no more: No space left on device" in note
 
 
 def until(true: Any) -> None:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import can
 import h5py
 import numpy as np
 import pandas as pd
@@ -179,7 +180,7 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     """``smarttac record`` on a stimulator that runs by itself."""
 
     def connect(**_: Any) -> Stimulator:
-        bench = Stimulator.simulate("local")
+        bench = Stimulator.simulate()
         command = importlib.import_module("smarttac_can.cli.record")
         monkeypatch.setattr(command, "sleep", lambda _: bench.run(0.05))
         return bench
@@ -322,8 +323,40 @@ def test_the_command_names_the_recovery_where_the_disk_is_full(
     result = CliRunner().invoke(main, ["record", str(path)])
     assert result.exit_code == 1
     assert result.stderr.splitlines()[-1] == (
-        f"Error: {path}.log takes no more: No space left on device; what was recorded is in "
-        f"{path}.log: make room, then smarttac record --recover {path}.log {path} makes the file"
+        f"Error: {path}.log takes no more: No space left on device; what was recorded is in it: "
+        f"make room, then smarttac record --recover {path}.log {path} makes the file"
+    )
+
+
+@pytest.mark.usefixtures("simulated")
+def test_the_command_says_what_there_is_where_the_raw_log_found_the_disk_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(can.ASCWriter, "on_message_received", full)
+    path, raw = tmp_path / "run.h5", tmp_path / "run.asc"
+    command = ["record", str(path), "--raw", str(raw), "--seconds", "0.1"]
+    result = CliRunner().invoke(main, command)
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1] == (
+        f"Error: {raw} takes no more: No space left on device; "
+        f"{path} holds what was recorded until then"
+    )
+
+
+def test_a_file_that_finds_the_disk_full_names_the_recovery(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.h5"
+    monkeypatch.setattr(recording_file._Disk, "_put", full)
+    with (
+        Stimulator.simulate("local") as bench,
+        pytest.raises(BenchError) as told,
+        bench.record(path),
+    ):
+        bench.run(0.01)
+    assert str(told.value) == (
+        f"{path}: No space left on device: make room, or name a file on another disk; {path}.log "
+        f"stays as it is; smarttac record --recover {path}.log {path} makes the file"
     )
 
 

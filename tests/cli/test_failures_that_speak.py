@@ -1,16 +1,19 @@
 """What hinders is said when it is noticed, with its true reason and what helps."""
 
+import ast
 import errno
 import os
 import re
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Final
 
 import click
 import pytest
 from click.testing import CliRunner, Result
 
+import smarttac_can.bench
 from smarttac_can.bench import BenchError, FaultError, RefusedError, Stimulator
 from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.cli import main
@@ -37,17 +40,20 @@ def full_disk(folder: Path) -> None:
 
 @pytest.mark.parametrize("command", ["node", "plate"])
 @pytest.mark.parametrize("make", [closed_folder, full_disk])
-def test_storage_that_cannot_be_written_is_said_at_the_start(
+def test_storage_that_cannot_be_written_is_no_start(
     command: str, make: Callable[[Path], None], tmp_path: Path
 ) -> None:
     make(tmp_path)
     before = set(tmp_path.iterdir())
     result = run(command, *NOWHERE, "--storage", str(tmp_path / "kept"))
-    first, *_ = result.stderr.splitlines()
-    assert first.startswith(f"{tmp_path / 'kept'}: cannot be written (")
-    assert first.endswith(
-        "): 1010h and LSS will refuse to store, and no faults are kept; "
-        "give --storage a file in a folder that can be written"
+    assert (result.exit_code, result.stdout) == (2, ""), "it has not started"
+    last = result.stderr.splitlines()[-1]
+    assert last.startswith(
+        f"Error: Invalid value for '--storage': {tmp_path / 'kept'} cannot be written ("
+    )
+    assert last.endswith(
+        "), so that neither parameters nor faults would be kept: name a file in a folder that can "
+        "be written, or leave --storage out"
     )
     assert set(tmp_path.iterdir()) == before
 
@@ -60,7 +66,7 @@ def test_a_file_system_that_is_read_only_is_named(
 
     monkeypatch.setattr("smarttac_can.host.storage_file.create_regular", refuse)
     result = run("node", *NOWHERE, "--storage", str(tmp_path / "kept"))
-    assert "kept: cannot be written (Read-only file system): 1010h and LSS" in result.stderr
+    assert "kept cannot be written (Read-only file system), so that neither" in result.stderr
 
 
 def test_storage_that_can_be_written_needs_no_word_and_leaves_none(tmp_path: Path) -> None:
@@ -169,3 +175,26 @@ def test_other_words_of_a_script(text: str) -> None:
     said = in_shell_words(text)
     assert said != text
     assert not re.search(r"[a-z]\(\)|=True", said)
+
+
+_PYTHON: Final = re.compile(r"[a-z]\(\)|=True|^\.trace")
+_OF_SCRIPTS: Final = ("the loop of this stimulator runs already, in another thread",)
+"""What can only befall a script, as it takes threads."""
+
+
+def texts_of(path: Path) -> Iterator[str]:
+    """Yield the strings of a module, without docstrings."""
+    tree = ast.parse(path.read_text())
+    alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+            yield node.value
+
+
+def test_no_message_of_the_bench_tells_a_shell_to_call_python() -> None:
+    folder = Path(smarttac_can.bench.__file__).parent
+    modules = [path for path in folder.glob("*.py") if path.name != "errors.py"]
+    found = [text for path in modules for text in texts_of(path) if _PYTHON.search(text)]
+    assert len(found) >= 8
+    left = [text for text in found if _PYTHON.search(in_shell_words(text))]
+    assert [text for text in left if not text.startswith(_OF_SCRIPTS)] == []
