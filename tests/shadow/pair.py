@@ -1,0 +1,231 @@
+"""A node twice: the old implementation and the new one, given the same calls, and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import state_before
+import state_now
+from frozen import Package
+
+from smarttac_can.device.frame import Frame
+
+State = dict[str, Any]
+_MOST_SHOWN: Final = 400
+
+
+class Difference(AssertionError):
+    """The two implementations do not do the same.
+
+    Attributes
+    ----------
+    where
+        The node, and what it was given.
+    what
+        Name of what differs: ``frames``, ``error``, or of `state_before`, ``levels`` and ``od``.
+    old, new
+        What it is.
+    """
+
+    def __init__(self, where: str, what: str, old: object, new: object) -> None:
+        super().__init__(f"{where}: {what}\n  old: {_shown(old)}\n  new: {_shown(new)}")
+        self.where = where
+        self.what = what
+        self.old = old
+        self.new = new
+
+
+class BothFailed(Exception):
+    """Both implementations raised the same error: no difference, and nothing to go on with."""
+
+
+class Side(NamedTuple):
+    """A node of one implementation."""
+
+    node: Any
+    state: Callable[[Any], State]
+    device: Callable[[Any], State]
+    entries: list[Any]
+    """Of its object dictionary, but for constants."""
+    plain: list[Any]
+    """Those whose value is held; `computed` reads the others."""
+    computed: list[Callable[[], Any]]
+
+
+def side(package: Package, node: Any, *, plate: bool) -> Side:
+    """Return a node of a package with what is compared of it."""
+    states: Any = state_now if package.name == "smarttac_can" else state_before
+    entries = [entry for entry in node.od if entry.access != "const"]
+    return Side(
+        node,
+        states.of_plate if plate else states.of_stimulator,
+        states.of_device,
+        entries,
+        [entry for entry in entries if entry.source is None],
+        [entry.source for entry in entries if entry.source is not None],
+    )
+
+
+class _Clocks:
+    """The clocks of both nodes, for a host that moves them."""
+
+    def __init__(self, old: Any, new: Any) -> None:
+        self._old, self._new = old, new
+
+    @property
+    def now(self) -> int:
+        return int(self._new.now)
+
+    @now.setter
+    def now(self, now: int) -> None:
+        self._old.now = self._new.now = now
+
+
+class Pair:
+    """One node for a bus, of which there are two.
+
+    Parameters
+    ----------
+    name
+        For messages.
+    old, new
+        The same node of both implementations.
+
+    Attributes
+    ----------
+    od
+        Object dictionary of the new one, to look names up.
+    calls
+        How often it was called.
+    """
+
+    def __init__(self, name: str, old: Side, new: Side) -> None:
+        self.name = name
+        self.old, self.new = old, new
+        self.od = new.node.od
+        self.clock = _Clocks(old.node.clock, new.node.clock)
+        self.calls = 0
+        self._last: tuple[str, tuple[Any, ...]] = ("nothing", ())
+
+    def start(self) -> list[Frame]:
+        return self._both("start")
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        return self._both("receive", frame)
+
+    def overtaken(self, frame: Frame) -> list[Frame]:
+        return self._both("overtaken", frame)
+
+    def advance(self, microseconds: int) -> list[Frame]:
+        return self._both("advance", microseconds)
+
+    def segments(self, most: int) -> list[Frame]:
+        return self._both("segments", most)
+
+    def overdue(self) -> list[Frame]:
+        return self._both("overdue")
+
+    def transmit_failed(self) -> list[Frame]:
+        return self._both("transmit_failed")
+
+    def bus_off(self) -> list[Frame]:
+        return self._both("bus_off")
+
+    def bus_recovered(self) -> list[Frame]:
+        return self._both("bus_recovered")
+
+    def shutdown(self) -> list[Frame]:
+        return self._both("shutdown")
+
+    @property
+    def ids(self) -> Any:
+        """Identifiers of the new one; those of the old one are compared with all else."""
+        return self.new.node.ids
+
+    def look(self, *, all_of_it: bool = True) -> None:
+        """Compare what both know: the loop and its levels, and all of the device.
+
+        Parameters
+        ----------
+        all_of_it
+            Whether the services of CANopen and the object dictionary are compared, too.
+
+        Raises
+        ------
+        Difference
+            If it is not the same.
+        """
+        old, new = self.old, self.new
+        state, expected = new.state(new.node), old.state(old.node)
+        if state != expected:
+            self._compare(expected, state)
+        levels, expected_levels = new.node.levels(), old.node.levels()
+        if levels != expected_levels:
+            self._require("levels", expected_levels, levels)
+        if not all_of_it:
+            return
+        state, expected = new.device(new.node.device), old.device(old.node.device)
+        if state != expected:
+            self._compare(expected, state)
+        values = [entry.value for entry in new.plain]
+        values += [read() for read in new.computed]
+        expected_values = [entry.value for entry in old.plain]
+        expected_values += [read() for read in old.computed]
+        if values != expected_values:
+            for before, now in zip(old.entries, new.entries, strict=True):
+                self._require(f"od {now.name}", before.read(), now.read())
+
+    def _compare(self, expected: State, state: State) -> None:
+        for name in sorted({*expected, *state}):
+            self._require(name, expected.get(name, "none"), state.get(name, "none"))
+
+    def _require(self, what: str, expected: object, found: object) -> None:
+        # What is not equal to itself, as NaN, shows the same.
+        if expected != found and repr(expected) != repr(found):
+            raise Difference(self._where(), what, expected, found)
+
+    def _where(self) -> str:
+        name, arguments = self._last
+        return f"{self.name}, after {' '.join([name, *map(shown, arguments)])}"
+
+    def _both(self, name: str, *arguments: Any) -> list[Frame]:
+        self.calls += 1
+        self._last = name, arguments
+        expected, failed = _called(self.old.node, name, arguments)
+        found, fails = _called(self.new.node, name, arguments)
+        if failed != fails:
+            raise Difference(self._where(), "error", failed, fails)
+        if fails:
+            raise BothFailed(f"{self._where()}: {fails}")
+        if found != expected:
+            raise Difference(
+                self._where(),
+                "frames",
+                [show(frame) for frame in expected],
+                [show(frame) for frame in found],
+            )
+        return found
+
+
+def _called(node: Any, name: str, arguments: tuple[Any, ...]) -> tuple[list[Frame], str]:
+    """Return what a call of a node returns, or else how it fails."""
+    try:
+        return getattr(node, name)(*arguments), ""
+    except Exception as error:  # noqa: BLE001 - whatever it is, both do the same
+        return [], f"{type(error).__name__}: {error}"
+
+
+def show(frame: Frame) -> str:
+    """Return a frame as a transcript has it."""
+    return f"{frame[0]:03X} {'rtr' if frame[2] else frame[1].hex(' ').upper()}".rstrip()
+
+
+def shown(argument: Any) -> str:
+    """Return what a call was given."""
+    return show(argument) if isinstance(argument, Frame) else str(argument)
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "..."

@@ -1,0 +1,296 @@
+"""What the old nodes know, by name: the list of what a shadow compares, tick by tick.
+
+Each name is a promise: whatever holds the value in a later tree, it is the same at every tick. The
+functions are of the old tree and stay as they are; `state_now` has those of this tree. A test finds
+what changes in a node and is in neither list.
+
+Names begin with what they belong to: ``watch`` counts of faulty cycles and what they are counted
+from, ``bound`` what follows from parameters, ``control`` the controllers, ``bus`` the loop over the
+bus, ``due`` deadlines in us of device time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+from functools import lru_cache
+from typing import Any
+
+State = dict[str, Any]
+
+
+@lru_cache(maxsize=256)
+def fields(frozen: Any) -> tuple[Any, ...]:
+    """Return what a frozen dataclass holds; those of two packages are not equal themselves."""
+    return astuple(frozen)
+
+
+def of_stimulator(node: Any) -> State:
+    """Return what a stimulator node knows beside its object dictionary."""
+    state = _of_supervisor(node.block.supervisor)
+    state |= _of_watches(node.block.supervisor.watchdogs)
+    state |= _of_bus(node._loop)
+    state |= _of_controllers(node.block.cascade)
+    block, masters = node.block, node._masters
+    state |= {
+        "shown state": block._shown,
+        "begun at 0 V": block._begun,
+        "changed records": sorted(block._changed),
+        "next parameters": fields(block._parameters),
+        "hint": block._hint,
+        "textures": [table is not None for table in block._textures._tables.values()],
+        "tare awaited": block._taring._awaited,
+        "tare from cycle": block._taring._from,
+        "told by EMCY": node._publishing._told,
+        "time": node.clock.now,
+        "nmt": node.device.nmt_state,
+        "unfit": node._unfit,
+        "masters late": sorted(masters._late),
+        "masters gone": sorted(masters._gone),
+        "masters seen": sorted(masters._seen),
+        "masters resting": masters._resting,
+        "period reported": node._period._reported,
+        "due tick": node._ticker.due,
+        "missed ticks": node._ticker.missed,
+    }
+    state |= _of_missed_time(node._missed_time)
+    if block._inside is not None:
+        state |= of_plate_block(block._inside.plate)
+    return state
+
+
+def _of_supervisor(s: Any) -> State:
+    return {
+        "state": s.machine.state,
+        "present": s.present,
+        "latched": s.latched,
+        "commands held": s.machine._held,
+        "controlword seen": s._seen,
+        "controlword stands": s._stands,
+        "operational": s.operational,
+        "live": s.live,
+        "tared": s.tared,
+        "watched": s.watched,
+        "refused": (s._refused, s._reason),
+        "fault memory": s.memory.lines,
+    }
+
+
+def _of_watches(w: Any) -> State:
+    v = w.vibration
+    return {
+        "watch saturated": w._saturated._level,
+        "watch gauges": w._odd._level,
+        "watch gauges, zero": w._zero,
+        "watch stuck": w._repeats,
+        "watch stuck, last": w._last,
+        "watch tick": w._tick,
+        "watch amplitude": v._above._level,
+        "watch excess": v._excess._level,
+        "watch silent": v._silent,
+        "watch lack": v._lack._level,
+        "watch resonance": v._detuned._level,
+        "watch unseen": v._unseen._level,
+        "watch vibration, most": (v._E, v._bound),
+        "watch vibration, least": (v._E_least, v._least),
+        "watch voltage": (v._V, v._V_most, v._V_least, v._V_least_before),
+        "watch voltage held": (v._held_most, v._held_least, v._late),
+        "bound serial": w._serial,
+        "bound temperature": w._temperature_max,
+        "bound forces": (w._Fn_max, w._Ft_max, w._mismatch),
+        "bound vibration": (v._W_trip, v._bound_trip),
+        "bound model": (v._gain, v._gain_bound, v._tau, v._decay),
+    }
+
+
+def _of_bus(b: Any) -> State:
+    pairing, sync, source, late = b._pairing, b._sync, b.source, b.late_answers
+    return {
+        "bus come": sorted(pairing._come),
+        "bus begun": pairing._begun,
+        "bus session": (pairing._session, pairing._next_session),
+        "bus answered": pairing._answered,
+        "bus sync counter": sync._counter,
+        "bus sync drifts": sync._drifts,
+        "bus sync window": _of_window(sync._window),
+        "bus sync drift": _of_window(sync._long),
+        "bus credits": (source._credits, source._owed),
+        "bus source window": (source._syncs, source._measured, source._strange),
+        "bus heard": source._heard,
+        "bus collision": source._collision,
+        "bus late": (late._syncs, late._ahead, late._in_a_row, late._early, late._history),
+        "due sync": (sync._silence.due, sync._silence.delay),
+        "due answer": (b._unanswered.due, b._unanswered.delay),
+        "due quiet": source._quiet.due,
+    }
+
+
+def _of_window(window: Any) -> tuple[int, ...]:
+    return window.count, window.deadline_ms, window._begun, window._timer.due
+
+
+def _of_missed_time(m: Any) -> State:
+    return {"missed time": (m._begun, m._awake, m._cycles, m._stood, m._told)}
+
+
+def _of_controllers(c: Any) -> State:
+    # A fault of the matrix puts a broken cascade around the sound one.
+    c = getattr(c, "cascade", c)
+    inner, outer, t, i = c._inner, c._outer, c.tribometer, c.identification
+    state = {
+        "control mode": c.mode,
+        "control reason": c.reason,
+        "control contact": c.contact,
+        "control amplitude": c.amplitude,
+        "control W_ref": c.W_ref,
+        "control friction": (c.mu_ref, c.E),
+        "control drive": c.drive,
+        "control limited": (c.limited, inner.limited),
+        "control fresh": (c._fresh, c._from_off),
+        "control voltage integrator": inner.amplitude.pi.state,
+        "control frequency integrator": inner.resonance.pi.state,
+        "control frequency": inner.resonance.frequency,
+        "control cut": (inner.amplitude.limited, inner.resonance.limited),
+        "control right": outer._boundary.right,
+        "control texture": _of_texture(c.texture),
+        "control samples": t._ring,
+        "control oldest sample": t._head,
+        "control zero": (t.tared, t._offsets),
+        "control touch": t._touch,
+        "control gauges": t._gauges,
+        "control line": outer._textured.line,
+        "control slide": outer._textured.touch,
+        "control slide known": outer._textured._known,
+        "control follows load": inner._follows_load,
+        "bound parameters": fields(c._parameters),
+        "bound plate": fields(c._model),
+        "bound gains": (
+            inner.amplitude.pi.Kp, inner.amplitude.pi.a,
+            inner.resonance.pi.Kp, inner.resonance.pi.a, inner._scheduled, inner._designed,
+        ),
+        "bound drive": (
+            inner.amplitude.V_max, inner.resonance.f_min, inner.resonance.f_max,
+            fields(inner._parameters),
+        ),
+        "bound friction": (
+            outer._boundary._half, outer._ahead, outer._kind,
+            outer._law._law, outer._law._slope, outer._law._step_max,
+        ),
+        "bound gauging": t._gauging,
+    }  # fmt: skip
+    if inner.predictive is not None:
+        state["control predictive"] = inner.predictive.learned
+        state["bound predictive"] = inner.predictive._prior
+    if outer._by_map is not None:
+        state["control map"] = _of_map(outer._by_map)
+    if i is not None:
+        model = None if i.model is None else fields(i.model)
+        state["control identification"] = (i.state, i.failure, i.progress, i._started, model)
+    return state
+
+
+def _of_texture(player: Any) -> Any:
+    return None if player is None else (player._ticks, fields(player._table))
+
+
+def _of_map(law: Any) -> tuple[Any, ...]:
+    return tuple([getattr(law, name) for name in type(law).__slots__])
+
+
+def of_device(d: Any) -> State:
+    """Return what the services of a device know beside its object dictionary."""
+    sync, guarding, watches = d._sync, d._guarding, d._watches
+    return {
+        "node-ID": d.node_id,
+        "due": sorted([_of_timer(timer) for timer in d.clock._timers]),
+        "identifiers": d.ids,
+        "collision": d.collision,
+        "emergencies": list(d._emergency._active),
+        "emergencies waiting": d._emergency._queue,
+        "pdo": [_of_pdo(pdo) for pdo in (*d._rpdos.values(), *d._tpdos.values())],
+        "rpdo": [(pdo._late, pdo._latch, len(pdo._faults)) for pdo in d._rpdos.values()],
+        "tpdo": [_of_tpdo(pdo) for pdo in d._tpdos.values()],
+        "sync": (d.sync_counter, d.sync_own, sync._heard, sync._counter, sync._wrong_length),
+        "sync parameters": (sync._produces, sync._period, sync._overflow, sync._window),
+        "heartbeat": d._heartbeat._period,
+        "watched nodes": [(m.parameter, m.in_time) for m in watches._monitors.values()],
+        "absent": sorted(watches._absent),
+        "guarding": (guarding._toggle, guarding._active, guarding._life_time, guarding._lost),
+        "stored": d._storage._storage.read(),
+    }
+
+
+def _of_pdo(pdo: Any) -> tuple[Any, ...]:
+    return pdo.cob_id, pdo.transmission, pdo.event_time, pdo.valid, pdo.alive
+
+
+def _of_tpdo(t: Any) -> tuple[Any, ...]:
+    timing = t._inhibit_time, t._start_value, t._awaits_start, t._count
+    return timing, t._sends, t._pending, t._last, t._sampled
+
+
+def _of_timer(timer: Any) -> tuple[int, ...]:
+    return timer.due, timer.delay, timer._period, timer._spacing, timer._slip, timer.missed
+
+
+def of_plate(node: Any) -> State:
+    """Return what a plate node knows beside its object dictionary."""
+    sender, hardware = node._sender, node._hardware
+    state = of_plate_block(node.block)
+    state |= _of_missed_time(node._missed_time)
+    state |= {
+        "time": node.clock.now,
+        "nmt": node.device.nmt_state,
+        "protecting": sorted(node._protecting),
+        "reported": node._reported,
+        "next session": node._next_session,
+        "ticked": getattr(node, "_ticked", None),
+        "period reported": node._period._reported,
+        "due drive": (node._unanswered.due, node._unanswered.delay),
+        "sender": (sender._node_id, getattr(sender, "_once_in", None)),
+        "sender latched": sender.latched,
+        "sender disturbed": (sender.disturbed, sender._undisturbed),
+        "watch wrong checks": sender._wrong._level,
+        "watch read-back": (hardware._wrong, hardware._wrong_cycles._level),
+        "hardware": (hardware.cause, hardware.sources, hardware.reads_back, hardware._told),
+        "hardware rules": [entry.name for entry in (*hardware._inputs, *hardware._rules)],
+    }
+    return state
+
+
+def of_plate_block(block: Any) -> State:
+    """Return what the function block of a plate knows beside its object dictionary."""
+    behind = block.behind
+    state = {
+        "stage state": block.state.name,
+        "stage": block._stage,
+        "stage told": block.told,
+        "plate answered": (block._answered, block._answered_before),
+        "plate moving": block._moving,
+        "plate session": block.session,
+        "plate instant": block.instant_us,
+        "plate out": behind.stage,
+    }
+    if hasattr(behind, "plate"):
+        plate, sensors = behind.plate, behind.plate._sensors
+        fault = plate._sensor_fault
+        state |= {
+            "plate moves": behind._moving,
+            "plate old drive": behind._old,
+            "plate fault in": (behind._fault_in, getattr(behind, "_fault", None)),
+            "plate stage stuck": behind._power_stage._stuck,
+            "plate tick": plate.tick,
+            "plate state": plate._state,
+            "plate finger": plate.finger_state,
+            "plate last drive": plate._last,
+            "plate pickup": plate._pickup,
+            "plate making": plate._making,
+            "plate noise": (sensors._block, sensors._drawn),
+            "plate sensor fault": None if fault is None else (fault._held, fault._tick),
+        }
+    else:
+        state |= {
+            "front end": (behind.trouble, behind._sound_missing, behind._silent, behind._slowest),
+            "front end told": behind._told,
+            "front end last": behind._last,
+        }
+    return state
