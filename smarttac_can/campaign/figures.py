@@ -40,8 +40,10 @@ def distributions(rows: Rows, title: str) -> Figure:
             for prefix, (colour, line, legend) in _CURVES.items():
                 column = rows[:, COLUMNS.index(prefix + name)]
                 known = np.sort(column[np.isfinite(column)])
-                share = 100.0 * np.arange(1, len(known) + 1) / len(rows)
-                axes.plot(known, share, color=colour, linestyle=line, label=legend)
+                share = 100.0 * np.arange(len(known) + 1) / len(rows)
+                # From 0 on, so that a single finger shows as well.
+                values = [*known[:1], *known]
+                axes.plot(values, share[: len(values)], color=colour, linestyle=line, label=legend)
             if name == "chatter":
                 _mark_limit_cycles(axes)
             axes.set_xscale("log")

@@ -56,8 +56,9 @@ def lines(results: dict[str, Any]) -> list[str]:
     speed = r["finger_seconds_per_second"]
     pace = "nothing left to run" if speed is None else f"{speed:.0f} finger-seconds a second"
     head = (
-        f"{r['fingers']} fingers, seed {r['seed']}, law {r['law']}, vibration law "
-        f"{r['vibration_law']}, dead time {r['dead_time_us']:.0f} us, case {r['case']}"
+        f"{r['fingers']} {'finger' if r['fingers'] == 1 else 'fingers'}, seed {r['seed']}, "
+        f"law {r['law']}, vibration law {r['vibration_law']}, "
+        f"dead time {r['dead_time_us']:.0f} us, case {r['case']}"
     )
     rows = [
         f"{name:<32}" + "".join(f"{_number(of[q]):>10}" for q in _QUANTILES)

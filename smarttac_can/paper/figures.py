@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas
 from smarttac_can.bench.traces import Floats, Trace
@@ -219,6 +220,7 @@ def _draw_subject(pair: Iterable[Axes], subject: int, directions: Sequence[Touch
         note = _step_note(touches, mean, subject)
         axes.text(0.97, y, note, ha="right", va=va, transform=axes.transAxes, fontsize=8)
     left.set_ylabel("coefficient of friction µ")
+    left.yaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10], nbins=7))
 
 
 def _step_note(touches: Touches, mean: Step, subject: int) -> str:

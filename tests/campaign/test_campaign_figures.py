@@ -78,3 +78,15 @@ def test_it_says_what_it_is():
     (note,) = chatter.texts
     assert note.get_text() == f"limit cycle above {LIMIT_CYCLE:g}"
     assert note.xy[0] == LIMIT_CYCLE
+
+
+def test_a_single_finger_is_seen():
+    figure = distributions(np.full((1, len(COLUMNS)), 2.0), "1 finger")
+    for axes in figure.axes:
+        for curve in axes.lines[:2]:
+            assert curve.get_xydata().tolist() == [[2.0, 0.0], [2.0, 100.0]]
+
+
+def test_figures_that_no_finger_has_draw_nothing():
+    figure = distributions(np.full((2, len(COLUMNS)), np.nan), "2 fingers")
+    assert not any(curve.get_xydata().size for axes in figure.axes for curve in axes.lines[:2])

@@ -122,6 +122,13 @@ def test_fig7_names_its_law_and_its_rows_align(traces):
         assert np.ptp([place.y0 for place in row]) == pytest.approx(0.0, abs=1e-9)
 
 
+def test_fig7_labels_its_panels_by_two_digits():
+    runs = [friction(1, 0.2, 0.3), friction(2, 0.3, 0.4), friction(3, 0.2, 0.25)]
+    figure = drawn(figures.fig7(runs, "measured"))
+    numbers = {text.get_text() for axes in figure.axes for text in axes.get_yticklabels()}
+    assert {len(number) for number in numbers} == {len("0.25")}
+
+
 def test_fig7_says_why_a_panel_is_empty():
     no_down = drawn(figures.fig7([friction(1, 0.2, 0.3, passes=2)], "measured"))
     assert "no whole touch" in words(no_down.axes[1])
