@@ -28,8 +28,12 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import SIMULATION
 
-LOST_CYCLE_S: Final = 1.0
-"""How long a cycle in lockstep may take before it counts as lost."""
+GRACE_S: Final = 1.0
+"""How much longer than its cycles take a run in real time may take."""
+SILENT_S: Final = 10.0
+"""How long a node in lockstep may answer nothing before it is taken for dead."""
+_ASK_AFTER_S: Final = 0.1
+"""How long a cycle in lockstep may take before the nodes are asked whether they have heard it."""
 _STATUS_TPDO: Final = 1
 _LOST_IN_A_ROW: Final = 3
 _POLL_S: Final = 0.005
@@ -284,30 +288,43 @@ class CanLink:
         complete = self._cycles.complete
         lost = 0
         for _ in range(cycles):
-            if interrupted():
-                return
             while not complete.empty():
                 complete.get()
+            if interrupted():
+                return
             try:
                 self._network.send_message(SYNC_ID, b"")
             except can.CanError as error:
                 raise BusLostError(f"cannot produce SYNC: the bus has failed: {error}") from error
-            try:
-                waits = complete.empty() and self._threaded and self._stimulator.operational
-                complete.get(timeout=LOST_CYCLE_S if waits else 0.0)
-                lost = 0
-            except Empty:
-                lost += 1
+            lost = 0 if self._ends(interrupted) else lost + 1
             if lost == _LOST_IN_A_ROW:
                 raise NotRunningError(
                     f"{lost} cycles in a row were lost: is the plate there, and are all nodes "
                     "operational and started with --lockstep?"
                 )
 
+    def _ends(self, interrupted: Callable[[], bool]) -> bool:
+        """Wait for the end of a cycle in lockstep; return whether it has one.
+
+        Nodes hear frames in the order in which they were sent. Once each of them, the plate first,
+        has answered a request behind the SYNC, all that the cycle may still bring has come. How
+        long they take for it is up to them.
+        """
+        complete = self._cycles.complete
+        if self._threaded and self._stimulator.operational:
+            try:
+                complete.get(timeout=_ASK_AFTER_S)
+            except Empty:
+                for device in self._devices:
+                    device.await_answer(SILENT_S, interrupted)
+            else:
+                return True
+        return not complete.empty()
+
     def _wait_for(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool]) -> None:
-        end = self._clock() + cycles * 1e-3 + LOST_CYCLE_S
+        end = self._clock() + cycles * 1e-3 + GRACE_S
         while len(rows) < cycles and self._clock() < end and not interrupted():
             try:
-                self._cycles.complete.get(timeout=LOST_CYCLE_S)
+                self._cycles.complete.get(timeout=GRACE_S)
             except Empty:
                 self._check()

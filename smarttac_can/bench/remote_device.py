@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import cycle
+from threading import Event
 from time import monotonic
 from typing import Any, Final
 
@@ -14,6 +16,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.refused import refused_write, write_action
 from smarttac_can.commissioning.scan import STATES, UNKNOWN
+from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.master.errors import (
     BenchError,
@@ -23,12 +26,14 @@ from smarttac_can.master.errors import (
     RefusedError,
     WrongDeviceError,
 )
+from smarttac_can.master.requests import answers, upload
 from smarttac_can.master.sdo_client import OtherClientError, SharedSdoClient
 from smarttac_can.od.cia import (
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
     IDENTITY,
     NMT_ID,
+    SDO_TX_ID,
     Abort,
     AbortCode,
     NMTCommand,
@@ -38,6 +43,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
 _HEARTBEATS_MISSED: Final = 6
+_ASK_AGAIN_S: Final = 1.0
 _PRODUCT_CODE: Final = 2
 
 
@@ -79,6 +85,7 @@ class RemoteDevice:
         self._network = network
         self._name = od.info.get("productname", "device")
         self._sdo = SharedSdoClient(network, od.node_id, timeout)
+        self._asked = cycle(od.objects[IDENTITY].entries.values())
         self.heartbeat_at: float | None = None
         self.state = 0
         network.subscribe(HEARTBEAT_ID + od.node_id, self._on_heartbeat)
@@ -164,6 +171,49 @@ class RemoteDevice:
                 f"node {self.od.node_id} has sent no heartbeat for {silence:.1f} s: "
                 "it has stopped or left the bus; connect again when it is back"
             )
+
+    def await_answer(self, patience: float, interrupted: Callable[[], bool]) -> None:
+        """Wait until it answers a request: by then it has heard, and done, all that came before.
+
+        Parameters
+        ----------
+        patience
+            How long it may be silent, in s.
+        interrupted
+            Ends the wait when it returns True.
+
+        Raises
+        ------
+        HeartbeatLostError
+            If it is silent for longer.
+        BusLostError
+            If the bus has failed.
+        """
+        node_id = self.od.node_id
+        # Each time another object: a late answer to the request before answers nothing.
+        request = upload(node_id, next(self._asked))
+        answered = Event()
+
+        def hear(can_id: int, data: bytearray, _timestamp: float) -> None:
+            if answers(Frame(can_id, bytes(data)), request):
+                answered.set()
+
+        self._network.subscribe(SDO_TX_ID + node_id, hear)
+        try:
+            end = monotonic() + patience
+            while not interrupted():
+                self._network.send_message(request.can_id, request.data)
+                if answered.wait(_ASK_AGAIN_S):
+                    return
+                if monotonic() > end:
+                    raise HeartbeatLostError(
+                        f"node {node_id} has answered nothing for {patience:g} s: it has stopped "
+                        "or left the bus; connect again when it is back"
+                    )
+        except can.CanError as error:
+            raise BusLostError(f"cannot ask node {node_id}: the bus has failed: {error}") from error
+        finally:
+            self._network.unsubscribe(SDO_TX_ID + node_id, hear)
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
         self.heartbeat_at = monotonic()

@@ -127,7 +127,7 @@ def test_lockstep_with_a_node_in_real_time_is_named(virtual: dict[str, Any], ins
 def test_real_time_with_nodes_in_lockstep_is_named(
     virtual: dict[str, Any], inside: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.2)
+    monkeypatch.setattr("smarttac_can.bench.can_link.GRACE_S", 0.2)
     nodes = (stimulator_with_plate(),) if inside else both()
     stands = (
         r"the time of node 32 stands still without SYNC: connect with lockstep=True, or start all "
@@ -243,7 +243,7 @@ def counted(bench: Stimulator) -> tuple[tuple[float, float], float]:
 
 
 def test_live_data_by_the_clock(virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.bench.can_link.GRACE_S", GUARD_S)
     node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
         bench.finger.stroke(1)
@@ -274,7 +274,7 @@ class StallingBus(PythonCanBus):
 def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(
     virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.bench.can_link.GRACE_S", GUARD_S)
     monkeypatch.setattr("nodes_on_a_bus.PythonCanBus", StallingBus)
     with (
         in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
@@ -300,7 +300,7 @@ def test_a_plate_node_by_the_clock_with_the_stimulator_as_its_tick(virtual: dict
 def test_without_sync_the_loop_gives_no_cycles(
     virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.02)
+    monkeypatch.setattr("smarttac_can.bench.can_link.GRACE_S", 0.02)
     with (
         in_threads(virtual, *both(lockstep=False), lockstep=False),
         Stimulator.connect(**virtual, plate_node_id=33) as bench,

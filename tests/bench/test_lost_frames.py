@@ -2,29 +2,21 @@
 
 import random
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
 from typing import Any
 
 import can
 import pytest
-from nodes_on_a_bus import both, in_threads, processes, stimulator_with_plate
+from nodes_on_a_bus import GUARD_S, both, in_threads, processes, stimulator_with_plate
 
-from smarttac_can.bench import NotRunningError, Stimulator
+from smarttac_can.bench import HeartbeatLostError, NotRunningError, Stimulator
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.open_link import _over_can
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import Connection, LocalBus
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.master.errors import BenchError
-
-
-@contextmanager
-def short_cycles() -> Iterator[None]:
-    """A lost cycle costs 1 s of the clock: not where some are lost for certain."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("smarttac_can.bench.can_link.LOST_CYCLE_S", 0.3)
-        yield
+from smarttac_can.od.cia import SYNC_ID
 
 
 def local_bench() -> tuple[Stimulator, list[Connection]]:
@@ -63,7 +55,9 @@ def test_a_node_pulled_off_in_the_middle_of_a_run() -> None:
 
 
 @pytest.mark.parametrize("who", ["plate", "stimulator"])
-def test_a_process_that_dies(who: str, multicast: dict[str, Any]) -> None:
+def test_a_process_that_dies(
+    who: str, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     commands = ["plate --lockstep", "node --lockstep --plate-node 33"]
     with processes(multicast, *commands) as (plate, stimulator):
         victim, survivor = (plate, stimulator) if who == "plate" else (stimulator, plate)
@@ -76,12 +70,10 @@ def test_a_process_that_dies(who: str, multicast: dict[str, Any]) -> None:
             cycles += 1
             if cycles == 50:
                 victim.process.kill()
+                # Only of a node that is dead it is not waited for.
+                monkeypatch.setattr("smarttac_can.bench.can_link.SILENT_S", 1.0)
 
-        with (
-            short_cycles(),
-            pytest.raises(NotRunningError, match="3 cycles in a row were lost"),
-            bench,
-        ):
+        with pytest.raises(HeartbeatLostError, match=r"^node 3[23] has answered nothing"), bench:
             bench.amplitude = 1.0
             bench.mode = "amplitude"
             bench._link._network.subscribe(0x2A0, kill)  # type: ignore[attr-defined]
@@ -89,6 +81,56 @@ def test_a_process_that_dies(who: str, multicast: dict[str, Any]) -> None:
         status, lines, complaints = survivor.end(signal.SIGTERM)
         assert (status, complaints) == (0, "")
         assert lines[-1].endswith("stopped at 0 V")
+
+
+class SlowBus(PythonCanBus):
+    """Its party is held up in the 20th cycle, for longer than three would be waited for."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.syncs = 0
+
+    def receive(
+        self, timeout: float, patience: float = 0.0, *, every: bool = False
+    ) -> Frame | None:
+        frame = super().receive(timeout, patience, every=every)
+        if frame is not None and frame.can_id == SYNC_ID:
+            self.syncs += 1
+            if self.syncs == 20:
+                time.sleep(3.5)
+        return frame
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_slow_cycle_is_no_lost_one(
+    inside: bool, virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nodes_on_a_bus.PythonCanBus", SlowBus)
+    nodes = (stimulator_with_plate(),) if inside else both()
+    plate = {} if inside else {"plate_node_id": 33}
+    with (
+        in_threads(virtual, *nodes),
+        Stimulator.connect(**virtual, **plate, lockstep=True) as bench,
+    ):
+        assert bench.run(0.05).tick.tolist() == list(range(50))
+
+
+def test_a_lost_cycle_is_known_without_waiting_for_the_clock(
+    virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("smarttac_can.bench.can_link.SILENT_S", GUARD_S)
+    plate, stimulator = both()
+    with (
+        in_threads(virtual, plate, stimulator),
+        Stimulator.connect(**virtual, plate_node_id=33, lockstep=True) as bench,
+    ):
+        bench.run(0.01)
+        link = bench._link
+        device = link._plate  # type: ignore[attr-defined]
+        device.write(device.od.entry(0x1801, 1), 0x800002A1)
+        with pytest.raises(NotRunningError, match="3 cycles in a row were lost"):
+            bench.run(10.0)
+        assert plate.od["Cycle.Ticks"].value == 13
 
 
 class LossyBus(PythonCanBus):
@@ -115,8 +157,7 @@ def test_lost_frames_cost_rows_and_no_more(
     ):
         bench.amplitude = 1.0
         bench.mode = "amplitude"
-        with short_cycles():
-            trace = bench.run(0.4)
+        trace = bench.run(0.4)
         assert 300 < len(trace) < 400
         assert trace.tick[-1] - trace.tick[0] > 380, "the plate goes on"
         assert bench.get("Cycle.Lost cycles") > 0
@@ -141,7 +182,7 @@ def test_a_stimulator_that_another_master_takes_out_of_operational(
     ):
         bench.run(0.005)
         nmt(command)
-        with short_cycles(), pytest.raises(BenchError, match=message):
+        with pytest.raises(BenchError, match=message):
             bench.run(0.05)
         nmt(0x01)
         assert len(bench.run(0.05)) == 50
