@@ -13,13 +13,12 @@ from smarttac_can.bench.gauge_samples import GAUGES
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing
 from smarttac_can.master.errors import BenchError
+from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN
 
 Floats = npt.NDArray[np.float64]
 
 LATERAL: Final = ("Fx from S1", "Fx from S2", "Fy from S1", "Fy from S2")
 POSITIONS: Final = ("Position of S3", "Position of S4", "Position of S5", "Position of S6")
-WINDOW_MN: Final = 60.0
-"""Of a null from then on: 41 mN of drift over 15 K by the gauges' data sheet, and some."""
 RESIDUAL_SHARE: Final = 0.01
 """Root mean square of the forces' residuals that passes, of the heaviest weight."""
 RESIDUAL_MM: Final = 1.0
@@ -182,7 +181,7 @@ def write_calibration(
         f"Gauge null.Null of S{gauge}": 1e3 * float(null)
         for gauge, null in zip(GAUGES, nulls, strict=True)
     }
-    values["Gauge null.Window"] = WINDOW_MN
+    values["Gauge null.Window"] = KNOWN_WINDOW_MN
     values = {name: stimulator.nearest(name, value) for name, value in values.items()}
     before = {name: stimulator.get(name) for name in values}
     try:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.nodes.null_window import NULL
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
@@ -14,7 +15,7 @@ from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.vocabulary.objects import SIMULATION
-from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
+from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS
 
 STIMULATOR_ID: Final = 32
 """Node-ID of the stimulator unless another is given."""
@@ -32,6 +33,27 @@ def plate_od(node_id: int = PLATE_ID) -> ObjectDictionary:
     return load_eds(read_eds("plate.eds"), node_id)
 
 
+def know_nulls(od: ObjectDictionary, nulls: Iterable[float]) -> None:
+    """Have a plate's nulls, S1..S6 in N, be the defaults; what is stored or preset replaces them.
+
+    The window is then as narrow as after a calibration, and a tare under a finger is refused.
+    """
+    values = {f"{NULL}.Null of S{n}": f"{null} N" for n, null in enumerate(nulls, 1)}
+    for name, text in (values | {f"{NULL}.Window": f"{KNOWN_WINDOW_MN} mN"}).items():
+        entry = od[name]
+        entry.default = entry.value = entry.counts(text)
+
+
+def od_and_plate() -> tuple[ObjectDictionary, PlateBlock]:
+    """Return the object dictionary of a stimulator that knows the nulls of a plate, and the plate.
+
+    A tare under a finger is refused then, as after a calibration.
+    """
+    od, plate = stimulator_od(), PlateBlock(plate_od())
+    know_nulls(od, plate.plate.nulls)
+    return od, plate
+
+
 def simulated_block(presets: Mapping[str, int]) -> StimulatorBlock:
     """Return a stimulator with the plate inside and no CANopen, at the start of a run.
 
@@ -40,7 +62,7 @@ def simulated_block(presets: Mapping[str, int]) -> StimulatorBlock:
     presets
         Raw values by name that replace defaults of the EDS.
     """
-    block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
+    block = StimulatorBlock(*od_and_plate())
     for name, raw in presets.items():
         block.write(name, raw)
     block.start_run()
@@ -49,7 +71,7 @@ def simulated_block(presets: Mapping[str, int]) -> StimulatorBlock:
 
 def stimulator_with_plate(presets: Mapping[str, int] | None = None) -> StimulatorNode:
     """Return a stimulator node for lockstep with the plate inside."""
-    return StimulatorNode(stimulator_od(), PlateBlock(plate_od()), lockstep=True, presets=presets)
+    return StimulatorNode(*od_and_plate(), lockstep=True, presets=presets)
 
 
 def lockstep_nodes(
@@ -62,14 +84,17 @@ def lockstep_nodes(
     if plate_inside:
         return [stimulator_with_plate(presets)]
     simulated = {n: raw for n, raw in presets.items() if n.partition(".")[0] in SIMULATION}
+    plate = PlateNode(plate_od(), simulated, deadline_ms=SHORT_DEADLINE_MS)
+    od = stimulator_od()
+    know_nulls(od, plate.block.plate.nulls)
     stimulator = StimulatorNode(
-        stimulator_od(),
+        od,
         plate_node_id=PLATE_ID,
         lockstep=True,
         deadline_ms=SHORT_DEADLINE_MS,
         presets={name: raw for name, raw in presets.items() if name not in simulated},
     )
-    return [PlateNode(plate_od(), simulated, deadline_ms=SHORT_DEADLINE_MS), stimulator]
+    return [plate, stimulator]
 
 
 def attach_nodes(bus: LocalBus, *, plate_inside: bool, presets: Mapping[str, int]) -> None:

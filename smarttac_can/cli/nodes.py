@@ -11,7 +11,7 @@ from secrets import randbelow
 import click
 from click.core import ParameterSource
 
-from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, know_nulls
 from smarttac_can.cli.options import (
     NODE_ID,
     BusChoice,
@@ -140,6 +140,7 @@ def node(
         if plate_node is None:
             inside = PlateBlock(load_device("plate.eds", None, PLATE_ID), recording)
             presets = _finger_presets(od, motion, subject, seed)
+            know_nulls(od, inside.plate.nulls)
         device = StimulatorNode(
             od,
             inside,

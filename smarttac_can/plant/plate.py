@@ -6,7 +6,7 @@ from smarttac_can.plant.faults import Fault, SensorFault, Slam, broken, pickup_g
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.motion import Making, at_rest, making, moved
 from smarttac_can.plant.parameters import PlateParameters, require
-from smarttac_can.plant.sensors import Measuring, Sensors
+from smarttac_can.plant.sensors import Measuring, Sensors, sensing
 from smarttac_can.plant.subjects import Subject
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
 from smarttac_can.vocabulary.signals import TICK, Drive, Measurement
@@ -150,6 +150,11 @@ class Plate:
     def resonance(self) -> float:
         """Resonance frequency in Hz at the present temperature, without the finger's load."""
         return self._parameters.resonator.resonance(self.temperature)
+
+    @property
+    def nulls(self) -> tuple[float, ...]:
+        """What S1..S6 show without a load at 20 degC, in N."""
+        return tuple(gauge.null for gauge in sensing(self._parameters.sensors).gauges)
 
     def sample(self) -> Measurement:
         """Return what the sensors report at the present tick, always the same for one tick."""

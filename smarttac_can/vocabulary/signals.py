@@ -74,6 +74,8 @@ class Setpoint(NamedTuple):
 
 TARE_SAMPLES = 64
 """Samples a tare is the mean of: the noise of the zero is an eighth of that of a sample."""
+KNOWN_WINDOW_MN: Final = 60
+"""Of the nulls of a known plate: 41 mN of drift over 15 K by the gauges' data sheet, and some."""
 TICK_US: Final = round(TICK * 1e6)
 """Period of the loop in us."""
 SHORT_DEADLINE_MS: Final = 3

@@ -92,7 +92,8 @@ def test_a_sound_plate_passes_with_any_noise_and_warmth(bench: Stimulator, seed:
 @pytest.mark.parametrize(
     ("kind", "sensor", "value", "expected"),
     [
-        (FaultKind.OFFSET, 3, 60, {"drift.S3"}),
+        (FaultKind.OFFSET, 3, 50, {"drift.S3"}),
+        (FaultKind.OFFSET, 3, 75, {"drift.S3", "null.S3"}),
         (FaultKind.OFFSET, 1, 800, {"drift.S1", "null.S1", "sweep"}),
         (FaultKind.NOISE, 5, 25, {"noise.S5"}),
         (FaultKind.NOISE, PICKUP_D, 12, {"noise.W_d"}),

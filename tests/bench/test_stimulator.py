@@ -931,8 +931,26 @@ def test_arguments_that_make_no_sense(
         act(bench)
 
 
-def test_a_reset_under_a_finger_is_told_with_its_cure() -> None:
-    with Stimulator.simulate() as bench:
+@pytest.mark.parametrize(
+    ("presets", "message"),
+    [
+        (
+            {},
+            r"not tared: S\d reads -?\d+ mN, more than 60 mN from its null of -?\d+ mN: lift what "
+            "rests on the plate, and tare$",
+        ),
+        (
+            {"Gauge null.Window": 1500} | {f"Gauge null.Null of S{n}": 0 for n in range(1, 7)},
+            "the gauges contradict each other; a zero taken under a finger, as one at power-on or "
+            r"reset may be, does this too: lift it, then tare\(\)$",
+        ),
+    ],
+    ids=["nulls known", "never calibrated"],
+)
+def test_a_reset_under_a_finger_is_told_with_its_cure(
+    presets: dict[str, int], message: str
+) -> None:
+    with Stimulator.simulate(presets=presets) as bench:
         bench.finger.stroke(2, speed=60.0)
         bench.start_run()
         bench.run(1.5)
@@ -942,11 +960,7 @@ def test_a_reset_under_a_finger_is_told_with_its_cure() -> None:
         link._network.send_message(0, bytes((0x01, 32)))
         for _ in range(300):
             link._network.send_message(0x80, b"")
-        with pytest.raises(
-            NotReadyError,
-            match="the gauges contradict each other; a zero taken under a finger, as one at "
-            r"power-on or reset may be, does this too: lift it, then tare\(\)$",
-        ):
+        with pytest.raises(NotReadyError, match=message):
             bench.arm()
         bench.finger.lift()
         bench.start_run()

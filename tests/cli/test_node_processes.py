@@ -15,7 +15,7 @@ import psutil
 import pytest
 from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options, processes
 
-from smarttac_can.bench import BenchError, Mode, Stimulator
+from smarttac_can.bench import BenchError, Mode, RefusedError, Stimulator
 from smarttac_can.vocabulary.states import State
 
 
@@ -301,3 +301,15 @@ def test_a_running_node_takes_less_than_120_mb(multicast: dict[str, Any]) -> Non
             peak = next(line for line in status.read_text().splitlines() if "VmHWM" in line)
             assert int(peak.split()[1]) < 120_000, peak
         assert psutil.Process(node.process.pid).memory_info().rss < 120e6
+
+
+def test_a_node_with_the_plate_inside_knows_its_nulls(multicast: dict[str, Any]) -> None:
+    """By default its finger strokes; a tare under it is refused."""
+    with (
+        processes(multicast, "node --lockstep"),
+        Stimulator.connect(**multicast, lockstep=True) as bench,
+    ):
+        bench.run(1.0)
+        assert bench.read().normal_force > 0.2
+        with pytest.raises(RefusedError, match=r"not tared: S\d reads .* than 60 mN from its null"):
+            bench.tare()

@@ -1,15 +1,21 @@
 """A tare refuses a null outside its window: zeros of a finger that rests would hide it."""
 
 from collections.abc import Iterator
+from typing import Literal
 
 import pytest
 
 from smarttac_can.bench import FaultError, NotReadyError, RefusedError, State, Stimulator
-from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.bench.simulation import od_and_plate, stimulator_od
+from smarttac_can.device.storage import Memory
+from smarttac_can.master.requests import download
 from smarttac_can.nodes.null_window import NullWindow
+from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
 
 DRIFT_MN = 60
+_ANOTHER_NULL = {"Gauge null.Window": 10, "Gauge null.Null of S3": 0}
+"""With it no tare of the simulated plate is taken."""
 
 
 @pytest.fixture
@@ -88,10 +94,39 @@ def test_a_finger_that_rests_is_no_null(bench: Stimulator) -> None:
     assert bench.message == ""
 
 
+@pytest.mark.parametrize("link", ["local", "inside", "bus"])
+def test_a_simulation_knows_its_nulls_from_the_first_start(link: str) -> None:
+    """So that whoever tares under a finger by mistake learns it before the hardware does."""
+    name: Literal["local", "bus"] = "local" if link == "local" else "bus"
+    with Stimulator.simulate(name, plate_inside=link == "inside") as bench:
+        bench.run(0.1)
+        assert bench.state is State.READY
+        rest(bench, 0.5)
+        with pytest.raises(RefusedError, match=r"not tared: S[35] reads .* than 60 mN from its"):
+            bench.tare()
+        bench.finger.lift()
+        bench.start_run()
+        bench.tare()
+        assert bench.message == ""
+
+
+def test_what_is_stored_is_the_null_of_another_plate() -> None:
+    memory = Memory()
+    first = StimulatorNode(*od_and_plate(), storage=memory)
+    for node, window in ((first, 60), (StimulatorNode(*od_and_plate(), storage=memory), 77)):
+        node.start()
+        assert node.od["Gauge null.Window"].value == window
+        node.block.write("Gauge null.Window", 77)
+        node.receive(download(32, node.od.entry(0x1010, 1), int.from_bytes(b"save", "little")))
+
+
 def test_the_default_is_what_the_data_sheet_allows() -> None:
     """1.2 N and a drift over 60 K, 1.364 N; a gauge that reads 1.6 N more is broken."""
-    with Stimulator.simulate("local") as bench:
-        assert bench.get("Gauge null.Window") == 1500
+    od = stimulator_od()
+    of_the_eds = {entry.name: entry.default for entry in od if entry.index == 0x2047}
+    assert of_the_eds.pop("Gauge null.Highest sub-index supported") == 7
+    assert list(of_the_eds.values()) == [1500, 0, 0, 0, 0, 0, 0]
+    with Stimulator.simulate("local", presets=of_the_eds) as bench:
         bench.tare()
         bench.set("Fault.Sensor", 4)
         bench.set("Fault.Value", 2800)
@@ -101,7 +136,7 @@ def test_the_default_is_what_the_data_sheet_allows() -> None:
 
 
 def test_a_tare_at_power_on_waits_until_the_finger_is_gone() -> None:
-    with Stimulator.simulate("local", presets={"Gauge null.Window": 10}) as bench:
+    with Stimulator.simulate("local", presets=_ANOTHER_NULL) as bench:
         bench.run(0.3)
         assert bench.state is State.NOT_READY
         with pytest.raises(NotReadyError, match=r"not ready: not tared: S\d reads"):
@@ -113,7 +148,7 @@ def test_a_tare_at_power_on_waits_until_the_finger_is_gone() -> None:
 
 
 def test_a_tare_at_power_on_is_tried_again_with_64_other_samples() -> None:
-    with Stimulator.simulate("local", presets={"Gauge null.Window": 10}) as bench:
+    with Stimulator.simulate("local", presets=_ANOTHER_NULL) as bench:
         run_until(bench, 100)
         assert bench.message.startswith("not tared: S")
         bench.set("Gauge null.Window", 1500)
