@@ -47,7 +47,7 @@ class RunInterruptedError(BenchError, KeyboardInterrupt):
 _SHELL_WORDS: Final = {
     "; .trace holds the recording": "",
     ": run() first, or have": ": have",
-    "reset_fault()": "reset it, by 'reset' in smarttac watch --drive",
+    "reset_fault()": "run smarttac reset",
     "disarm() first": "first 'mode off' in smarttac watch --drive, or its Esc",
     "then tare()": "then restart the node, which tares",
     "connect without lockstep=True": "leave out --lockstep here",

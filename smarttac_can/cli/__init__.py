@@ -21,6 +21,7 @@ from smarttac_can.cli.replay import replay
 from smarttac_can.cli.reproduction import demo, report, reproduce
 from smarttac_can.cli.scan import scan
 from smarttac_can.cli.selftest import selftest
+from smarttac_can.cli.status import reset, status
 from smarttac_can.cli.watch import watch
 from smarttac_can.host.process_signals import sigterm_interrupts
 
@@ -41,6 +42,6 @@ def main(context: click.Context) -> None:
 
 for command in (
     demo, reproduce, report, node, plate, device, conform, scan, lss, eds, jitter, faults,
-    soak, hostile, fmeda, campaign, watch, record, replay, selftest, calibrate,
+    soak, hostile, fmeda, campaign, status, reset, watch, record, replay, selftest, calibrate,
 ):  # fmt: skip
     main.add_command(command)

@@ -142,7 +142,7 @@ def armed() -> None:
         (
             latched,
             FaultError,
-            "remove the cause, then reset it, by 'reset' in smarttac watch --drive",
+            "remove the cause, then run smarttac reset",
         ),
         (
             armed,
