@@ -21,6 +21,7 @@ from smarttac_can.master.errors import BenchError
 
 CYCLES_PER_SECOND: Final = 1000
 _LEAST_RECORDED: Final = 0.5
+_MOST_S: Final = 604_800
 _LONG_S: Final = 2.0
 """Who waits for longer is shown how far it is."""
 _MOST_CYCLES: Final = 100
@@ -68,15 +69,15 @@ class Loop:
         Parameters
         ----------
         seconds
-            How long, 0.001 or more: of the loop's time in lockstep, of the clock's otherwise.
+            How long, 0.001 to 604800: of the loop's time in lockstep, of the clock's otherwise.
         experiment, subject
             Labels of the trace.
 
         Raises
         ------
         ValueError
-            If `seconds` is not a finite number, or too short, or a label is none; nothing has run
-            then.
+            If `seconds` is not a finite number, or outside its bounds, or a label is none; nothing
+            has run then.
         FaultError
             If a fault is latched at its end that was not known at its beginning; `trace` of the
             error is what was recorded.
@@ -93,9 +94,10 @@ class Loop:
         """
         require_labels(experiment, subject)
         knew_fault = self._control.knows_fault
-        cycles = round(finite("seconds", seconds) * CYCLES_PER_SECOND)
+        length = finite("seconds", seconds)
+        cycles = round(length * CYCLES_PER_SECOND) if abs(length) <= _MOST_S else 0
         if cycles < 1:
-            raise ValueError(f"seconds {seconds} is below 0.001")
+            raise ValueError(f"seconds {seconds} is outside 0.001..{_MOST_S}")
         rows: list[Row] = []
         with self._running(rows, experiment, subject) as interrupted:
             with progress_bar(experiment, _LONG_S) as progress:

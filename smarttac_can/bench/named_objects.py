@@ -153,6 +153,8 @@ class NamedObjects:
             If the unit is of another kind.
         """
         entry = find_number(self.od, name)
+        if not isinstance(unit, str):
+            raise ValueError(f"{unit!r} is not a unit like {entry.unit.symbol or 1}")
         return float(entry.unit.times(self.link.read(name), unit or entry.unit.symbol))
 
     def set(self, name: str, value: float | str) -> None:

@@ -65,13 +65,15 @@ def open_can_link(
     BenchError
         If the bus cannot be opened, no node answers, or it is another device.
     ValueError
-        If `lockstep` is neither True nor False.
+        If `lockstep` is neither True nor False, `interface` no name, or a node-ID outside 1..127.
     TypeError
         If an option is a misspelt argument, or one that the interface would ignore.
     """
     from smarttac_can.bench.tapped_network import TappedNetwork  # noqa: PLC0415 - only over CAN
 
     truth("lockstep", lockstep)
+    if not isinstance(interface, str | None):
+        raise ValueError(f"interface {interface!r} is no name")
     _refuse_misspelt(interface, options)
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
     network = TappedNetwork()

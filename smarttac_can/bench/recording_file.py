@@ -68,6 +68,8 @@ _CHUNK_ROWS: Final = 8192
 _NOT_OF_A_RECORDING: Final = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 """What a head of another form raises."""
 _EVERY_CYCLE, _ON_CHANGE = "every cycle", "on change, held"
+_MOST_COMPRESSED: Final = 1100
+"""What deflate makes of a byte, at most."""
 _NS: Final = 1_000_000_000
 _PLACE_UNITS: Final = {Axis.POSITION: ("mm", 1e-6), Axis.TIME: ("s", 1e-6)}
 
@@ -108,14 +110,14 @@ def require_new(path: Path) -> None:
     if path.suffix.lower() not in SUFFIXES:
         raise BenchError(
             f"{path}: a recording is an HDF5 file, whose suffix is {' or '.join(SUFFIXES)}: "
-            f"name it {path.with_suffix(SUFFIXES[0]).name}"
+            f"name it {path.stem or 'run'}{SUFFIXES[0]}"
         )
     if path.exists():
         raise BenchError(f"{path} exists: give the recording another name")
 
 
 @in_words()
-def make_recording(log: Path, path: Path) -> Summary:
+def make_recording(log: Path | str, path: Path | str) -> Summary:
     """Make the HDF5 file of a recording of its log, also of one that was killed.
 
     Parameters
@@ -133,6 +135,7 @@ def make_recording(log: Path, path: Path) -> Summary:
     OSError
         If a file cannot be read or written, as on a full disk.
     """
+    log, path = Path(log), Path(path)
     require_new(path)
     import h5py  # noqa: PLC0415 - an extra, and slow
 
@@ -568,7 +571,7 @@ def read_recording(path: Path | str) -> RecordedData:
         try:
             with h5py.File(disk, "r") as file:
                 return _read(path, file)
-        except (*_NOT_OF_A_RECORDING, OSError) as error:
+        except (*_NOT_OF_A_RECORDING, OSError, RuntimeError) as error:  # as h5py names damage
             raise BenchError(f"{path} is no recording that can be read: {error}") from error
 
 
@@ -581,10 +584,10 @@ def _read(path: Path, file: h5py.File) -> RecordedData:
     for stored_name, data in file["channels"].items():
         name = _NAMES.get(stored_name, stored_name)
         scale, units[name] = current(data.attrs["units"])
-        channels[name] = data[:] if scale == 1.0 else data[:] * scale
+        channels[name] = _all_of(data) if scale == 1.0 else _all_of(data) * scale
     if current is _current_1 and {"cof", "position_mm"} <= channels.keys():
         channels["position_mm"][np.isnan(channels["cof"])] = np.nan
-    times = {name: file[name][:] for name in ("tick", "run", "host_time_ns")}
+    times = {name: _all_of(file[name]) for name in ("tick", "run", "host_time_ns")}
     for values in (*channels.values(), *times.values()):
         values.setflags(write=False)
     set_points = []
@@ -611,6 +614,14 @@ def _read(path: Path, file: h5py.File) -> RecordedData:
     )
 
 
+def _all_of(data: h5py.Dataset) -> npt.NDArray[Any]:
+    """Return all elements of a dataset; ValueError if its bytes cannot be those of so many."""
+    if data.nbytes > _MOST_COMPRESSED * data.id.get_storage_size():
+        raise ValueError(f"{data.name} is too short for {data.size} elements")
+    values: npt.NDArray[Any] = data[:]
+    return values
+
+
 class _Setting(NamedTuple):
     name: str
     value: float
@@ -623,7 +634,7 @@ _Row = TypeVar("_Row", bound=NamedTuple)
 def _rows_of(table: h5py.Dataset, kind: type[_Row]) -> list[_Row]:
     """Return the rows of a table; its columns have the names of their parts."""
     names = kind._fields
-    return [kind(*(_plain(row[name]) for name in names)) for row in table[:]]
+    return [kind(*(_plain(row[name]) for name in names)) for row in _all_of(table)]
 
 
 def _plain(value: Any) -> Any:
@@ -640,7 +651,7 @@ def _read_texture(data: h5py.Dataset) -> RecordedTexture:
         axis = Axis[attrs["axis"].upper()]
         _, count = _PLACE_UNITS[axis]
         start, step = round(attrs["start"] / count), round(attrs["step"] / count)
-        values = tuple(np.round(data[:] / COF_COUNT).astype(int).tolist())
+        values = tuple(int(count) for count in np.round(_all_of(data) / COF_COUNT).tolist())
         texture = Texture(TextureTable(axis, bool(attrs["repeats"]), start, step, values))
     when = (attrs["host_time_ns"], attrs["run"], attrs["tick"], attrs["slot"])
     return RecordedTexture(*when, bool(attrs["before"]), bool(attrs["complete"]), texture)

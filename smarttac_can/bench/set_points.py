@@ -143,7 +143,7 @@ def choose_slot(objects: NamedObjects, slot: int) -> None:
     """Choose the slot of the texture that is played."""
     if type(slot) is not int:
         raise ValueError(f"texture slot {slot!r} is no integer")
-    _give_texture(objects, "Texture.Slot", lambda: objects.write("Texture.Slot", slot))
+    _give_texture(objects, "Texture.Slot", lambda: objects.set("Texture.Slot", slot))
 
 
 def read_texture(objects: NamedObjects) -> Texture | None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.extras import require_matplotlib
+from smarttac_can.bench.named_objects import truth
 from smarttac_can.bench.texture_files import read_grey_row
 from smarttac_can.bench.texture_samples import Samples
 from smarttac_can.bench.texture_tables import (
@@ -124,7 +125,8 @@ class Texture:
         Raises
         ------
         ValueError
-            If there is no such shape, the times fall, or a number is outside its range.
+            If there is no such shape, the times fall, a number is outside its range, or `repeats`
+            is neither True nor False.
         """
         if isinstance(shape, str):
             if shape not in _PROFILES:
@@ -136,10 +138,12 @@ class Texture:
             shares = _PROFILES[shape]
             points = [(whole * t, low + (high - low) * share) for t, share in shares]
         else:
+            if not isinstance(shape, Iterable):
+                raise ValueError(f"shape {shape!r} is neither a name nor points (time in s, COF)")
             points = [profile_point(point) for point in shape]
             if low is not None or high is not None:
                 raise ValueError("points have their own COF: low and high belong to a name")
-        return cls(over_time(points, repeats))
+        return cls(over_time(points, truth("repeats", repeats)))
 
     @classmethod
     def from_png(

@@ -78,6 +78,7 @@ _COLUMNS_1: Final = tuple(
 )
 _HEADER_1: Final = ("experiment", "subject", *_NAMES_1)
 """Of format 1, which had no line for it."""
+_MOST_COUNT: Final = np.iinfo(np.int64).max
 _LONGEST_LINE = 1000
 _LONGEST_LABEL = 100
 _LABEL = re.compile(r"[a-z0-9_.]+")
@@ -139,7 +140,8 @@ class Trace:
     def __post_init__(self) -> None:
         require_labels(self.experiment, self.subject)
         counts = np.array(self.counts)
-        if counts.ndim != 2 or counts.dtype.kind not in "iu" or not len(counts):  # noqa: PLR2004
+        whole = counts.dtype.kind in "iu" and len(counts) and counts.max(initial=0) <= _MOST_COUNT
+        if counts.ndim != 2 or not whole:  # noqa: PLR2004
             raise ValueError(f"the rows of {self.experiment} are no table of integers")
         if counts.shape[1] not in (len(_COLUMNS_1), len(COLUMNS)):
             raise ValueError(
@@ -368,9 +370,12 @@ def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
     Raises
     ------
     ValueError
-        If two traces bear the same experiment and subject, before anything is written.
+        If one is no trace, or two bear the same experiment and subject, before anything is written.
     """
     traces = [traces] if isinstance(traces, Trace) else list(traces)
+    for trace in traces:
+        if not isinstance(trace, Trace):
+            raise ValueError(f"{trace!r:.60} is no Trace: write_csv(path, traces)")
     labels = [(trace.experiment, trace.subject) for trace in traces]
     for label in labels:
         if labels.count(label) > 1:
@@ -396,9 +401,11 @@ def read_csv(path: Path | str) -> list[Trace]:
     OSError
         If it is no regular file, or cannot be read.
     """
-    with TextIOWrapper(open_regular(Path(path)), encoding="ascii", newline="") as file:
+    # What is no ASCII is named with its line, as what is no number.
+    file = open_regular(Path(path))
+    with TextIOWrapper(file, encoding="utf-8-sig", errors="backslashreplace", newline="") as text:
         # A line that is too long is none of a trace, and is not read as a whole.
-        lines = iter(lambda: file.readline(_LONGEST_LINE), "")
+        lines = iter(lambda: text.readline(_LONGEST_LINE), "")
         return [
             Trace.from_rows(experiment, int(subject), [row for _, _, row in rows])
             for (experiment, subject), rows in groupby(_rows(lines), key=lambda row: row[:2])

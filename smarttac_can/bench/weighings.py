@@ -76,7 +76,7 @@ class Weighing(NamedTuple):
 
 
 @in_words()
-def read_plan(path: Path) -> list[Placing]:
+def read_plan(path: Path | str) -> list[Placing]:
     """Read the placings of a CSV file with the columns mass_g, angle_deg, azimuth_deg, x_mm.
 
     Raises
@@ -86,6 +86,7 @@ def read_plan(path: Path) -> list[Placing]:
     OSError
         If it cannot be read.
     """
+    path = Path(path)
     with TextIOWrapper(open_regular(path), encoding="utf-8", newline="") as file:
         reader = csv.reader(iter(lambda: file.readline(_LONGEST_LINE), ""))
         try:

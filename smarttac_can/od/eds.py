@@ -7,6 +7,7 @@ only four of the eight signed types, and takes no `$NODEID` in the limits.
 from __future__ import annotations
 
 import re
+from numbers import Integral
 from typing import Any, Final, TypeVar
 
 from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, DataType, ObjectType
@@ -54,10 +55,10 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
     EDSError
         The file cannot be interpreted; one line naming the section.
     ValueError
-        `node_id` is out of range.
+        `node_id` is no integer, or out of range.
     """
-    if not 1 <= node_id <= LAST_NODE_ID:
-        raise ValueError(f"node_id {node_id} is outside 1..127")
+    if not (isinstance(node_id, Integral) and 1 <= node_id <= LAST_NODE_ID):
+        raise ValueError(f"node_id {node_id!r} is no integer of 1..127")
     warnings: list[str] = []
     sections = read_sections(text, warnings)
     _warn_about_characters(text, warnings)

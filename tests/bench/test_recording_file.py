@@ -232,6 +232,28 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         read_recording(path)
 
 
+def test_a_dataset_that_says_it_is_huge_takes_no_memory(tmp_path: Path) -> None:
+    """As one bit of its shape that is wrong."""
+    path = tmp_path / "run.h5"
+    with Stimulator.simulate("local") as bench, bench.record(path):
+        bench.run(0.01)
+    with h5py.File(path, "r+") as file:
+        file["tick"].resize((10**13,))
+    with pytest.raises(BenchError, match=r"tick is too short for 10000000000000 elements$"):
+        read_recording(path)
+
+
+def test_a_long_recording_of_nothing_is_read(tmp_path: Path) -> None:
+    """It compresses as well as anything does."""
+    path = tmp_path / "run.h5"
+    with Stimulator.simulate("local") as bench, bench.record(path):
+        bench.run(20.0)
+    with h5py.File(path, "r+") as file:
+        for name in ("host_time_ns", "run"):
+            file[name][:] = 0
+    assert len(read_recording(path)) == 20_000
+
+
 def test_reprs(tmp_path: Path) -> None:
     with Stimulator.simulate("local") as bench:
         recording = bench.record(tmp_path / "run.h5")

@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from smarttac_can.bench import (
+    BenchError,
     Texture,
     make_recording,
     read_csv,
@@ -95,6 +96,16 @@ def test_the_log_of_a_recording_that_was_killed(files: Path, tmp_path: Path) -> 
     assert recording.settings.keys() == old.settings.keys()
     for name, (value, unit) in recording.settings.items():
         assert (pytest.approx(value), unit) == old.settings[name], name
+
+
+@pytest.mark.parametrize("at", [1688, 2110, 3798, 5064, 23_632])
+def test_a_recording_with_a_wrong_bit(files: Path, tmp_path: Path, at: int) -> None:
+    """h5py has a class of error for each: of an attribute, a key, at run time, of a chunk."""
+    data = bytearray((files / "recording.h5").read_bytes())
+    data[at] ^= 0x5A
+    (tmp_path / "damaged.h5").write_bytes(data)
+    with pytest.raises(BenchError, match=r"damaged\.h5 is no recording that can be read: "):
+        read_recording(tmp_path / "damaged.h5")
 
 
 def test_a_recording_is_found_as_it_was_described(files: Path) -> None:

@@ -2,6 +2,7 @@ import contextlib
 import io
 import logging
 from pathlib import Path
+from typing import Any
 
 import pytest
 from canopen.objectdictionary.eds import import_eds
@@ -222,9 +223,9 @@ def test_what_cannot_be_interpreted_is_refused(text: str, message: str) -> None:
         load_eds(text, 1)
 
 
-@pytest.mark.parametrize("node_id", [0, 128])
-def test_node_id_out_of_range(node_id: int) -> None:
-    with pytest.raises(ValueError, match=f"node_id {node_id} is outside 1..127"):
+@pytest.mark.parametrize("node_id", [0, 128, 10**400, "32", 32.0, None])
+def test_node_id_out_of_range(node_id: Any) -> None:
+    with pytest.raises(ValueError, match=rf"^node_id {node_id!r} is no integer of 1\.\.127$"):
         load_eds(RICH, node_id)
 
 

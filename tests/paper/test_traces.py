@@ -209,6 +209,7 @@ def test_a_label_may_appear_once(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ("0.3012", "0.30\xb5m", "line 3: cof '0.30\xb5m' is not a number with 4 decimals"),
         ("traces 2", "traces 3", "line 1 is neither # format: SMARTTAC traces 2 nor experiment,"),
         ("cof_reference", "reference", "line 2 is not experiment,subject"),
         ("0.3012", "0.301", "line 3: cof '0.301' is not a number with 4 decimals"),
@@ -227,6 +228,21 @@ def test_a_damaged_file_is_refused_by_line(tmp_path, old, new, message):
     (tmp_path / "t.csv").write_text(text.replace(old, new))
     with pytest.raises(ValueError, match=message):
         read_csv(tmp_path / "t.csv")
+
+
+def test_bytes_that_are_no_text_are_named_by_line(tmp_path):
+    write_csv(tmp_path / "t.csv", Trace.from_rows("run", 0, [tuple(range(10))]))
+    data = (tmp_path / "t.csv").read_bytes()
+    (tmp_path / "t.csv").write_bytes(data.replace(b"0.0001", b"0.0\xff01"))
+    with pytest.raises(ValueError, match=r"^line 3: cof '0\.0\\\\xff01' is not a number"):
+        read_csv(tmp_path / "t.csv")
+
+
+def test_a_byte_order_mark_is_taken(tmp_path):
+    one = Trace.from_rows("run", 0, [tuple(range(10))])
+    write_csv(tmp_path / "t.csv", one)
+    (tmp_path / "t.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "t.csv").read_bytes())
+    assert same(read_csv(tmp_path / "t.csv")[0], one)
 
 
 def test_time_and_lost_ticks():
