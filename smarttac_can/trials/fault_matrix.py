@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from typing import Final
 from zlib import crc32
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.process_signals import end_with_parent
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
@@ -21,7 +18,7 @@ from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_row import FaultRow
 from smarttac_can.trials.master_traffic import MasterTraffic
 from smarttac_can.trials.rig import PLATE_HEARTBEAT_MS, Rig
-from smarttac_can.trials.workers import interrupts_held
+from smarttac_can.trials.workers import sharing
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
 
@@ -123,21 +120,13 @@ def _results(chosen: Sequence[Row], hold: int, jobs: int, channel: str | None) -
         for case, mode in chosen:
             yield _row(case, mode, hold, channel)
         return
-    # Spawned, not forked: a fork copies the threads of whoever asks in an unknown state.
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), end_with_parent)
-    try:
-        with interrupts_held():
-            rows = [
-                pool.submit(_row_by_name, case.name, case.predictive, mode, hold)
-                for case, mode in chosen
-            ]
+    with sharing(jobs) as submit:
+        rows = [
+            submit(_row_by_name, case.name, case.predictive, mode, hold) for case, mode in chosen
+        ]
         rows.reverse()
         while rows:
             yield rows.pop().result()
-    finally:
-        # An interrupt in here would leave processes that nobody waits for.
-        with interrupts_held():
-            pool.shutdown(cancel_futures=True)
 
 
 def _row_by_name(name: str, predictive: bool, mode: Mode, hold: int) -> _Result:

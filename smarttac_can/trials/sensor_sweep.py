@@ -16,17 +16,14 @@ import random
 import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from hashlib import sha256
 from math import cos, floor, pi, sin
-from multiprocessing import get_context
 from typing import Any, Final, NamedTuple, TypeVar
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.host.process_signals import end_with_parent
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.settings import GAUGE_ZERO, MODEL
 from smarttac_can.nodes.simulated_plate import SimulatedPlate
@@ -37,7 +34,7 @@ from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, 
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors
 from smarttac_can.plant.subjects import SUBJECTS, Subject
-from smarttac_can.trials.workers import interrupts_held
+from smarttac_can.trials.workers import sharing
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Measurement
@@ -798,7 +795,8 @@ def _random_cell(draw: random.Random) -> Cell:
 Progress = Callable[[float], None]
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
-_CHUNK: Final = 8
+_FEW: Final = 8
+"""Fewer items than this are done sooner than a process has begun."""
 
 
 def run_all(
@@ -830,17 +828,14 @@ def run_all(
 def _mapped(
     run: Callable[[Item], Outcome], items: Sequence[Item], workers: int
 ) -> Iterable[Outcome]:
-    if workers == 1 or len(items) < _CHUNK:
+    if workers == 1 or len(items) < _FEW:
         yield from map(run, items)
         return
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent)
-    try:
-        with interrupts_held():
-            outcomes = pool.map(run, items, chunksize=_CHUNK)
-        yield from outcomes
-    finally:
-        with interrupts_held():
-            pool.shutdown(cancel_futures=True)
+    with sharing(workers) as submit:
+        outcomes = [submit(run, item) for item in items]
+        outcomes.reverse()
+        while outcomes:
+            yield outcomes.pop().result()
 
 
 # --- What came of it ---------------------------------------------------------------------------

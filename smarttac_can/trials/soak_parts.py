@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, wait
 from ctypes import c_double
 from itertools import pairwise
-from multiprocessing import get_context
+from multiprocessing.sharedctypes import RawArray
 from typing import Any, Final, NamedTuple
 
-from smarttac_can.host.process_signals import end_with_parent
 from smarttac_can.trials.soak import CYCLES_PER_HOUR, Soak
 from smarttac_can.trials.soak_report import SoakReport, merged
-from smarttac_can.trials.workers import interrupts_held
+from smarttac_can.trials.workers import sharing
 
 _GOLDEN: Final = 0x9E3779B9
 """Step between the seeds of two parts: 2^32 over the golden ratio, so that none comes twice."""
@@ -81,13 +80,9 @@ def _one_by_one(chosen: Sequence[Part], tell: Progress) -> Iterator[SoakReport]:
 
 
 def _side_by_side(chosen: Sequence[Part], jobs: int, tell: Progress) -> list[SoakReport]:
-    # Spawned, not forked: a fork copies the threads of whoever asks in an unknown state.
-    context = get_context("spawn")
-    shares, stop = context.RawArray(c_double, len(chosen)), context.Event()
-    pool = ProcessPoolExecutor(min(jobs, len(chosen)), context, _share_in, (shares, stop))
-    try:
-        with interrupts_held():
-            results = [pool.submit(_part, n, part) for n, part in enumerate(chosen)]
+    shares = RawArray(c_double, len(chosen))
+    with sharing(min(jobs, len(chosen)), _tell, shares) as submit:
+        results = [submit(_part, n, part) for n, part in enumerate(chosen)]
         pending: set[Future[SoakReport]] = set(results)
         while pending:
             done, pending = wait(pending, _POLL_S)
@@ -95,28 +90,20 @@ def _side_by_side(chosen: Sequence[Part], jobs: int, tell: Progress) -> list[Soa
                 result.result()
             tell(sum(shares) / len(chosen))
         return [result.result() for result in results]
-    finally:
-        # An interrupt in here would leave processes that nobody tells to end.
-        with interrupts_held():
-            stop.set()
-            pool.shutdown(cancel_futures=True)
 
 
-_shares: Any
-_stop: Any
+_told: Final[list[Any]] = []
+"""Where a process of several tells how far its parts are."""
 
 
-def _share_in(shares: Any, stop: Any) -> None:
-    """Begin a process of the pool, which does not outlive the one that began it."""
-    global _shares, _stop
-    _shares, _stop = shares, stop
-    end_with_parent()
+def _tell(shares: Any) -> None:
+    _told.append(shares)
 
 
 def _part(n: int, part: Part) -> SoakReport:
+    (shares,) = _told
+
     def tell(share: float) -> None:
-        if _stop.is_set():
-            raise InterruptedError("the soak was stopped")
-        _shares[n] = share
+        shares[n] = share
 
     return Soak(*part, tell).run()

@@ -3,13 +3,67 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import active_children, get_context
+from typing import Any
+
+from smarttac_can.host.process_signals import end_with_parent
+
+Submit = Callable[..., "Future[Any]"]
+"""Gives a function of a module, and its arguments, to one of the processes."""
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Hold SIGINT back, and have processes begun meanwhile never get it: they are told to stop."""
+def sharing(jobs: int, begin: Callable[..., None] | None = None, *args: Any) -> Iterator[Submit]:
+    """Have processes share work in a block.
+
+    They are killed when the block ends early, by Ctrl-C or by an error, and when this process is.
+    What they do must bear that: it opens no files.
+
+    Parameters
+    ----------
+    jobs
+        How many processes, 1 or more.
+    begin, args
+        What each of them calls first, and with what.
+
+    Yields
+    ------
+    Callable
+        Submits work, as `ProcessPoolExecutor.submit` does.
+    """
+    others = set(active_children())
+    # Spawned, not forked: a fork copies the threads of whoever asks in an unknown state.
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (begin, args))
+
+    def submit(work: Callable[..., Any], *args: Any) -> Future[Any]:
+        with _interrupts_held():
+            return pool.submit(work, *args)
+
+    whole = False
+    try:
+        yield submit
+        whole = True
+    finally:
+        # An interrupt in here would leave processes that nobody waits for.
+        with _interrupts_held():
+            if not whole:
+                for process in set(active_children()) - others:
+                    process.kill()
+            pool.shutdown(cancel_futures=True)
+
+
+def _begin(begin: Callable[..., None] | None, args: tuple[Any, ...]) -> None:
+    end_with_parent()
+    if begin is not None:
+        begin(*args)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold SIGINT back, and have processes begun meanwhile never get it."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
