@@ -274,10 +274,11 @@ class Texture:
 
         return texture_figure(self)
 
-    @in_words()
     def save_figure(self, path: Path | str) -> None:
         """Draw it into a file, PNG or SVG by its ending; needs what `figure` does."""
-        self.figure().savefig(Path(path))
+        figure = self.figure()
+        with in_words(path):
+            figure.savefig(Path(path))
 
 
 def _levels(low: float, high: float) -> tuple[float, float]:

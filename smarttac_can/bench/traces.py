@@ -29,6 +29,7 @@ from smarttac_can import __version__
 from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.host.file_errors import in_words
+from smarttac_can.host.result_file import result_file
 from smarttac_can.master.errors import BenchError
 from smarttac_can.vocabulary.states import Status
 
@@ -365,12 +366,14 @@ def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
 
     The first line is a comment with the format, the second has the names of the columns. A cell is
     empty where there is no value, as of the COF without contact. The same traces make the same
-    bytes.
+    bytes. An older file is replaced when all is written.
 
     Raises
     ------
     ValueError
         If one is no trace, or two bear the same experiment and subject, before anything is written.
+    OSError
+        If it cannot be written, as on a full disk.
     """
     traces = [traces] if isinstance(traces, Trace) else list(traces)
     for trace in traces:
@@ -380,7 +383,7 @@ def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
     for label in labels:
         if labels.count(label) > 1:
             raise ValueError(f"experiment {label[0]} of subject {label[1]} appears twice")
-    with Path(path).open("w", encoding="ascii", newline="") as file:
+    with result_file(Path(path)) as file:
         file.write(f"{FORMAT}\n{','.join(HEADER)}\n")
         for trace in traces:
             columns = [_cells(trace.counts, column) for column in COLUMNS]

@@ -23,7 +23,8 @@ from smarttac_can.bench.gauge_samples import mean_gauges
 from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
 from smarttac_can.cli.options import OLD_FILE, BusChoice, FiniteRange, stimulator_options
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
-from smarttac_can.cli.result_file import force_option, result_file, result_path
+from smarttac_can.cli.result_file import force_option, result_path
+from smarttac_can.host.result_file import result_file
 
 
 @click.command(

@@ -17,7 +17,6 @@ from smarttac_can.cli.result_file import (
     json_file_option,
     opened_results,
     report_results,
-    result_file,
     result_path,
 )
 from smarttac_can.conformance.case import Case, Failure
@@ -28,6 +27,7 @@ from smarttac_can.conformance.report import as_json, line, markdown, summary
 from smarttac_can.conformance.run import failed, run_cases
 from smarttac_can.conformance.table import CASES
 from smarttac_can.host.eds_files import read_eds_file
+from smarttac_can.host.result_file import result_file
 
 
 def _chosen(

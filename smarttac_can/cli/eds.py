@@ -25,7 +25,6 @@ from smarttac_can.cli.result_file import (
     json_option,
     opened_results,
     report_results,
-    result_file,
     result_path,
 )
 from smarttac_can.cli.scan import PACKAGED
@@ -33,6 +32,7 @@ from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.eds_files import MAX_BYTES, read_eds, read_eds_file
+from smarttac_can.host.result_file import result_file
 from smarttac_can.od.cia import IDENTITY
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds

@@ -22,12 +22,12 @@ from smarttac_can.cli.result_file import (
     json_file_option,
     opened_results,
     report_results,
-    result_file,
     result_path,
 )
 from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.candump import CandumpWriter, read_candump
 from smarttac_can.host.progress import progress_bar
+from smarttac_can.host.result_file import result_file
 from smarttac_can.trials.chosen_rows import WAYS, cases
 from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_matrix import HOLD_CYCLES, fault_matrix

@@ -17,6 +17,7 @@ from typing import Any, Final, TextIO
 import click
 
 from smarttac_can.cli.options import Command
+from smarttac_can.host.result_file import result_file
 
 _FORCE: Final = f"{__name__}.force"
 _MOST_NAMED: Final = 3
@@ -102,34 +103,6 @@ def report_results(results: object, lines: Iterable[str], file: TextIO | None) -
 
 
 @contextmanager
-def result_file(path: Path) -> Iterator[TextIO]:
-    """Open a file that takes the place of an old one when all of it is written.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
-    if path.exists() and not path.is_file():  # such as /dev/stdout, or a pipe
-        with path.open("w", encoding="utf-8") as file:
-            yield file
-        return
-    behind_links = path.resolve()
-    part = behind_links.with_name(f"{behind_links.name}.part")
-    try:
-        file = part.open("w", encoding="utf-8")
-    except OSError as error:
-        error.filename = str(path)
-        raise
-    try:
-        with file:
-            yield file
-        part.replace(behind_links)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-@contextmanager
 def result_folder(folder: Path, names: Iterable[str]) -> Iterator[Path]:
     """Give an empty folder whose files take the place of old results when all of them are there.
 
@@ -158,7 +131,12 @@ def result_folder(folder: Path, names: Iterable[str]) -> Iterator[Path]:
         error.filename = str(folder)
         raise
     with directory as part:
-        yield Path(part)
+        try:
+            yield Path(part)
+        except OSError as error:
+            if error.errno and error.filename is None:  # as on a full disk
+                error.filename = str(folder)
+            raise
         made = list(Path(part).iterdir())
         for name in {*names} - {file.name for file in made}:
             (folder / name).unlink(missing_ok=True)

@@ -29,8 +29,13 @@ def trouble(error: OSError) -> str:
 
 
 @contextmanager
-def in_words() -> Iterator[None]:
+def in_words(path: Path | str | None = None) -> Iterator[None]:
     """Have an error of a file say it so; what class it is stays.
+
+    Parameters
+    ----------
+    path
+        The file that is meant where an error names none, as one of writing; None for no such.
 
     Raises
     ------
@@ -41,5 +46,7 @@ def in_words() -> Iterator[None]:
         yield
     except OSError as error:
         if error.filename is None:
-            raise
+            if path is None or not error.errno:
+                raise
+            error.filename = str(path)
         raise type(error)(trouble(error)) from None

@@ -150,6 +150,15 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
     assert top >= 1.05 * 0.4
 
 
+def test_a_picture_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", full)
+    with pytest.raises(OSError, match=rf"^{tmp_path / 'a.png'}: No space left on device$"):
+        GRATING.save_figure(tmp_path / "a.png")
+
+
 @pytest.mark.parametrize(
     "use",
     [

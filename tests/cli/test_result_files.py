@@ -8,7 +8,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from smarttac_can.cli import main
-from smarttac_can.cli.result_file import result_file, result_folder
+from smarttac_can.cli.result_file import result_folder
+from smarttac_can.host.result_file import result_file
 
 CHANNEL = ("--interface", "virtual", "--channel", "results")
 OTHER_FILE = "choose another file, or replace it with --force"
@@ -51,6 +52,7 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "replay --json": ("replay", __file__, "--json"),
     "record --json": ("record", "new.h5", *CHANNEL, "--json"),
     "selftest --json": ("selftest", *CHANNEL, "--json"),
+    "status --json": ("status", *CHANNEL, "--json"),
     "calibrate --certificate": ("calibrate", __file__, *CHANNEL, "--certificate"),
     "eds check --json": ("eds", "check", "plate", "--json"),
     "eds show --output": ("eds", "show", "plate", "--output"),
@@ -170,6 +172,16 @@ def test_a_run_that_fails_leaves_the_older_results(tmp_path: Path) -> None:
     with pytest.raises(OSError):
         fail(tmp_path)
     assert content(tmp_path) == {"results.json": b"whole"}
+
+
+def test_a_full_disk_is_named(tmp_path: Path) -> None:
+    def write(folder: Path) -> None:
+        with result_folder(folder, ()):
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError) as told:
+        write(tmp_path)
+    assert told.value.filename == str(tmp_path)
 
 
 @pytest.mark.parametrize(
