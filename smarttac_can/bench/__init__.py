@@ -1,6 +1,6 @@
 """The bench: a stimulator as a person handles it, its finger, and recordings."""
 
-from smarttac_can.bench.calibration import Calibration
+from smarttac_can.bench.calibration import Calibration, write_calibration
 from smarttac_can.bench.errors import (
     BusyError,
     FaultError,
@@ -8,6 +8,7 @@ from smarttac_can.bench.errors import (
     NotRunningError,
     RunInterruptedError,
 )
+from smarttac_can.bench.gauge_samples import mean_gauges, weigh
 from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import RecordedData, make_recording, read_recording
@@ -56,6 +57,7 @@ __all__ = [
     "Weighing",
     "WrongDeviceError",
     "make_recording",
+    "mean_gauges",
     "plate_od",
     "read_csv",
     "read_plan",
@@ -64,5 +66,7 @@ __all__ = [
     "sha256",
     "stimulator_od",
     "track",
+    "weigh",
+    "write_calibration",
     "write_csv",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.vocabulary.objects import LIFTED, RECORDED, STROKE
@@ -109,6 +110,35 @@ class SimulatedFinger:
         self._write("Finger.Force variation", f"{force_variation}")
         self._write("Finger.Speed variation", f"{speed_variation}")
         self._write("Finger.Motion", STROKE)
+
+    def put(self, placing: Placing, gravity: float = STANDARD_GRAVITY) -> None:
+        """Put a weight on the simulated plate, tilted as told, instead of the one before.
+
+        It lies there at once, and until another is put: ``placing.empty`` takes it away. Lift the
+        finger first.
+
+        Parameters
+        ----------
+        placing
+            Weight, tilt and place, as for `weigh`.
+        gravity
+            In m/s^2.
+
+        Raises
+        ------
+        RefusedError
+            If a force is above 8 N; also of a plate of hardware.
+        """
+        names = ("Weight.Force x", "Weight.Force y", "Weight.Normal force")
+        try:
+            for name, force in zip(names, placing.load(gravity), strict=True):
+                self._write(name, round(1e3 * force))
+            self._write("Weight.Position", f"{placing.x_mm} mm")
+        except RefusedError as error:
+            if error.code != AbortCode.STATE:
+                raise
+            text = f"{error}: only a simulated plate puts weights on by itself"
+            raise RefusedError(text, error.code) from error
 
     def surroundings(
         self,

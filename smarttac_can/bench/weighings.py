@@ -30,7 +30,10 @@ _LONGEST_LINE: Final = 200
 
 
 class Placing(NamedTuple):
-    """Where a weight is to be put, and how the plate is to be tilted."""
+    """Where a weight is to be put, and how the plate is to be tilted.
+
+    As a text it says what to do: ``put 200 g at -20 mm``.
+    """
 
     mass_g: float
     angle_deg: float
@@ -44,6 +47,17 @@ class Placing(NamedTuple):
     def level(self) -> bool:
         """Whether the weight loads no lateral gauge."""
         return self.angle_deg == 0.0
+
+    @property
+    def empty(self) -> Placing:
+        """The plate at the same tilt without a weight."""
+        return self._replace(mass_g=0.0)
+
+    def __str__(self) -> str:
+        if self.mass_g:
+            return f"put {self.mass_g:g} g at {self.x_mm:g} mm"
+        tilt = f"tilt the plate by {self.angle_deg:g} degrees towards {self.azimuth_deg:g}"
+        return f"{'level the plate' if self.level else tilt}, nothing on it"
 
     def load(self, gravity: float) -> tuple[float, float, float]:
         """Return Fx, Fy and Fn in N under a gravity in m/s^2."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from contextlib import ExitStack
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 import numpy as np
@@ -19,12 +20,16 @@ from smarttac_can.bench.calibration import (
     require_two_directions,
     write_calibration,
 )
-from smarttac_can.bench.gauge_samples import mean_gauges
+from smarttac_can.bench.gauge_samples import mean_gauges, weigh
 from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
 from smarttac_can.cli.options import OLD_FILE, BusChoice, FiniteRange, stimulator_options
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
+from smarttac_can.cli.process import lockstep_option
 from smarttac_can.cli.result_file import force_option, result_path
 from smarttac_can.host.result_file import result_file
+from smarttac_can.vocabulary.objects import LIFTED
+
+_LEVEL: Final = Placing(0.0, 0.0, 0.0, 0.0)
 
 
 @click.command(
@@ -42,6 +47,12 @@ from smarttac_can.host.result_file import result_file
     show_default=True,
     help="At the place of the weighings in m/s^2.",
 )
+@click.option(
+    "--rehearse",
+    is_flag=True,
+    help="Have a simulated plate put the weights on by itself; nothing is asked.",
+)
+@lockstep_option
 @click.option("--write", is_flag=True, help="Set the calibration in the stimulator, and tare.")
 def calibrate(
     *,
@@ -51,6 +62,8 @@ def calibrate(
     node_id: int,
     plate_node: int | None,
     gravity: float,
+    rehearse: bool,
+    lockstep: bool,
     write: bool,
 ) -> None:
     """Calibrate the tribometer by the weights of PLAN, asking for one after the other.
@@ -67,15 +80,29 @@ def calibrate(
                 require_two_directions(placings)
         file = stack.enter_context(result_file(certificate))
         stimulator = stack.enter_context(
-            Stimulator.connect(node_id=node_id, plate_node_id=plate_node, **bus.options)
+            Stimulator.connect(
+                node_id=node_id, plate_node_id=plate_node, lockstep=lockstep, **bus.options
+            )
         )
         stimulator.claim()
         before = [stimulator.get(f"Calibration.{name}", "mm") for name in POSITIONS]
         weighings: list[Weighing] = []
+
+        def do(placing: Placing, number: str = "") -> None:
+            text = f"{number}{placing}"
+            if rehearse:
+                click.echo(text, err=True)
+                stimulator.finger.put(placing, gravity)
+            else:
+                _ask(text)
+
         try:
+            if rehearse and stimulator.get("Finger.Motion") != LIFTED:
+                stimulator.finger.lift()
+                stimulator.start_run()
             for number, placing in enumerate(placings, 1):
-                weighings.append(_weigh(stimulator, placing, number))
-            _ask("level the plate, nothing on it")
+                weighings.append(weigh(stimulator, placing, partial(do, number=f"{number}: ")))
+            do(_LEVEL)
             nulls = mean_gauges(stimulator)
         except (click.Abort, KeyboardInterrupt) as error:
             raise click.ClickException(
@@ -115,18 +142,6 @@ def _refuse_the_plan(certificate: Path, plan: Path) -> None:
     ):
         if path.exists() and path.samefile(plan):
             raise click.UsageError(f"--certificate {certificate} would take the place of the plan")
-
-
-def _weigh(stimulator: Stimulator, placing: Placing, number: int) -> Weighing:
-    tilt = (
-        "level the plate"
-        if placing.level
-        else f"tilt the plate by {placing.angle_deg:g} degrees towards {placing.azimuth_deg:g}"
-    )
-    _ask(f"{number}: {tilt}, nothing on it")
-    empty = mean_gauges(stimulator)
-    _ask(f"{number}: put {placing.mass_g:g} g at {placing.x_mm:g} mm")
-    return Weighing(placing, empty, mean_gauges(stimulator))
 
 
 def _ask(what: str) -> None:

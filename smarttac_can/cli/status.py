@@ -213,7 +213,7 @@ def _faults(device: RemoteDevice, name: str) -> list[dict[str, Any]]:
 def _levels(device: RemoteDevice) -> dict[str, Any]:
     def number(name: str, unit: str) -> float:
         entry = device.od[name]
-        return round(float(device.read(entry) * entry.unit.in_unit(unit)), 6)
+        return float(entry.unit.times(device.read(entry), unit))
 
     levels = {}
     for name, measured, bound, unit in _LEVELS:

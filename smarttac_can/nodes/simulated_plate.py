@@ -12,6 +12,7 @@ from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
 from smarttac_can.plant.fitted import FITTED
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.sensors import Sensors, Weight
 from smarttac_can.plant.stage import PowerStage
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.fault_codes import FaultCode
@@ -25,7 +26,7 @@ _FINGERS: Final = (*SUBJECTS, *(fitted.subject for fitted in FITTED))
 
 
 class SimulatedPlate:
-    """The plate of the objects `Simulation`, `Finger` and `Fault`, which moves by samples alone.
+    """The plate of the records `SIMULATION`, which moves by samples alone.
 
     Parameters
     ----------
@@ -50,17 +51,24 @@ class SimulatedPlate:
     def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
         self._od = od
         self._recording = recording
+        self._of_weight = [
+            od[f"Weight.{name}"] for name in ("Force x", "Force y", "Normal force", "Position")
+        ]
 
     def start_run(self, stage: Drive) -> None:
         """Begin anew: a plate at rest at ambient temperature, with a drive of 0 V."""
         od = self._od
+        parameters = PlateParameters()
+        self._sensors = Sensors(parameters.sensors, od["Simulation.Seed"].value)
+        self._sensors.put(self._weight())
         self.plate = Plate(
-            PlateParameters(),
+            parameters,
             _FINGERS[od["Simulation.Subject"].value - 1],
             self.finger(),
             seed=od["Simulation.Seed"].value,
             ambient=od["Simulation.Ambient temperature"].si_value,
             dead_time=od["Simulation.Drive instant"].si_value,
+            sensors=self._sensors,
         )
         od[FAULT_KIND].value = FaultKind.NONE
         self._fault_in = _NEVER
@@ -109,6 +117,14 @@ class SimulatedPlate:
             self._set_fault(FaultKind(value))
         elif entry.name == "Finger.Motion" and value == RECORDED and self._recording is None:
             raise Abort(AbortCode.STATE, f"{entry.name} {value}: no finger was recorded")
+        elif entry in self._of_weight:
+            self._sensors.put(self._weight(entry, value))
+
+    def _weight(self, written: Entry | None = None, value: int = 0) -> Weight:
+        """Return the weight that the objects describe, one with what is about to be written."""
+        return Weight(
+            *(entry.si * (value if entry is written else entry.value) for entry in self._of_weight)
+        )
 
     def _set_fault(self, kind: FaultKind) -> None:
         """Take sensor, value and delay from the object dictionary; what was broken is mended."""

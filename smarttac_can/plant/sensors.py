@@ -35,6 +35,19 @@ class Gauge(NamedTuple):
     """Curvature in 1/N."""
 
 
+class Weight(NamedTuple):
+    """A load at rest on the plate, beside a finger's."""
+
+    Fx: float = 0.0
+    """Lateral force along the plate in N."""
+    Fy: float = 0.0
+    """Lateral force across the plate in N."""
+    Fn: float = 0.0
+    """Normal force in N."""
+    x: float = 0.0
+    """Position along the plate in m from its middle."""
+
+
 class Sensing(NamedTuple):
     """What the readings of one set of sensors follow from."""
 
@@ -76,6 +89,25 @@ def sensing(parameters: SensorParameters) -> Sensing:
         p.temperature_resolution,
         (s1, s2, s3, s4, s5, s6),
     )
+
+
+def _loaded(parameters: SensorParameters, weight: Weight) -> Sensing:
+    """Return the sensors under a weight.
+
+    It shifts what each gauge shows without a finger; that a gauge is bent by both together, its
+    bow times twice their product, is left out [A].
+    """
+    Fx, Fy, Fn, x = weight
+    (xx, xy), (yx, yy) = parameters.crosstalk
+    lean = Fn * x / parameters.node_x
+    left, right = 0.25 * (Fn - lean), 0.25 * (Fn + lean)
+    loads = (xx * Fx + xy * Fy, yx * Fx + yy * Fy, left, right, left, right)
+    bare = sensing(parameters)
+    s1, s2, s3, s4, s5, s6 = (
+        gauge._replace(null=gauge.null + load + gauge.bow * load * load)
+        for gauge, load in zip(bare.gauges, loads, strict=True)
+    )
+    return bare._replace(gauges=(s1, s2, s3, s4, s5, s6))
 
 
 def noise_block(parameters: SensorParameters, seed: int, block: int) -> NDArray[np.float64]:
@@ -214,6 +246,10 @@ class Sensors:
     def nulls(self) -> tuple[float, ...]:
         """Outputs of S1..S6 without load in N."""
         return tuple(gauge.null for gauge in self._sensing.gauges)
+
+    def put(self, weight: Weight) -> None:
+        """Put a weight on the plate instead of the one before; it is there at once."""
+        self._sensing = _loaded(self._parameters, weight)
 
     def measure(
         self, tick: int, W: complex, temperature: float, forces: tuple[float, float, float]

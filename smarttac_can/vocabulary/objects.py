@@ -8,7 +8,7 @@ START_RUN: Final = "Simulation.Start run"
 FAULT_KIND: Final = "Fault.Kind"
 LIFTED, STROKE, RECORDED = range(3)
 """Values of ``Finger.Motion``."""
-SIMULATION: Final = ("Simulation", "Finger", "Fault")
+SIMULATION: Final = ("Simulation", "Finger", "Fault", "Weight")
 """Records that belong to the simulated plate."""
 ZERO: Final = int.from_bytes(b"zero", "little")
 """Signature to write to the auto-zero object."""

@@ -2,22 +2,33 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
-from smarttac_can.bench import BenchError, Stimulator
-from smarttac_can.bench.calibration import Calibration, write_calibration
-from smarttac_can.bench.gauge_samples import mean_gauges
-from smarttac_can.bench.weighings import Placing, Weighing, read_plan
+from smarttac_can.bench import (
+    BenchError,
+    Calibration,
+    Placing,
+    RefusedError,
+    State,
+    Stimulator,
+    Weighing,
+    mean_gauges,
+    read_plan,
+    weigh,
+    write_calibration,
+)
 
 CROSSTALK = np.array([[0.97, 0.05], [-0.04, 1.03]])
 NODES_MM = np.array([-27.5, 28.5, -27.5, 28.5])
+LEVEL = Placing(0, 0, 0, 0)
 SO_FAR = (-28.0, 28.0, -28.0, 28.0)
 G = 9.81
 TILTS = [(200, 30, 0), (200, 30, 90), (200, 30, 180), (200, 30, 270), (100, 20, 45)]
-LEVEL = [(300, 0, 0, -20), (300, 0, 0, 20), (150, 0, 0, 0)]
-PLAN = [Placing(m, a, z, 0.0) for m, a, z in TILTS] + [Placing(*row) for row in LEVEL]
+LEVEL_ROWS = [(300, 0, 0, -20), (300, 0, 0, 20), (150, 0, 0, 0)]
+PLAN = [Placing(m, a, z, 0.0) for m, a, z in TILTS] + [Placing(*row) for row in LEVEL_ROWS]
 
 
 def weighing(placing: Placing, noise: np.random.Generator | None = None) -> Weighing:
@@ -139,6 +150,61 @@ def test_a_calibration_is_written_with_nulls_and_window(bench: Stimulator) -> No
         bench.set("Fault.Value", 80)
         bench.set("Fault.Kind", 3)
         bench.tare()
+
+
+@pytest.mark.parametrize("link", ["local", "inside", "bus"])
+def test_a_calibration_is_rehearsed_on_a_simulated_plate(link: str) -> None:
+    name: Literal["local", "bus"] = "local" if link == "local" else "bus"
+    plan = [Placing(200, 30, azimuth, 0) for azimuth in (0, 90, 180, 270)]
+    plan += [Placing(300, 0, 0, x) for x in (-20, 20)]
+    with Stimulator.simulate(name, plate_inside=link == "inside") as bench:
+        bench.run(0.2)
+        done: list[str] = []
+
+        def do(placing: Placing) -> None:
+            done.append(str(placing))
+            bench.finger.put(placing)
+
+        weighings = [weigh(bench, placing, do) for placing in plan]
+        do(LEVEL)
+        nulls = mean_gauges(bench)
+        calibration = Calibration.fit(weighings, SO_FAR)
+        assert calibration.shortcomings() == []
+        write_calibration(bench, calibration, nulls)
+        bench.tare()
+        assert bench.state is State.READY
+        bench.finger.put(Placing(50, 0, 0, 10))
+        with pytest.raises(BenchError, match=r"not tared: S[46] reads"):
+            bench.tare()
+        bench.run(0.1)
+        assert bench.get("Contact.Normal force", "N") == pytest.approx(0.49, abs=0.02)
+        assert bench.get("Contact.Position", "mm") == pytest.approx(10, abs=0.5)
+    # The simulated cross-talk is ((1, 0.04), (-0.03, 1.02)); its gauges stand at +-28 mm.
+    inverse = np.linalg.inv([[1.0, 0.04], [-0.03, 1.02]]).ravel()
+    assert calibration.lateral == pytest.approx(inverse, abs=5e-3)
+    assert calibration.positions_mm == pytest.approx(SO_FAR, abs=0.2)
+    assert done[:4] == [
+        "tilt the plate by 30 degrees towards 0, nothing on it",
+        "put 200 g at 0 mm",
+        "tilt the plate by 30 degrees towards 90, nothing on it",
+        "put 200 g at 0 mm",
+    ]
+    assert done[-2:] == ["put 300 g at 20 mm", "level the plate, nothing on it"]
+
+
+def test_a_weight_in_the_wrong_place_is_found_in_a_rehearsal(bench: Stimulator) -> None:
+    plan = [Placing(300, 0, 0, -20), Placing(300, 0, 0, 20), Placing(300, 0, 0, 0)]
+    weighings = [
+        weigh(bench, placing, lambda p: bench.finger.put(p._replace(x_mm=min(p.x_mm, 10.0))))
+        for placing in plan
+    ]
+    (said,) = Calibration.fit(weighings, SO_FAR).shortcomings()
+    assert said.startswith("x is left with ")
+
+
+def test_a_weight_that_the_simulated_plate_does_not_take(bench: Stimulator) -> None:
+    with pytest.raises(RefusedError, match=r"Weight.Normal force: .* 0 to 8000 mN"):
+        bench.finger.put(Placing(900, 0, 0, 0))
 
 
 def test_a_null_below_the_step_of_its_object_is_none(bench: Stimulator) -> None:

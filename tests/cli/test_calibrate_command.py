@@ -9,6 +9,7 @@ from typing import Any
 import click
 import pytest
 from click.testing import CliRunner, Result
+from nodes_on_a_bus import multicast_options, processes
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.local_link import LocalLink
@@ -120,6 +121,37 @@ def test_a_plate_is_calibrated_and_has_its_nulls(laboratory: Laboratory, tmp_pat
     assert written["Gauge null.Window"] == 60
     assert written["Calibration.Fx from S1"] == round(found["Calibration.Fx from S1"] * 1e4)
     assert "S3 to S6 show" in result.stdout
+
+
+REHEARSAL = """mass_g,angle_deg,azimuth_deg,x_mm
+200,30,0,0
+200,30,90,0
+300,0,0,-20
+300,0,0,20
+"""
+
+
+@pytest.mark.parametrize(
+    "commands", [("node --lockstep",), ("node --lockstep --plate-node 33", "plate --lockstep")]
+)
+def test_a_calibration_is_rehearsed_without_a_person(
+    commands: tuple[str, ...], multicast: dict[str, Any], tmp_path: Path
+) -> None:
+    """Also of a plate that a finger strokes by default: it is lifted."""
+    (tmp_path / "plan.csv").write_text(REHEARSAL)
+    more = ["--plate-node", "33"] if len(commands) > 1 else []
+    with processes(multicast, *commands):
+        result = calibrate(
+            tmp_path, *multicast_options(multicast), *more, "--rehearse", "--lockstep", "--write"
+        )
+    assert result.exit_code == 0, result.output
+    assert result.stderr.splitlines()[:2] == [
+        "1: tilt the plate by 30 degrees towards 0, nothing on it",
+        "1: put 200 g at 0 mm",
+    ]
+    certificate = json.loads((tmp_path / "plate.json").read_text())
+    assert certificate["written"]["Calibration.Fx from S2"] == pytest.approx(-0.0392, abs=0.005)
+    assert certificate["written"]["Gauge null.Null of S3"] == pytest.approx(-1045.7, abs=3.0)
 
 
 def test_without_write_nothing_changes(laboratory: Laboratory, tmp_path: Path) -> None:

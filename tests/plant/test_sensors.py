@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from smarttac_can.plant.parameters import SensorParameters
-from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors, noise_block
+from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors, Weight, noise_block, sensing
 
 REAL = SensorParameters()
 IDEAL = SensorParameters(
@@ -140,3 +140,17 @@ def test_bow_leaves_the_slope_at_no_load():
 def test_refuses_a_negative_seed():
     with pytest.raises(ValueError, match=r"^seed -1 is outside"):
         Sensors(REAL, -1)
+
+
+def test_a_weight_is_on_each_gauge_by_cross_talk_lever_and_bow() -> None:
+    still = dataclasses.replace(REAL, gauge_noise=0.0)
+    sensors = Sensors(still, 1)
+    bare = sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).gauges
+    sensors.put(Weight(Fx=0.5, Fy=-0.25, Fn=2.0, x=7e-3))
+    under = sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).gauges
+    loads = [0.5 - 0.04 * 0.25, -0.03 * 0.5 - 1.02 * 0.25, 0.375, 0.625, 0.375, 0.625]
+    bows = [gauge.bow for gauge in sensing(still).gauges]
+    expected = [load + bow * load * load for load, bow in zip(loads, bows, strict=True)]
+    assert np.subtract(under, bare) == pytest.approx(expected, abs=1.01e-4)
+    sensors.put(Weight())
+    assert sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).gauges == bare
