@@ -60,7 +60,7 @@ class SimulatedPlate:
         od = self._od
         parameters = PlateParameters()
         self._sensors = Sensors(parameters.sensors, od["Simulation.Seed"].value)
-        self._sensors.put(self._weight())
+        self._put_weight({})
         self.plate = Plate(
             parameters,
             _FINGERS[od["Simulation.Subject"].value - 1],
@@ -118,13 +118,12 @@ class SimulatedPlate:
         elif entry.name == "Finger.Motion" and value == RECORDED and self._recording is None:
             raise Abort(AbortCode.STATE, f"{entry.name} {value}: no finger was recorded")
         elif entry in self._of_weight:
-            self._sensors.put(self._weight(entry, value))
+            self._put_weight({entry: value})
 
-    def _weight(self, written: Entry | None = None, value: int = 0) -> Weight:
-        """Return the weight that the objects describe, one with what is about to be written."""
-        return Weight(
-            *(entry.si * (value if entry is written else entry.value) for entry in self._of_weight)
-        )
+    def _put_weight(self, written: dict[Entry, int]) -> None:
+        """Put on the weight that the objects describe, some with what is about to be written."""
+        values = {entry: entry.value for entry in self._of_weight} | written
+        self._sensors.put(Weight(*(entry.si * value for entry, value in values.items())))
 
     def _set_fault(self, kind: FaultKind) -> None:
         """Take sensor, value and delay from the object dictionary; what was broken is mended."""

@@ -56,37 +56,6 @@ def block_with(behind: Behind) -> PlateBlock:
     return block
 
 
-GAUGES = [f"Gauge.S{number}" for number in range(1, 7)]
-
-
-def readings(block: PlateBlock) -> list[float]:
-    """Means of 64 samples of S1..S6 in N, whose noise is 4.3 mN."""
-    rows = []
-    for _ in range(64):
-        block.cycle()
-        rows.append([block.od[name].si_value for name in GAUGES])
-    return [sum(column) / 64 for column in zip(*rows, strict=True)]
-
-
-def test_a_weight_lies_on_the_simulated_plate_at_once_and_beyond_a_start() -> None:
-    block = PlateBlock(plate_od())
-    bare = readings(block)
-    for name, raw in (("Force x", 500), ("Force y", -250), ("Normal force", 2000)):
-        block.write(f"Weight.{name}", raw)
-    loads = [0.49, -0.27, 0.5, 0.5, 0.5, 0.5]
-    for act in (lambda: None, block.start_run):
-        act()
-        under = readings(block)
-        assert [u - b for u, b in zip(under, bare, strict=True)] == pytest.approx(loads, abs=5e-3)
-    block.write("Weight.Position", 1400)  # half way to S4 and S6
-    loads[2:] = [0.25, 0.75, 0.25, 0.75]
-    under = readings(block)
-    assert [u - b for u, b in zip(under, bare, strict=True)] == pytest.approx(loads, abs=5e-3)
-    for name in ("Force x", "Force y", "Normal force"):
-        block.write(f"Weight.{name}", 0)
-    assert readings(block) == pytest.approx(bare, abs=5e-3)
-
-
 def take(block: PlateBlock, voltage: int, ago: int = 0, *, latched: bool = False) -> Taken:
     """What becomes of a drive that answers a tick some ticks ago."""
     od = block.od
