@@ -78,9 +78,9 @@ def ticks_of_row(package: Package, row: RowName, hold: int) -> list[Tick]:
 
         def __init__(self, **options: Any) -> None:
             super().__init__(**options)
-            self.sides = [side(package, self.stimulator, plate=False)]
+            self.sides = [side(package, self.stimulator, "StimulatorNode")]
             if self.plate_port is not None:
-                self.sides.append(side(package, self.plate, plate=True))
+                self.sides.append(side(package, self.plate, "PlateNode"))
 
         def cycle(self, count: int = 1) -> None:
             for _ in range(count):
@@ -97,12 +97,12 @@ def _tick(frames: list[tuple[int, bytes, bool]], sides: list[Side]) -> Tick:
     names: list[str] = []
     values: list[Any] = []
     for one in sides:
-        for known in (one.state(one.node), one.device(one.node.device)):
+        for known in (one.state(one.node), one.services(one.device)):
             names += known
             # What is held is changed later.
             values += [_kept(value) for value in known.values()]
         names.append("levels")
-        values.append(one.node.levels())
+        values.append(one.levels())
         names.append("od")
         values.append([entry.value for entry in one.plain] + [read() for read in one.computed])
     return Tick(frames, _NAMES.setdefault(tuple(names), tuple(names)), values)

@@ -44,8 +44,13 @@ class Side(NamedTuple):
     """A node of one implementation."""
 
     node: Any
+    device: Any
+    """What has its services of CANopen: the node itself where there is nothing else."""
     state: Callable[[Any], State]
-    device: Callable[[Any], State]
+    """Of the node."""
+    services: Callable[[Any], State]
+    """Of the device."""
+    levels: Callable[[], tuple[float, ...]]
     entries: list[Any]
     """Of its object dictionary, but for constants."""
     plain: list[Any]
@@ -53,14 +58,21 @@ class Side(NamedTuple):
     computed: list[Callable[[], Any]]
 
 
-def side(package: Package, node: Any, *, plate: bool) -> Side:
-    """Return a node of a package with what is compared of it."""
+def side(package: Package, node: Any, kind: str) -> Side:
+    """Return a node of a package with what is compared of it; the kind is the name of its class."""
     states: Any = state_now if package.name == "smarttac_can" else state_before
     entries = [entry for entry in node.od if entry.access != "const"]
+    alone = kind == "Device"
     return Side(
         node,
-        states.of_plate if plate else states.of_stimulator,
+        node if alone else node.device,
+        {
+            "StimulatorNode": states.of_stimulator,
+            "PlateNode": states.of_plate,
+            "Device": states.of_any,
+        }[kind],
         states.of_device,
+        tuple if alone else node.levels,
         entries,
         [entry for entry in entries if entry.source is None],
         [entry.source for entry in entries if entry.source is not None],
@@ -109,34 +121,34 @@ class Pair:
         self._last: tuple[str, tuple[Any, ...]] = ("nothing", ())
 
     def start(self) -> list[Frame]:
-        return self._both("start")
+        return self.call("start")
 
     def receive(self, frame: Frame) -> list[Frame]:
-        return self._both("receive", frame)
+        return self.call("receive", frame)
 
     def overtaken(self, frame: Frame) -> list[Frame]:
-        return self._both("overtaken", frame)
+        return self.call("overtaken", frame)
 
     def advance(self, microseconds: int) -> list[Frame]:
-        return self._both("advance", microseconds)
+        return self.call("advance", microseconds)
 
     def segments(self, most: int) -> list[Frame]:
-        return self._both("segments", most)
+        return self.call("segments", most)
 
     def overdue(self) -> list[Frame]:
-        return self._both("overdue")
+        return self.call("overdue")
 
     def transmit_failed(self) -> list[Frame]:
-        return self._both("transmit_failed")
+        return self.call("transmit_failed")
 
     def bus_off(self) -> list[Frame]:
-        return self._both("bus_off")
+        return self.call("bus_off")
 
     def bus_recovered(self) -> list[Frame]:
-        return self._both("bus_recovered")
+        return self.call("bus_recovered")
 
     def shutdown(self) -> list[Frame]:
-        return self._both("shutdown")
+        return self.call("shutdown")
 
     @property
     def ids(self) -> Any:
@@ -160,12 +172,12 @@ class Pair:
         state, expected = new.state(new.node), old.state(old.node)
         if state != expected:
             self._compare(expected, state)
-        levels, expected_levels = new.node.levels(), old.node.levels()
+        levels, expected_levels = new.levels(), old.levels()
         if levels != expected_levels:
             self._require("levels", expected_levels, levels)
         if not all_of_it:
             return
-        state, expected = new.device(new.node.device), old.device(old.node.device)
+        state, expected = new.services(new.device), old.services(old.device)
         if state != expected:
             self._compare(expected, state)
         values = [entry.value for entry in new.plain]
@@ -189,11 +201,20 @@ class Pair:
         name, arguments = self._last
         return f"{self.name}, after {' '.join([name, *map(shown, arguments)])}"
 
-    def _both(self, name: str, *arguments: Any) -> list[Frame]:
+    def call(self, name: str, *arguments: Any, **options: Any) -> list[Frame]:
+        """Call a method of both; what it returns is compared.
+
+        Raises
+        ------
+        Difference
+            If it is not the same, or only one of them fails, or they do so differently.
+        BothFailed
+            If both fail in the same way.
+        """
         self.calls += 1
         self._last = name, arguments
-        expected, failed = _called(self.old.node, name, arguments)
-        found, fails = _called(self.new.node, name, arguments)
+        expected, failed = _called(self.old.node, name, arguments, options)
+        found, fails = _called(self.new.node, name, arguments, options)
         if failed != fails:
             raise Difference(self._where(), "error", failed, fails)
         if fails:
@@ -208,10 +229,12 @@ class Pair:
         return found
 
 
-def _called(node: Any, name: str, arguments: tuple[Any, ...]) -> tuple[list[Frame], str]:
+def _called(
+    node: Any, name: str, arguments: tuple[Any, ...], options: dict[str, Any]
+) -> tuple[list[Frame], str]:
     """Return what a call of a node returns, or else how it fails."""
     try:
-        return getattr(node, name)(*arguments), ""
+        return getattr(node, name)(*arguments, **options), ""
     except Exception as error:  # noqa: BLE001 - whatever it is, both do the same
         return [], f"{type(error).__name__}: {error}"
 

@@ -196,6 +196,11 @@ def _of_map(law: Any) -> tuple[Any, ...]:
     return tuple([getattr(law, name) for name in type(law).__slots__])
 
 
+def of_any(node: Any) -> State:
+    """Return what a device knows that has nothing around it."""
+    return {"time": node.clock.now, "nmt": node.nmt_state}
+
+
 def of_device(d: Any) -> State:
     """Return what the services of a device know beside its object dictionary."""
     sync, guarding, watches = d._sync, d._guarding, d._watches

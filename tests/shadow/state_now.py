@@ -4,6 +4,6 @@ So far both trees keep it in the same places. Who moves something writes here wh
 names, and what they stand for, stay.
 """
 
-from state_before import of_device, of_plate, of_plate_block, of_stimulator
+from state_before import of_any, of_device, of_plate, of_plate_block, of_stimulator
 
-__all__ = ["of_device", "of_plate", "of_plate_block", "of_stimulator"]
+__all__ = ["of_any", "of_device", "of_plate", "of_plate_block", "of_stimulator"]

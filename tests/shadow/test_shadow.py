@@ -21,10 +21,16 @@ from sabotages import BEGIN, SABOTAGES, Sabotage, broken
 from scripts import Script, scripts
 from world import Setting, World
 
+from smarttac_can.device.application import Application
+from smarttac_can.device.device import Device
+from smarttac_can.device.emcy import Emergency
+from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.eds import load_eds
 from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.rig import Rig
 
+RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text(encoding="ascii")
 TOOL = Path(__file__).parents[2] / "tools" / "shadow"
 
 
@@ -193,6 +199,33 @@ def test_a_node_of_a_test_has_a_shadow() -> None:
     with broken(NEW, sabotage("a window of SYNC begins a tick later")):
         rig.cycle(30)
     assert [difference.what for difference in shadowed.differences] == ["bus sync window"]
+
+
+@pytest.fixture
+def devices_with_shadows() -> Iterator[None]:
+    made = shadowed._with_shadow("Device", Device.__init__)
+    shadowed.differences.clear()
+    with patch.object(Device, "__init__", made):
+        yield
+    shadowed.differences.clear()
+
+
+@pytest.mark.usefixtures("devices_with_shadows")
+def test_a_device_of_a_test_has_a_shadow() -> None:
+    before = shadowed.counts.copy()
+    with_application = Device(load_eds(RICH, 32), Application())
+    device = Device(load_eds(RICH, 32))
+    assert shadowed.counts - before == {"with a shadow": 1, "without a shadow": 1}
+    with_application.start()
+    device.start()
+    device.receive(Frame(0, bytes((1, 32))))
+    device.emergency(0x1000, 0, vendor=b"x")
+    device.take()
+    device.advance(1000)
+    assert shadowed.differences == []
+    with patch.object(Emergency, "clear", lambda *_: None):
+        device.clear_emergency(0x1000)
+    assert [difference.what for difference in shadowed.differences] == ["emergencies"]
 
 
 def test_both_may_fail_alike() -> None:

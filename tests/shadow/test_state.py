@@ -156,7 +156,7 @@ class Watched:
     def see(self) -> str:
         """Return all that is compared of the node."""
         node, side = self.side.node, self.side
-        seen = side.state(node), side.device(node.device), node.levels()
+        seen = side.state(node), side.services(side.device), side.levels()
         return repr((seen, [entry.read() for entry in side.entries]))
 
     def unseen(self) -> set[str]:
@@ -199,7 +199,7 @@ class Names:
         self.changed: set[str] = set()
 
     def look(self, side: Side) -> None:
-        for name, value in {**side.state(side.node), **side.device(side.node.device)}.items():
+        for name, value in {**side.state(side.node), **side.services(side.device)}.items():
             text = repr(value)
             if self._first.setdefault(name, text) != text:
                 self.changed.add(name)

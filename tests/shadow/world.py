@@ -235,15 +235,15 @@ class World:
         self.master = LocalMaster(self.bus, lambda _frame: None)
         self.pairs: dict[int, Pair] = {}
         self._ports: dict[int, Any] = {}
-        plates = [(PLATE_ID, "plate", self._old.plate, self._new.plate)]
-        if setting.plate == "inside":
-            plates = []
-        for node_id, name, before, now in (
-            *plates,
-            (STIMULATOR_ID, "stimulator", self._old.stimulator, self._new.stimulator),
-        ):
-            plate = name == "plate"
-            pair = Pair(name, side(old, before, plate=plate), side(new, now, plate=plate))
+        made = [
+            (PLATE_ID, "plate", "PlateNode", self._old.plate, self._new.plate),
+            (
+                STIMULATOR_ID, "stimulator", "StimulatorNode",
+                self._old.stimulator, self._new.stimulator,
+            ),
+        ]  # fmt: skip
+        for node_id, name, kind, before, now in made[setting.plate == "inside" :]:
+            pair = Pair(name, side(old, before, kind), side(new, now, kind))
             self.pairs[node_id] = pair
             self._ports[node_id] = self.bus.attach(pair, lockstep=setting.lockstep)  # type: ignore[arg-type]
         self.od = self._new.stimulator.od
