@@ -69,10 +69,7 @@ class Recording:
         stop: Callable[[], object],
     ) -> None:
         for name, text in metadata.items():
-            if not isinstance(text, str) or len(text) > _LONGEST_TEXT:
-                raise ValueError(
-                    f"{name} {text!r:.60} is no text of 0 to {_LONGEST_TEXT} characters"
-                )
+            _require_text(name, text, 0)
         self._metadata = {name: metadata.get(name, "") for name in METADATA}
         self._link = link
         self._od = od
@@ -119,8 +116,7 @@ class Recording:
         BenchError
             If the recording has not begun, or is over.
         """
-        if not isinstance(text, str) or not 1 <= len(text) <= _LONGEST_TEXT:
-            raise ValueError(f"marker {text!r:.60} is no text of 1 to {_LONGEST_TEXT} characters")
+        _require_text("marker", text, 1)
         if self._log is None:
             raise BenchError(f"{self.path} is not being recorded: markers go into a recording")
         self._log.mark(text)
@@ -268,6 +264,14 @@ class Recording:
                     if table := self._link.read_table(name):
                         tables[slot] = table.hex()
         return tables
+
+
+def _require_text(name: str, text: object, least: int) -> None:
+    """Refuse what is no text, too short or long, or has bytes that were no UTF-8 in a shell."""
+    if not isinstance(text, str) or not least <= len(text) <= _LONGEST_TEXT:
+        raise ValueError(f"{name} {text!r:.60} is no text of {least} to {_LONGEST_TEXT} characters")
+    if any("\ud800" <= character <= "\udfff" for character in text):
+        raise ValueError(f"{name} {text!r:.60} has characters that UTF-8 does not have")
 
 
 def _pdo(pdo: PublishedPdo, every_cycle: bool) -> dict[str, Any]:

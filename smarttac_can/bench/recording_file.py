@@ -417,8 +417,10 @@ def _table(file: h5py.File, name: str, columns: str, rows: Iterable[tuple[Any, .
 
 
 def _storable(value: Any) -> Any:
-    """Return a text as HDF5 takes it, which has no NUL in texts; and anything else as it is."""
-    return value.replace("\0", "\N{REPLACEMENT CHARACTER}") if isinstance(value, str) else value
+    """Return a text as HDF5 takes it, in UTF-8 without NUL; and anything else as it is."""
+    if not isinstance(value, str):
+        return value
+    return value.encode(errors="replace").decode().replace("\0", "\N{REPLACEMENT CHARACTER}")
 
 
 _NONE: Final[Records] = np.empty(0, RECORD)

@@ -232,6 +232,32 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         read_recording(path)
 
 
+@pytest.mark.parametrize("text", ["\ud800", "caf\udce9"])
+def test_a_text_that_no_file_holds_is_refused_before(tmp_path: Path, text: str) -> None:
+    """As bytes of a shell that are no UTF-8: of the log no file could be made."""
+    path = tmp_path / "run.h5"
+    said = r"has characters that UTF-8 does not have$"
+    with Stimulator.simulate("local") as bench:
+        for name in ("subject", "operator", "notes"):
+            with pytest.raises(ValueError, match=rf"^{name} .* {said}"):
+                bench.record(path, **{name: text})
+        with bench.record(path):
+            bench.run(0.01)
+            with pytest.raises(ValueError, match=rf"^marker .* {said}"):
+                bench.mark(text)
+    assert read_recording(path).markers == []
+
+
+def test_a_log_with_such_a_text_is_made_into_a_file(tmp_path: Path) -> None:
+    """Former versions took it."""
+    with Stimulator.simulate("local") as bench:
+        recording = bench.record(tmp_path / "run.h5")
+        recording._metadata["notes"] = "caf\udce9"
+        with recording:
+            bench.run(0.01)
+    assert read_recording(tmp_path / "run.h5").metadata["notes"] == "caf?"
+
+
 def test_a_dataset_that_says_it_is_huge_takes_no_memory(tmp_path: Path) -> None:
     """As one bit of its shape that is wrong."""
     path = tmp_path / "run.h5"
