@@ -69,6 +69,7 @@ bench = Stimulator.connect(
     interface=sys.argv[1], channel=sys.argv[2], port=int(sys.argv[3])
 )
 bench.run(0.3)
+bench.set("Limit.Missed ticks", 50)  # a busy machine
 bench.voltage = 20
 bench.mode = "open_loop"
 exec(sys.argv[4])
@@ -183,6 +184,7 @@ def test_a_bench_that_leaves_is_not_missed(multicast: dict[str, Any]) -> None:
         with Stimulator.connect(**multicast) as bench:
             assert WATCH not in watched(bench)
             bench.run(0.3)
+            bench.set("Limit.Missed ticks", 50)  # a busy machine
             bench.mode = "open_loop"
             assert WATCH in watched(bench)
         with Stimulator.connect(**multicast) as bench:
