@@ -30,10 +30,11 @@ from smarttac_can.vocabulary.objects import SIMULATION
 
 GRACE_S: Final = 1.0
 """How much longer than its cycles take a run in real time may take."""
-SILENT_S: Final = 10.0
+SILENT_S: Final = 5.0
 """How long a node in lockstep may answer nothing before it is taken for dead."""
 _ASK_AFTER_S: Final = 0.1
 """How long a cycle in lockstep may take before the nodes are asked whether they have heard it."""
+_ANSWER_S: Final = 1.0
 _STATUS_TPDO: Final = 1
 _LOST_IN_A_ROW: Final = 3
 _POLL_S: Final = 0.005
@@ -55,7 +56,8 @@ class CanLink:
     lockstep
         Whether the bench produces the SYNC and waits for every cycle.
     timeout
-        Longest wait in s for an SDO answer, and for the first values.
+        Longest wait in s for an SDO answer, and for the first values; None for 1 s, and for
+        `SILENT_S` in lockstep.
     """
 
     def __init__(
@@ -66,8 +68,10 @@ class CanLink:
         *,
         where: str,
         lockstep: bool,
-        timeout: float,
+        timeout: float | None,
     ) -> None:
+        if timeout is None:
+            timeout = SILENT_S if lockstep else _ANSWER_S
         self._network = network
         self.where = where
         self._lockstep = lockstep

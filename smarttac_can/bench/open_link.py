@@ -48,7 +48,7 @@ def open_can_link(
     node_id: int,
     plate_node_id: int | None,
     lockstep: bool,
-    timeout: float,
+    timeout: float | None,
     options: Mapping[str, Any],
 ) -> tuple[Link, ObjectDictionary]:
     """Open a link over a CAN bus; the arguments are those of `Stimulator.connect`.
@@ -182,7 +182,7 @@ def _over_can(
     *,
     where: str,
     lockstep: bool,
-    timeout: float,
+    timeout: float | None,
 ) -> tuple[Link, ObjectDictionary]:
     from smarttac_can.bench.can_link import CanLink  # noqa: PLC0415 - only over CAN
 

@@ -149,7 +149,7 @@ class Stimulator:
         node_id: int = STIMULATOR_ID,
         plate_node_id: int | None = None,
         lockstep: bool = False,
-        timeout: float = 1.0,
+        timeout: float | None = None,
         **options: Any,
     ) -> Self:
         """Connect to a stimulator on a CAN bus and start it, and its plate node if it has one.
@@ -166,7 +166,8 @@ class Stimulator:
         lockstep
             Whether the nodes were started with ``--lockstep``: the bench then produces the SYNC.
         timeout
-            Longest wait in s for an SDO answer, and in real time for the first values of `read`.
+            Longest wait in s for an SDO answer, and in real time for the first values of `read`. By
+            default 1, and 5 in lockstep, where a process that is slow misses nothing.
 
         Raises
         ------

@@ -178,7 +178,7 @@ def test_a_heartbeat_that_stays_away(
 
 def test_a_node_that_stops_answering(virtual: dict[str, Any]) -> None:
     with in_threads(virtual, stimulator_with_plate()):
-        bench = Stimulator.connect(**virtual, lockstep=True)
+        bench = Stimulator.connect(**virtual, lockstep=True, timeout=0.2)
         bench.run(0.01)
     with pytest.raises(HeartbeatLostError, match="cannot read Mode: node 32 does not answer"):
         bench.get("Mode")
@@ -389,3 +389,16 @@ def test_frames_of_a_foreign_length_are_not_taken(virtual: dict[str, Any]) -> No
         for can_id in (0x1A0, 0x2A0, 0x3A0, 0x4A0):
             other.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
         assert len(bench.run(0.02)) == 20
+
+
+@pytest.mark.parametrize(("lockstep", "wait_s"), [(False, 1.0), (True, 5.0)])
+def test_in_lockstep_a_slow_answer_is_waited_for(
+    lockstep: bool, wait_s: float, virtual: dict[str, Any]
+) -> None:
+    with (
+        in_threads(virtual, stimulator_with_plate(lockstep=lockstep), lockstep=lockstep),
+        Stimulator.connect(**virtual, lockstep=lockstep) as bench,
+    ):
+        link = bench._link
+        waits = link._stimulator._sdo.RESPONSE_TIMEOUT  # type: ignore[attr-defined]
+        assert waits == wait_s

@@ -16,7 +16,7 @@ import can
 import h5py
 import numpy as np
 import pytest
-from nodes_on_a_bus import in_threads, stimulator_with_plate
+from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
 
 from smarttac_can.bench import (
     BenchError,
@@ -279,7 +279,7 @@ def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def until(true: Any) -> None:
-    guard = time.monotonic() + 30
+    guard = time.monotonic() + GUARD_S
     while not true():
         assert time.monotonic() < guard
         time.sleep(0.01)

@@ -20,7 +20,7 @@ VIRTUAL = ("--interface", "virtual", "--channel", "hostile")
 MIB = 1 << 20
 SLACK = MIB // 4
 """Bytes that are read besides the hostile file: our own EDS files, and what the system tells."""
-GUARD_S = 20.0
+GUARD_S = 60.0
 LIMITED = """
 import resource, sys
 from smarttac_can.cli import main

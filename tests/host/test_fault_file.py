@@ -8,7 +8,7 @@ from pathlib import Path
 from smarttac_can.host.fault_file import FaultFile, read_lines
 from smarttac_can.host.storage_file import StorageFile
 
-GUARD_S = 10.0
+GUARD_S = 60.0
 
 
 def never(error: OSError) -> None:
