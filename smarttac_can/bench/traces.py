@@ -20,7 +20,7 @@ from html import escape
 from io import TextIOWrapper
 from itertools import chain, groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -176,6 +176,10 @@ class Trace:
 
     def __len__(self) -> int:
         return len(self.counts)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, int, Integers]]:
+        # Copies of arrays could be written.
+        return type(self), (self.experiment, self.subject, self.counts)
 
     def __dir__(self) -> list[str]:
         former = [name for name, value in vars(type(self)).items() if isinstance(value, _Former)]

@@ -1,4 +1,6 @@
+import copy
 import hashlib
+import pickle
 
 import numpy as np
 import pytest
@@ -149,6 +151,25 @@ def test_arrays_are_read_only(name):
     with pytest.raises(ValueError, match="read-only"):
         getattr(one, name)[0] = 1
     assert getattr(one, name) is getattr(one, name) or name == "status"
+
+
+@pytest.mark.parametrize(
+    "again", [copy.deepcopy, copy.copy, lambda t: pickle.loads(pickle.dumps(t))]
+)
+@pytest.mark.parametrize("rows", [(1,) * 10, (1,) * 8])
+def test_arrays_of_a_copy_are_read_only(again, rows):
+    one = Trace.from_rows("x", 3, [rows])
+    assert one.voltage_v.flags.writeable is False  # made before the copy
+    other = again(one)
+    assert same(other, one)
+    for name in ARRAYS:
+        assert getattr(other, name).flags.writeable is False
+
+
+def test_dir_has_one_name_for_each_array():
+    names = dir(Trace.from_rows("x", 0, [(1,) * 10]))
+    assert {*ARRAYS, "counts", "plot", "to_csv"} <= set(names)
+    assert {"mu", "mu_ref", "W", "V", "f", "Ft", "Fn", "position"}.isdisjoint(names)
 
 
 @pytest.mark.parametrize(
