@@ -8,21 +8,18 @@ from decimal import Decimal
 from math import inf
 from typing import Any, Final, NamedTuple, Self
 
-_MICRO: Final = ("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")
-"""What people write for it; the object dictionary has the first."""
-_PREFIXES: Final = {"G": 9, "M": 6, "k": 3, "": 0, "m": -3, "n": -9, "p": -12} | dict.fromkeys(
-    _MICRO, -6
-)
+_ASCII: Final = {ord("\N{MICRO SIGN}"): "u", ord("\N{GREEK SMALL LETTER MU}"): "u"}
+"""What people write for micro, and what object dictionaries have."""
 _SYMBOLS: Final = {
     prefix + base: (base, ten - 3 * (base == "g"))
-    for prefix, ten in _PREFIXES.items()
+    for prefix, ten in {"G": 9, "M": 6, "k": 3, "": 0, "m": -3, "u": -6, "n": -9, "p": -12}.items()
     for base in ("m", "s", "V", "A", "N", "Hz", "K", "W", "J", "Pa", "Ohm", "rad", "g")
 } | {"degC": ("degC", 0), "1": ("", 0), "%": ("", -2), "ppm": ("", -6)}
 """What a symbol measures, nothing for a pure number, and its power of ten to the SI unit."""
 _LONGEST: Final = 40
 """Characters of what stands in the brackets."""
 _QUANTITY: Final = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?)\s*(.*)")
-_TERM: Final = re.compile(rf"(?P<symbol>[A-Za-z%1{''.join(_MICRO)}]+)(?:\^(?P<power>[1-9]))?")
+_TERM: Final = re.compile(r"(?P<symbol>[A-Za-z%1]+)(?:\^(?P<power>[1-9]))?")
 
 
 class Quantity(NamedTuple):
@@ -36,13 +33,14 @@ class Quantity(NamedTuple):
     def parse(cls, text: str) -> Self:
         """Read such as ``80 V``, ``0.5um``, ``35 %`` or ``0.35``; ValueError if it is no such.
 
-        Micro may be written as u, or as the sign or the Greek letter of that name.
+        Micro may be written as u, or as the sign or the Greek letter of that name; it becomes u.
         """
         found = _QUANTITY.fullmatch(text.strip())
         if found is None:
             raise ValueError(f"{text!r} is not a number with a unit")
-        _meaning(found[2])
-        return cls(Decimal(found[1]), found[2])
+        symbol = found[2].translate(_ASCII)
+        _meaning(symbol)
+        return cls(Decimal(found[1]), symbol)
 
     def __str__(self) -> str:
         """Return it as brackets have it: ``10 mV``, or ``mV`` for one of them."""
@@ -128,7 +126,7 @@ def _meaning(unit: str) -> tuple[int, Counter[str]]:
     """Power of ten from a unit such as ``N s/m`` to SI base units, and the powers of those."""
     total = 0
     powers: Counter[str] = Counter()
-    for side, sign in zip(unit.split("/", 1), (1, -1), strict=False):
+    for side, sign in zip(unit.translate(_ASCII).split("/", 1), (1, -1), strict=False):
         for term in side.split():
             found = _TERM.fullmatch(term)
             if found is None or found["symbol"] not in _SYMBOLS:

@@ -86,7 +86,8 @@ def test_what_is_no_unit_is_refused(parameter_name: str) -> None:
         ("+1e-07 N s/m", quantity("1e-7", "N s/m")),
         ("35 %", quantity("35", "%")),
         ("0.35", quantity("0.35", "")),
-        ("1 \N{MICRO SIGN}m", quantity("1", "\N{MICRO SIGN}m")),
+        ("1 \N{MICRO SIGN}m", quantity("1", "um")),
+        ("1 \N{GREEK SMALL LETTER MU}m/\N{MICRO SIGN}s", quantity("1", "um/us")),
         ("1\N{NO-BREAK SPACE}um", quantity("1", "um")),
     ],
 )
@@ -99,6 +100,7 @@ def test_micro_may_be_u_or_the_sign_or_the_greek_letter(micro: str) -> None:
     assert Quantity.parse(f"1 {micro}m").over(quantity("1", "nm")) == 1000.0
     assert Quantity.parse(f"2.5{micro}m/{micro}s").si == 2.5
     assert quantity("1", "mm").in_unit(f"{micro}m") == 1000.0
+    assert split_name(f"Width [10 {micro}m]") == ("Width", quantity("10", "um"))
 
 
 @pytest.mark.parametrize(
