@@ -59,7 +59,7 @@ SABOTAGES: Final = (
     Sabotage(
         "a watch trips a cycle later", "nodes.loop_watchdogs LoopWatchdogs._stuck",
         "count >= most - 1", "count >= most",
-        "frames", (("fault", 1, 1, 0, 0), ("cycles", 15)),
+        "frames", (("fault", 1, 1, 0, 0), ("cycles", 40)),
     ),
     Sabotage(
         "a bound is off by a thousandth", "nodes.vibration_watch VibrationWatch.configure",

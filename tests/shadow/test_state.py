@@ -28,6 +28,7 @@ SCRIPT: Final[list[Act]] = [
     ("put", "Controller.Vibration law", 1), ("put", "Limit.Voltage", 9000),
     ("put", "Setpoint.Boundary", -2000), ("cycles", 20),
     ("put", "Limit.Amplitude trip", 300), ("cycles", 8), ("mend", 3), ("cycles", 30),
+    ("put", "Limit.Amplitude by drive", 100), ("cycles", 4), ("mend", 3), ("cycles", 5),
     ("put", "Mode", 2), ("cycles", 2), ("put", "Mode", 0), ("cycles", 2),
     ("put", "Controlword", 1), ("cycles", 2), ("put", "Controlword", 4), ("cycles", 2),
     ("put", "Controlword", 0),
