@@ -32,6 +32,10 @@ _TEXTURE: Final = Mode.TEXTURE
 _ABSURD = 1e6
 """Bound of the squares of a measurement: 1 km, 1 kN. NaN and infinity do not pass either."""
 
+FREQUENCY_STEP: Final = 5.0
+"""Largest change in Hz of the frequency in a tick of mode AMPLITUDE, 3 % of half the width of the
+resonance: a hop would meet the resonance with the voltage that the plate needed beside it."""
+
 NO_CONTACT = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
@@ -40,9 +44,10 @@ class Cascade:
 
     A mode change keeps the drive: the new loops start from the voltage and the frequency in force,
     and move them by their gain times their error. Two things are immediate by intent: OFF is 0 V at
-    once, and what the set-point fixes (voltage and frequency in open loop, the frequency in mode
-    AMPLITUDE) is put out as it stands. From OFF the resonance loop starts at the set-point's
-    frequency; the law ``predictive`` starts where model and thermometer put the resonance.
+    once, and in open loop voltage and frequency are put out as the set-point has them. In mode
+    AMPLITUDE the frequency of a driven plate moves to the set-point by `FREQUENCY_STEP` a tick.
+    From OFF the resonance loop starts at the set-point's frequency; the law ``predictive`` starts
+    where model and thermometer put the resonance.
 
     Out of contact the modes FRICTION and TEXTURE hold the amplitude at the set-point's nominal
     one. The COF is unknown then, and the last reference before lift-off was made of a COF whose
@@ -218,7 +223,16 @@ class Cascade:
         return self._open_loop(setpoint)
 
     def realised(self, drive: Drive) -> None:
-        """Take note of the drive that went out, whatever was asked for."""
+        """Go on from the drive that went out; a lower voltage than asked for is a limit."""
+        asked = self.drive
+        if drive.voltage < asked.voltage:
+            self.limited |= AMPLITUDE
+            self._inner.realise(drive.voltage - asked.voltage)
+            if self.mode is Mode.IDENTIFY and self.identification is not None:
+                self.identification.fail(
+                    f"{asked.voltage:.0f} V were cut to {drive.voltage:.0f} V: more may make more "
+                    "vibration than its limit; correct the data sheet of the model"
+                )
         self.drive = drive
 
     def _closed_loop(self, W: complex, W_ref: float, setpoint: Setpoint) -> Drive:
@@ -229,15 +243,24 @@ class Cascade:
         limited = 0 if allowed == W_ref else AMPLITUDE
         self.W_ref = W_ref = allowed
         inner = self._inner
-        fixed = setpoint.frequency if self.mode is _FIXED else None
+        fixed = self._followable(setpoint.frequency) if self.mode is _FIXED else None
         drive = inner.step(W, self.amplitude, W_ref, self.contact, fixed)
         V, f = drive
         # Whatever a law makes of what it knows, nothing but a drive within limits leaves here.
         if not in_limits(V, f, p.V_max, p.f_min, p.f_max):
             return self._turn_off("drive is not finite")
+        if fixed is not None and fixed != setpoint.frequency:
+            limited |= FREQUENCY
         self.limited = limited | inner.limited
         self.drive = drive
         return drive
+
+    def _followable(self, frequency: float) -> float:
+        """Move the frequency in force towards a set-point in Hz, no faster than V can follow."""
+        voltage, before = self.drive
+        if voltage == 0.0:
+            return frequency
+        return min(max(frequency, before - FREQUENCY_STEP), before + FREQUENCY_STEP)
 
     def _open_loop(self, setpoint: Setpoint) -> Drive:
         """Return the set-point's drive, or the same with 0 V in mode OFF."""
@@ -311,7 +334,7 @@ class Cascade:
             self.mu_ref = self.E = 0.0
         if self.mode is Mode.IDENTIFY:
             self.W_ref = 0.0
-            self.identification = Identification(self._model, f_set, p.V_max, p.f_min, p.f_max)
+            self.identification = Identification(self._model, f_set, p)
 
     def _turn_off(self, reason: str) -> Drive:
         if self.mode is Mode.IDENTIFY and self.identification is not None:

@@ -13,6 +13,10 @@ follow from it, are linear, and know nothing of the phase or size of W beforehan
 The steps find where and how to sweep, from wherever they start; the sweep gives the model. A finger
 changes gain and tau by the same factor: ``kappa = gain/tau`` of a plate stays. A model of the known
 kappa with a smaller tau is a loaded plate, also when a tare hides the finger from the gauges.
+
+The model is believed if it agrees with the data sheet of the plate, and if a second, shorter sweep
+at half the voltage finds the same gain and tau: a pick-up that has lost gain, or whose gain depends
+on the amplitude, gives no model. f0 may differ between both: real plates soften.
 """
 
 from __future__ import annotations
@@ -20,7 +24,9 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Generator
+from typing import NamedTuple
 
+from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import TICK, Drive
 from smarttac_can.vocabulary.states import IdentificationState
@@ -61,6 +67,12 @@ SWEEP_SETTLING = 7.0
 """Ticks between two frequencies, in time constants."""
 SWEEP_TICKS = 12
 SWEEPS = 4
+CHECK_POINTS = 7
+"""Frequencies of the second sweep."""
+CHECK_SHARE = 0.5
+"""Voltage of the second sweep over that of the first."""
+LINEAR = 0.05
+"""Largest relative difference in gain and tau between both sweeps, beyond that of the noise."""
 SAME = 1.25
 """Ratio of the tau that a sweep finds to the one it was laid out for, up to which it counts."""
 RESIDUAL_MAX = 0.05
@@ -75,7 +87,21 @@ LOAD_TAU = 0.9
 
 Procedure = Generator[Drive, complex, PlateModel]
 Samples = Generator[Drive, complex, list[complex]]
-Sweep = Generator[Drive, complex, list[tuple[float, complex]]]
+
+
+class _Sweep(NamedTuple):
+    """How a range of frequencies is swept."""
+
+    low: float
+    high: float
+    settling: int
+    """Ticks after which a point counts."""
+    ticks: int
+    """Ticks of a point that count."""
+    offset: complex
+    """What the pick-up reads at rest, in m."""
+    noise: float
+    """Standard deviation of a point in m."""
 
 
 class IdentificationError(Exception):
@@ -83,7 +109,7 @@ class IdentificationError(Exception):
 
 
 class Identification:
-    """Identification of the unloaded plate, one tick at a time; 0.7 s at tau = 1 ms.
+    """Identification of the unloaded plate, one tick at a time; 0.9 s at tau = 1 ms.
 
     A start further off than 300 Hz takes some 0.4 s more.
 
@@ -93,17 +119,14 @@ class Identification:
         The plate as it is known so far: of the same kappa and a smaller tau it would be loaded.
     frequency
         Where to start in Hz; the resonance may be anywhere within the limits.
-    V_max
-        Largest voltage in V; the voltages used follow from the response.
-    f_min, f_max
-        Limits of the frequency in Hz.
+    parameters
+        Largest voltage, limits of the frequency, and data sheet of the plate. The voltages used
+        follow from the response.
     """
 
     __slots__ = ("_procedure", "_started", "failure", "model", "progress", "state")
 
-    def __init__(
-        self, known: PlateModel, frequency: float, V_max: float, f_min: float, f_max: float
-    ) -> None:
+    def __init__(self, known: PlateModel, frequency: float, parameters: CascadeParameters) -> None:
         self.state = IdentificationState.RUNNING
         self.model: PlateModel | None = None
         """The plate, once the state is DONE."""
@@ -112,8 +135,8 @@ class Identification:
         self.progress = 0.0
         """Fraction of the procedure that is over, 0..1; 1 when it ended, however."""
         self._started = False
-        start = min(max(frequency, f_min), f_max)
-        self._procedure = self._identify(known, start, V_max, (f_min, f_max))
+        start = parameters.clip_frequency(frequency)
+        self._procedure = self._identify(known, start, parameters)
 
     def update(self, W: complex) -> Drive | None:
         """Take the vibration of this tick and return its drive; None once it is over."""
@@ -142,10 +165,8 @@ class Identification:
         self.progress = 1.0
         self._procedure.close()
 
-    def _identify(
-        self, known: PlateModel, start: float, V_max: float, limits: tuple[float, float]
-    ) -> Procedure:
-        f_min, f_max = limits
+    def _identify(self, known: PlateModel, start: float, p: CascadeParameters) -> Procedure:
+        V_max, f_min, f_max = p.V_max, p.f_min, p.f_max
         for _ in range(REST_TICKS):
             yield Drive(0.0, start)
         rest = yield from _hold(0.0, start, OFFSET_TICKS)
@@ -175,27 +196,31 @@ class Identification:
                 raise IdentificationError(f"limits {low:.0f}..{high:.0f} Hz leave nothing to sweep")
             V = min(W_SWEEP / gain, V_max)
             settling = math.ceil(SWEEP_SETTLING * tau / TICK)
-            points = yield from self._sweep(V, low, high, settling, ticks)
-            points = [(f, W - offset) for f, W in points]
-            model = _fit_sweep(V, points, noise / math.sqrt(ticks))
+            sweep = _Sweep(low, high, settling, ticks, offset, noise / math.sqrt(ticks))
+            model = yield from self._sweep(V, sweep, SWEEP_POINTS)
             fits = low <= model.f0 <= high and 1.0 / SAME <= model.tau / tau <= SAME
             tau, f0, gain = model.tau, model.f0, model.gain
             if fits:
                 _require_unloaded(model, known)
+                _require_data_sheet(model, p)
+                check = yield from self._sweep(CHECK_SHARE * V, sweep, CHECK_POINTS)
+                _require_linear(model, check, sweep.noise / (CHECK_SHARE * V * gain))
                 return model
         if f_min <= f0 <= f_max:
             raise IdentificationError(f"no sweep fits the resonance it finds, last {f0:.0f} Hz")
         raise IdentificationError(f"resonance {f0:.0f} Hz is outside {f_min:.0f}..{f_max:.0f}")
 
-    def _sweep(self, V: float, low: float, high: float, settling: int, ticks: int) -> Sweep:
-        """Return the mean vibration at each of the frequencies, over the ticks after settling."""
+    def _sweep(self, V: float, sweep: _Sweep, count: int) -> Procedure:
+        """Return the model that fits the mean vibration at each frequency, once settled."""
+        low, high, settling, ticks, offset, noise = sweep
         points: list[tuple[float, complex]] = []
-        for i in range(SWEEP_POINTS):
-            self.progress = max(self.progress, 0.4 + 0.6 * i / SWEEP_POINTS)
-            f = low + (high - low) * i / (SWEEP_POINTS - 1)
+        begin, end = (0.4, 0.8) if count == SWEEP_POINTS else (0.8, 1.0)
+        for i in range(count):
+            self.progress = max(self.progress, begin + (end - begin) * i / count)
+            f = low + (high - low) * i / (count - 1)
             yield from _hold(V, f, settling)
-            points.append((f, _mean((yield from _hold(V, f, ticks)))))
-        return points
+            points.append((f, _mean((yield from _hold(V, f, ticks))) - offset))
+        return _fit_sweep(V, points, noise)
 
 
 def _hold(V: float, f: float, ticks: int) -> Samples:
@@ -304,6 +329,41 @@ def _require_unloaded(model: PlateModel, known: PlateModel) -> None:
             f"the plate is loaded, gain and tau are {100.0 * (1.0 - tau):.0f} % below the model: "
             "lift the finger, tare and repeat; write the model if there is none"
         )
+
+
+def _require_data_sheet(model: PlateModel, p: CascadeParameters) -> None:
+    """Refuse a model that the plate of the data sheet cannot have."""
+    for name, found, sheet, unit, per in (
+        ("gain", model.gain, p.sheet_gain, "nm/V", 1e9),
+        ("tau", model.tau, p.sheet_tau, "ms", 1e3),
+    ):
+        off = found / sheet - 1.0
+        if abs(off) > p.sheet_tolerance:
+            raise IdentificationError(
+                f"{name} {found * per:.3g} {unit} is {100.0 * off:+.0f} % off the data sheet's "
+                f"{sheet * per:.3g} {unit}, {100.0 * p.sheet_tolerance:.0f} % are believed: "
+                "check the pick-up, or write the data sheet of this plate to Model"
+            )
+
+
+def _require_linear(model: PlateModel, check: PlateModel, noise: float) -> None:
+    """Refuse a plate whose gain or tau depends on the amplitude: its pick-up is not linear.
+
+    Parameters
+    ----------
+    model, check
+        What both sweeps have found.
+    noise
+        Relative standard deviation of a point of the second sweep.
+    """
+    most = LINEAR + RESIDUAL_NOISE * noise
+    for name, one, other in (("gain", model.gain, check.gain), ("tau", model.tau, check.tau)):
+        off = other / one - 1.0
+        if abs(off) > most:
+            raise IdentificationError(
+                f"{name} changes by {100.0 * off:+.0f} % at half the voltage, "
+                f"{100.0 * most:.0f} % are allowed: check the pick-up"
+            )
 
 
 def _mean(values: list[complex]) -> complex:

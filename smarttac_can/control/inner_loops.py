@@ -80,6 +80,10 @@ class InnerLoops:
         self.amplitude.pi.state = drive.voltage
         self.resonance.preset(drive.frequency)
 
+    def realise(self, change: float) -> None:
+        """Let the PI of the amplitude go on from a voltage that was changed by so many V."""
+        self.amplitude.pi.state += change
+
     def limit(self, parameters: CascadeParameters) -> None:
         """Take parameters that ask for the same design, with other limits."""
         p = self._parameters = parameters

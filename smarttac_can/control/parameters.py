@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from smarttac_can.control.design import POLE_MAX
 from smarttac_can.control.tribometer import Matrix
-from smarttac_can.vocabulary.model import require
+from smarttac_can.vocabulary.model import GAIN_MIN, TAU_MIN, require
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 
@@ -44,6 +44,13 @@ class CascadeParameters:
     """Lowest excitation frequency in Hz, 1e3..1e6."""
     f_max: float = 44000.0
     """Highest excitation frequency in Hz, f_min..1e6."""
+    sheet_gain: float = 50e-9
+    """Gain of the plate by its data sheet in m peak-to-peak per V, 1e-9..1e-6; an assumption."""
+    sheet_tau: float = 0.944e-3
+    """Time constant of the plate by its data sheet in s, 1e-4..1e-2."""
+    sheet_tolerance: float = 0.1
+    """Relative difference from the data sheet up to which a plate is identified, 0.01..0.5; an
+    assumption."""
     preview: float = 1.5e-3
     """Time in s by which the reference of a texture is ahead of the finger, 0..0.02: what the COF
     takes to follow it, besides the dead time."""
@@ -69,6 +76,9 @@ class CascadeParameters:
         require("W_max", self.W_max, 0.0, 10e-6)
         require("f_min", self.f_min, 1e3, 1e6)
         require("f_max", self.f_max, self.f_min, 1e6)
+        require("sheet_gain", self.sheet_gain, GAIN_MIN, 1e-6)
+        require("sheet_tau", self.sheet_tau, TAU_MIN, 1e-2)
+        require("sheet_tolerance", self.sheet_tolerance, 0.01, 0.5)
         require("preview", self.preview, 0.0, 20e-3)
         require("dead_time", self.dead_time, 0.0, 999e-6)
         for row in self.lateral:

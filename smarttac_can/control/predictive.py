@@ -27,15 +27,13 @@ from smarttac_can.control.belief import (
     learn,
     missed,
 )
-from smarttac_can.vocabulary.model import PlateModel, contact_load, decay_rate
+from smarttac_can.vocabulary.model import F0_SLOPE, PlateModel, contact_load, decay_rate
 from smarttac_can.vocabulary.signals import TICK, Contact, Drive
 
 LEAST_POLE: Final = 0.1
 """Share of an error that is left on purpose: margin for a dead time that was told wrongly."""
 CAUTION: Final = 1.0
 """Standard uncertainties of what a volt does by which a step is held back."""
-F0_SLOPE: Final = -14.0
-"""Change of the resonance in Hz/K; paper, section on Fig. 5."""
 LEARN_MIN: Final = 20e-9
 """Vibration in m from which it learns: an offset of the pick-up, 5 nm, would be taken for a plate
 that does not die down."""

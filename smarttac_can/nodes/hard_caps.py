@@ -59,6 +59,7 @@ STIMULATOR_CAPS: Final = (
     Cap("Plate input.W_q", _PICKUP),
     Cap("Plate input.Temperature", _TEMPERATURE),
     Cap("Model.Gain per volt", _GAIN),
+    Cap("Model.Data sheet gain per volt", _GAIN),
 )
 """Of ``stimulator.eds``."""
 PLATE_CAPS: Final = (

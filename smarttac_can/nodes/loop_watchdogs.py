@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import compress
 from math import hypot, isfinite
-from operator import eq
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade
@@ -25,6 +23,7 @@ from smarttac_can.vocabulary.watchdogs import (
     SATURATED_CYCLES,
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
+    STUCK_WITHIN,
     Watchdog,
 )
 
@@ -37,8 +36,13 @@ _GAP_MAX: Final = TICK_MASK // 2
 WATCHED: Final = ("Limit", "Model", "Calibration")
 """Records that `LoopWatchdogs.configure` reads."""
 _NO_PLATE: Final = 0
-_THERMOMETER: Final = SENSORS.index("Temperature")
-_PLACES: Final = range(len(SENSORS))
+_STUCK_RULES: Final = tuple(
+    (at, 0, STUCK_THERMOMETER_CYCLES)
+    if name == "Temperature"
+    else (at, STUCK_WITHIN, STUCK_GAUGE_CYCLES)
+    for at, name in enumerate(SENSORS)
+)
+"""Place of each sensor, and how many samples within how many counts of the first are a fault."""
 _BITS: Final = {watchdog: 1 << watchdog for watchdog in Watchdog}
 _VOLTAGE = _BITS[Watchdog.VOLTAGE]
 _CONTROLLER = _BITS[Watchdog.CONTROLLER]
@@ -70,11 +74,11 @@ class LoopWatchdogs:
     __slots__ = (
         "_Fn_max",
         "_Ft_max",
-        "_last",
         "_mismatch",
         "_od",
         "_odd",
-        "_repeats",
+        "_rests",
+        "_rests_at",
         "_saturated",
         "_serial",
         "_temperature",
@@ -107,9 +111,9 @@ class LoopWatchdogs:
     def reset(self) -> None:
         """Forget what was seen: the plate is at rest."""
         self.vibration.reset()
-        self._last: tuple[int, ...] = ()
         self._tick = TICK_MASK
-        self._repeats: dict[int, int] = {}
+        self._rests_at = [0] * len(SENSORS)
+        self._rests = [0] * len(SENSORS)
         self._saturated = Lapses()
         self._odd = Lapses()
         self._zero: tuple[float, ...] = ()
@@ -157,7 +161,7 @@ class LoopWatchdogs:
         self._tick = measured.tick
         if ticks > _GAP_MAX:
             ticks = 1
-        return faults | self.vibration.look(W, cascade.contact, mode, ticks)
+        return faults | self.vibration.look(W, cascade.contact, temperature, mode, ticks)
 
     def levels(self, cascade: Cascade) -> tuple[float, float, float, float, float, float, float]:
         """How near to a fault the loop is after a cycle, of 1.0.
@@ -175,33 +179,32 @@ class LoopWatchdogs:
         """
         contact = cascade.contact
         temperature = self._temperature
-        stuck = 0.0
-        for at, count in self._repeats.items():
-            most = STUCK_THERMOMETER_CYCLES if at == _THERMOMETER else STUCK_GAUGE_CYCLES
-            stuck = max(stuck, (count + 1) / most)
         return (
             level(self.vibration.voltage, cascade.parameters.V_max),
             level(temperature.value * temperature.si, self._temperature_max),
             contact.Fn / self._Fn_max,
             hypot(contact.Fx, contact.Fy) / self._Ft_max,
             self._saturated.share(SATURATED_CYCLES),
-            stuck,
+            max(self._rests[at] / most for at, _, most in _STUCK_RULES),
             self._odd.share(GAUGE_CYCLES),
         )
 
     def _stuck(self, sensors: tuple[int, ...]) -> bool:
-        """Count samples that are the same as before, although noise makes them differ.
+        """Count samples that rest where they were, although noise moves those of a sound sensor.
 
         In a row: noise repeats single samples of a sound sensor, which would add up.
         """
-        before = self._repeats
-        same = compress(_PLACES, map(eq, sensors, self._last))
-        self._repeats = repeats = {at: before.get(at, 0) + 1 for at in same}
-        self._last = sensors
+        rests_at, rests = self._rests_at, self._rests
         stuck = False
-        for at, count in repeats.items():
-            most = STUCK_THERMOMETER_CYCLES if at == _THERMOMETER else STUCK_GAUGE_CYCLES
-            stuck |= count >= most - 1
+        for at, within, most in _STUCK_RULES:
+            value = sensors[at]
+            if -within <= value - rests_at[at] <= within:
+                rests[at] += 1
+                if rests[at] >= most:
+                    stuck = True
+            else:
+                rests_at[at] = value
+                rests[at] = 1
         return stuck
 
     def _forces(

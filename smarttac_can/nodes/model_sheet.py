@@ -5,6 +5,7 @@ from __future__ import annotations
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.settings import keep_model, plate_model
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.states import IdentificationState
 
 
 class ModelSheet:
@@ -32,10 +33,16 @@ class ModelSheet:
         if identification.model is None:
             return False
         keep_model(self._od, cascade.model)
-        self.put_in_force(cascade)
+        self._put_in_force(cascade)
         return True
 
-    def put_in_force(self, cascade: Cascade) -> None:
-        """Have the cascade adopt the model, and show how narrow its resonance is."""
+    def take_written(self, cascade: Cascade) -> None:
+        """Put a model in force that was written: another one than before is not identified."""
+        if plate_model(self._od) != cascade.model:
+            self._state.value = int(IdentificationState.IDLE)
+            self._put_in_force(cascade)
+
+    def _put_in_force(self, cascade: Cascade) -> None:
+        """Let the cascade adopt the model, and show how narrow its resonance is."""
         cascade.adopt(plate_model(self._od))
         self._quality.value = self._quality.quantise(cascade.model.quality)

@@ -160,7 +160,7 @@ class StimulatorBlock:
         drive = self.supervisor.permit(asked, measured, mode, self.cascade)
         if drive.voltage and self._hint:
             self._withdraw_hint()
-        self.supervisor.watchdogs.vibration.note_voltage(drive.voltage, late=late)
+        self.supervisor.watchdogs.vibration.note_drive(drive, late=late)
         self._follow()
         self.cascade.realised(drive)
         self._outbox.write(drive, measured.tick)
@@ -343,7 +343,7 @@ class StimulatorBlock:
         if not changed.isdisjoint(WATCHED):
             self.supervisor.watchdogs.configure()
         if MODEL in changed:
-            self._model_sheet.put_in_force(self.cascade)
+            self._model_sheet.take_written(self.cascade)
         if not changed.isdisjoint(_TEXTURES):
             self.cascade.texture = self._textures.player()
         self.cascade.configure(self._parameters)

@@ -179,7 +179,7 @@ class Supervisor:
             faults |= 1 << Watchdog.CONTROLLER
         self._observe(faults)
         if self.machine.state is _RUNNING:
-            return asked
+            return watchdogs.vibration.by_drive.allowed(asked)
         return Drive(0.0, self._safe_frequency(asked.frequency, cascade))
 
     def trip(self, watchdog: Watchdog) -> None:

@@ -13,15 +13,8 @@ from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 Row = tuple[FaultCase, Mode]
-_ASKS = (
-    "the predictive law asks for all the voltage at once, with which the plate may reach more than "
-    "its limit by the drive"
-)
 _HUNTS = "the loop hunts in frequency, so that the wrong phase does not last; the lack comes again"
 _FIRST: Final[Mapping[str, tuple[Watchdog, str]]] = {
-    **{f"pick-up at {gain}": (Watchdog.UNSEEN, _ASKS) for gain in (0.05, 0.1, 0.2, 0.3)},
-    "pick-up d at 0.3": (Watchdog.UNSEEN, _ASKS),
-    "plate cracked": (Watchdog.UNSEEN, _ASKS),
     "pick-up d at 0.1, tracked": (Watchdog.PICKUP, _HUNTS),
     "pick-up d at 0.2, tracked": (Watchdog.PICKUP, _HUNTS),
 }

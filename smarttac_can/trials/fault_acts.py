@@ -214,11 +214,6 @@ def fall_silent(rig: Rig) -> None:
     rig.cycle(GONE_AFTER_US // TICK_US)
 
 
-def limit_bound(nm: int) -> Act:
-    """Make an act that sets the limit of what the drive may make of the vibration, in nm."""
-    return lambda rig: rig.write("Limit.Amplitude by drive", nm)
-
-
 def send_setpoints(rig: Rig) -> None:
     """Have the master send set-points in each cycle, and the stimulator expect them."""
     timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)

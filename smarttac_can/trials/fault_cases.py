@@ -25,7 +25,6 @@ from smarttac_can.vocabulary.watchdogs import (
     SILENT_CYCLES,
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
-    UNSEEN_CYCLES,
     Watchdog,
     sync_window,
 )
@@ -162,15 +161,9 @@ CASES: Final[tuple[FaultCase, ...]] = (
     *_sensor("pick-up q", PICKUP_Q, Watchdog.STUCK, Watchdog.SATURATED),
     broken("S3 saturated, plate inside", SATURATED_CYCLES, Watchdog.NORMAL_FORCE,
             FaultKind.SATURATED, 3, plate_inside=True, why=_BEYOND),
-    broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.PICKUP,
-            FaultKind.GAIN, PICKUP_D, 6000, needs_voltage=True, up_to_N=1.2, instead={
-                Mode.OPEN_LOOP: Watchdog.SATURATED, Mode.FRICTION: Watchdog.SATURATED,
-                Mode.TEXTURE: Watchdog.SATURATED,
-            }, why="six times the vibration is beyond the end of the range where no amplitude "
-            "loop takes it back"),
+    broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.SATURATED,
+            FaultKind.GAIN, PICKUP_D, 6000, modes=REGULATED, needs_voltage=True, up_to_N=1.2),
     *WEAK_PICKUP,
-    FaultCase("bound by the drive above its limit", UNSEEN_CYCLES, Watchdog.UNSEEN,
-              act.limit_bound(100), act.limit_bound(5000), needs_voltage=True, through_loop=True),
     broken("thermometer stuck", STUCK_THERMOMETER_CYCLES, Watchdog.STUCK,
             FaultKind.STUCK, THERMOMETER),
     broken("thermometer jumps", AT_ONCE, Watchdog.TEMPERATURE,

@@ -247,7 +247,7 @@ def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> Healthy
     _arm(block, mode)
     modes = [mode.name]
     cycles = draw.randrange(1000, 2001)
-    pause = draw.choice((10, 30, 100, 400))
+    pause = draw.choice((3, 10, 30, 100, 400))
     trip_cause, cause = TripCause(bench), ""
     status, bit = od["Statusword"], int(Status.LIMITED)
     limited, peak, ended, after = 0, 0.0, "", -1

@@ -84,7 +84,7 @@ class Margins:
             *self._stimulator.levels(),
             *self._plate.levels(),
             abs(self._plate.block.plate.W) / (trip.value * trip.si),
-            self._vibration.bound / (most.value * most.si),
+            self._vibration.by_drive.size / (most.value * most.si),
         )
         _raise(self._run, self._mode.value, levels)
 

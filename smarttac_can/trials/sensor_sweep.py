@@ -367,7 +367,7 @@ class Result:
     """The first watchdogs that tripped, joined by +; empty if nothing ended the run."""
     after: int
     """Cycles from the onset, or from the first drive if that is later, until the fault; below 0 for
-    a false trip before the onset, 0 with nothing that ended it."""
+    one before that, 0 with nothing that ended it."""
     peak_um: float
     """Largest true amplitude in um peak-to-peak."""
     in_a_row: int
@@ -584,7 +584,7 @@ def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
         lifts = (reference + 100) * TICK
     finger = CellFinger(cell.force, lands, lifts)
     bench.begin(cell, finger, failure, onset)
-    return _watched(cell, failure, bench, reference, promise)
+    return _watched(cell, failure, bench, (onset, reference), promise)
 
 
 def bounds(cell: Cell, promise: Promise = PROMISES) -> tuple[float, float]:
@@ -634,9 +634,13 @@ class _Meter:
 
 
 def _watched(
-    cell: Cell, failure: Failure, bench: _Bench, reference: int, promise: Promise
+    cell: Cell, failure: Failure, bench: _Bench, ticks: tuple[int, int], promise: Promise
 ) -> Result:
-    """Drive, and keep the figures of the plate."""
+    """Drive, and keep the figures of the plate.
+
+    The ticks are that from which the sensor fails, and that from which cycles are counted.
+    """
+    onset, reference = ticks
     block, tick = bench.block, bench.block.tick
     plate, supervisor = bench.plate.plate, block.supervisor
     meter = _Meter(plate, *bounds(cell, promise), promise.contact_N)
@@ -672,7 +676,7 @@ def _watched(
         round(sum(errors) / len(errors), 4) if errors else 0.0,
     )  # fmt: skip
     violation = broken_promise(cell, result, promise)
-    if ended and after < 0:
+    if ended and reference + after < onset:
         violation = f"{ended} tripped {-after} cycles before the failure: a false trip"
     if violation:
         for applies, why in EXCLUSIONS:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf
-from types import MappingProxyType
 from typing import Final
 
 from smarttac_can.trials.fault_case import REGULATED, RING_DOWN_CYCLES, TRACKED, FaultCase, broken
@@ -22,27 +21,18 @@ pick-up at 0.4, shows."""
 _FIXED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
 _BY_FRICTION: Final = (Mode.FRICTION,)
 """Elsewhere half the gain is at the bound of what is seen: cycles beyond it add up in the end."""
-_BY_AMPLITUDE: Final = {
-    Mode.AMPLITUDE: Watchdog.UNSEEN,
-    Mode.AMPLITUDE_RESONANCE: Watchdog.UNSEEN,
-}
-"""Loops that drive a plate beyond what it may reach, before the lack has lasted."""
 
 
 def _weak(
     sensor: int,
     per_mille: int,
     modes: tuple[Mode, ...] = REGULATED,
-    instead: Mapping[Mode, Watchdog] = MappingProxyType({}),
     up_to_N: float = inf,
 ) -> FaultCase:
     name = f"{_NAMES[sensor]} at {per_mille / _PER_MILLE:g}"
     return broken(
         name, LACK_BOUND, Watchdog.PICKUP, FaultKind.GAIN, sensor, per_mille,
-        modes=modes, instead=instead, needs_voltage=True, up_to_N=up_to_N,
-        detunes=sensor == PICKUP_D,
-        why="the loop drives the plate beyond what it may reach before the lack has lasted"
-        if instead else "",
+        modes=modes, needs_voltage=True, up_to_N=up_to_N, detunes=sensor == PICKUP_D,
     )  # fmt: skip
 
 
@@ -58,13 +48,13 @@ def _detuned(per_mille: int, instead: Mapping[Mode, Watchdog]) -> FaultCase:
 
 WEAK_PICKUP: Final = (
     _weak(PICKUP, 50),
-    _weak(PICKUP, 100, instead=_BY_AMPLITUDE),
-    _weak(PICKUP, 200, instead=_BY_AMPLITUDE),
+    _weak(PICKUP, 100),
+    _weak(PICKUP, 200),
     _weak(PICKUP, 300),
     _weak(PICKUP, 400, up_to_N=_EXPLAINED_N),
     _weak(PICKUP_D, 50, _FIXED),
-    _weak(PICKUP_D, 100, _FIXED, _BY_AMPLITUDE),
-    _weak(PICKUP_D, 200, _FIXED, _BY_AMPLITUDE),
+    _weak(PICKUP_D, 100, _FIXED),
+    _weak(PICKUP_D, 200, _FIXED),
     _detuned(50, {Mode.FRICTION: Watchdog.PICKUP}),
     _detuned(100, {}),
     _detuned(200, {}),

@@ -11,6 +11,8 @@ LOAD_FORCE: Final = 0.5
 """Normal force in N at which the load of a model is stated."""
 _GROWTH: Final = 2.0 / 3.0
 """A Hertz contact grows so with the force, and its damping with it."""
+F0_SLOPE: Final = -14.0
+"""Change of the resonance in Hz/K; paper, section on Fig. 5."""
 GAIN_MIN = 1e-9
 """Least gain in m peak-to-peak per V that is controlled."""
 TAU_MIN = 1e-4

@@ -10,11 +10,14 @@ from smarttac_can.vocabulary.fault_codes import FaultCode
 
 FORGOTTEN: Final = 20
 """Sound cycles that make up for a faulty one, where a watchdog forgets slowly."""
-STUCK_GAUGE_CYCLES: Final = 12
-"""Equal samples of gauge or pick-up in a row that are a fault; 9e-10 false alarms an hour."""
+STUCK_WITHIN: Final = 2
+"""Counts by which a gauge or pick-up that is stuck may still differ: noise of its converter."""
+STUCK_GAUGE_CYCLES: Final = 24
+"""Samples of gauge or pick-up in a row that are within `STUCK_WITHIN` of the first of them and then
+are a fault; 9e-11 false alarms an hour."""
 STUCK_THERMOMETER_CYCLES: Final = 100
-"""The same of the thermometer, half a count of whose noise leaves 0.68 of the samples equal; 1e-10
-false alarms an hour."""
+"""Equal samples of the thermometer in a row that are a fault. Half a count of noise leaves 0.68 of
+the samples equal; 1e-10 false alarms an hour."""
 SATURATED_CYCLES: Final = 2
 AMPLITUDE_CYCLES: Final = 5
 GAUGE_CYCLES: Final = 5

@@ -69,9 +69,9 @@ def test_what_was_made_is_confirmed(log: Log, rows: Rows) -> None:
     ("number", "field", "said", "shown"),
     [
         (STUCK, "voltage_before_v", 35.12, "35.11"),
-        (STUCK, "cycles_to_zero", 11, "12"),
-        (STUCK, "cycles_to_zero", 13, "12"),
-        (STUCK, "cycles_to_zero", None, "12"),
+        (STUCK, "cycles_to_zero", 23, "24"),
+        (STUCK, "cycles_to_zero", 25, "24"),
+        (STUCK, "cycles_to_zero", None, "24"),
         (STUCK, "emcy_codes", [], '["5211h"'),
         (STUCK, "emcy_codes", ["5210h"], '["5211h"'),
         (STUCK, "emcy_code", None, '"5211h"'),
@@ -96,14 +96,14 @@ def test_row_that_says_something_else_is_named(
 
 
 def test_bound_is_compared_with_the_log(log: Log, rows: Rows) -> None:
-    rows[STUCK]["detection_bound_cycles"] = 11
+    rows[STUCK]["detection_bound_cycles"] = 23
     verified(log, rows)
-    rows[STUCK]["detection_bound_cycles"] = 10
+    rows[STUCK]["detection_bound_cycles"] = 22
     assert refusal(log, rows) == (
-        "row 1 (S3 stuck, amplitude): detection_bound_cycles is 10, "
-        "and the cycles to 0 V in the log are 12"
+        "row 1 (S3 stuck, amplitude): detection_bound_cycles is 22, "
+        "and the cycles to 0 V in the log are 24"
     )
-    rows[STUCK]["detection_bound_cycles"] = "12"
+    rows[STUCK]["detection_bound_cycles"] = "24"
     assert "no number of cycles" in refusal(log, rows)
 
 
@@ -172,7 +172,7 @@ def test_drive_of_0_v_that_is_missing_is_noticed(log: Log, rows: Rows) -> None:
         end = log[place][0]
         place = first(log, DRIVE, end)
     del log[place]
-    assert "cycles_to_zero is 12 in the row, 13 in the log" in refusal(log, rows)
+    assert "cycles_to_zero is 24 in the row, 25 in the log" in refusal(log, rows)
 
 
 @pytest.mark.parametrize("can_id", [SYNC, STAGE, DRIVE, EMCY, STATUS, 0x4A0])
@@ -189,14 +189,14 @@ def test_stage_is_believed_rather_than_the_drives(log: Log, rows: Rows) -> None:
         else (time, frame)
         for time, frame in log
     ]
-    assert "cycles_to_zero is 12 in the row, 62 in the log" in refusal(kept, rows)
+    assert "cycles_to_zero is 24 in the row, 70 in the log" in refusal(kept, rows)
 
 
 def test_one_more_cycle_with_a_voltage_is_noticed(log: Log, rows: Rows) -> None:
     place = first(log, STAGE, at(rows, STUCK) + 30_000)
     time, frame = log[place]
     log[place] = time, Frame(STAGE, b"\1" + frame.data[1:])
-    assert "cycles_to_zero is 12 in the row" in refusal(log, rows)
+    assert "cycles_to_zero is 24 in the row" in refusal(log, rows)
 
 
 def test_stage_that_does_not_follow_the_drives_is_noticed(log: Log, rows: Rows) -> None:

@@ -720,7 +720,7 @@ def test_identify_hides_no_fault_behind_its_model(percent: int) -> None:
 
 
 def stick(bench: Stimulator, delay: int = 0) -> None:
-    """Have S3 stuck, which trips a watchdog in 12 cycles while armed."""
+    """Have S3 stuck, which trips a watchdog in 24 cycles while armed."""
     bench.set("Fault.Sensor", 3)
     bench.set("Fault.Delay in cycles", delay)
     bench.set("Fault.Kind", FaultKind.STUCK)
@@ -753,7 +753,7 @@ def test_a_run_says_that_it_ended_in_a_fault(bench: Stimulator) -> None:
 def test_who_has_read_the_state_has_been_told(bench: Stimulator) -> None:
     drive(bench)
     stick(bench)
-    bench._link.run(20, [])
+    bench._link.run(30, [])
     assert bench.state is State.FAULT
     bench.run(0.01)
     bench.run(0.01)
@@ -762,7 +762,7 @@ def test_who_has_read_the_state_has_been_told(bench: Stimulator) -> None:
 def test_who_was_refused_to_arm_has_been_told(bench: Stimulator) -> None:
     drive(bench)
     stick(bench)
-    bench._link.run(20, [])
+    bench._link.run(30, [])
     with pytest.raises(FaultError) as e:
         bench.mode = "amplitude"
     assert e.value.trace is None
@@ -781,7 +781,7 @@ def test_another_fault_has_to_be_told_again(
 ) -> None:
     drive(bench)
     stick(bench)
-    bench._link.run(20, [])
+    bench._link.run(30, [])
     assert bench.state is State.FAULT
     bench.set("Fault.Kind", FaultKind.NONE)
     bench.run(0.1)

@@ -13,8 +13,12 @@ NULLS = (0.7, -1.1, 0.3, -0.2, 1.2, -0.9)
 
 
 def identify(plate, start, cascade=None, forces=(0.0,) * 6):
-    """Run the mode to its end; return the cascade, the ticks and the largest amplitude in m."""
-    cascade = Cascade() if cascade is None else cascade
+    """Run the mode to its end; return the cascade, the ticks and the largest amplitude in m.
+
+    The data sheet is that of the plate.
+    """
+    sheet = CascadeParameters(sheet_gain=plate.model.gain, sheet_tau=plate.model.tau)
+    cascade = Cascade(sheet) if cascade is None else cascade
     cascade.set_mode(Mode.IDENTIFY)
     target = setpoint(frequency=start)
     ticks, largest, progress = 0, 0.0, 0.0

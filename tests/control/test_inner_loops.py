@@ -39,7 +39,7 @@ def run(cascade, plate, target, ticks):
 @pytest.mark.parametrize("law", LAWS)
 def test_a_frequency_beyond_the_limits_is_cut_and_told(law, asked, cut):
     cascade, plate, _ = driven(law, Mode.AMPLITUDE)
-    run(cascade, plate, setpoint(frequency=asked), 1)
+    run(cascade, plate, setpoint(frequency=asked), 100)  # 5 Hz a tick
     assert cascade.mode is Mode.AMPLITUDE
     assert cascade.drive.frequency == cut
     assert cascade.limited & Limit.FREQUENCY

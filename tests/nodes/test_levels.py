@@ -10,7 +10,7 @@ from driven import SETPOINT_DEADLINE_MS, driven, driven_within, write, write_ent
 from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_faults import FrameFault
-from smarttac_can.trials.fault_acts import calm, disturb, limit_amplitude, limit_bound, lose
+from smarttac_can.trials.fault_acts import calm, disturb, limit_amplitude, lose
 from smarttac_can.trials.fault_cases import DRIVE, MEASUREMENTS
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, FaultKind
@@ -72,10 +72,9 @@ def broken(kind: FaultKind, sensor: int = 1, value: int = 0) -> Callable[[Rig], 
         (Watchdog.SYNC_LOST, no_sync, 2 / 3, 1.0),
         (Watchdog.AMPLITUDE, limit_amplitude(100), 1 / 5, 4 / 5),
         (Watchdog.SATURATED, broken(FaultKind.SATURATED, PICKUP_Q), 1 / 2, 1 / 2),
-        (Watchdog.STUCK, broken(FaultKind.STUCK, 1), None, 11 / 12),
+        (Watchdog.STUCK, broken(FaultKind.STUCK, 1), None, 23 / 24),
         (Watchdog.GAUGES, broken(FaultKind.OFFSET, 3, 600), 1 / 5, 4 / 5),
         (Watchdog.PICKUP, broken(FaultKind.GAIN, PICKUP_D, 300), None, 19 / 20),
-        (Watchdog.UNSEEN, limit_bound(100), 1 / 5, 4 / 5),
     ],
     ids=lambda value: value.name if isinstance(value, Watchdog) else "",
 )

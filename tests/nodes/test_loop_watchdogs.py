@@ -188,17 +188,19 @@ def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
     cascade: Any = SimpleNamespace(contact=NOTHING, tribometer=SimpleNamespace(tared=False))
     measurement = Measurement(0j, (0.0,) * 6, 20.0, 0)
 
-    def stuck(sensor: int) -> int:
+    def stuck(sensor: int, rest: int = 7) -> int:
         """Cycles until a sensor whose count stays is stuck."""
         watchdogs.reset()
         for cycles in range(1, 200):
-            counts = [cycles] * 9
-            counts[sensor] = 7
+            counts = [3 * cycles] * 9
+            # A count or two of noise is no movement; the thermometer has none.
+            counts[sensor] = rest if sensor == 8 else rest + cycles % 3
             if watchdogs.look(Measured(measurement, tuple(counts), 0, 1), 0, cascade) & 1 << 15:
                 return cycles
         return 0
 
-    assert [stuck(sensor) for sensor in range(9)] == [12] * 8 + [100]
+    assert [stuck(sensor) for sensor in range(9)] == [24] * 8 + [100]
+    assert stuck(2, rest=0) == 24, "from the first sample on"
 
 
 @pytest.mark.parametrize(
@@ -221,7 +223,7 @@ def test_the_vibration_is_told_how_many_ticks_have_passed(
         contact=NOTHING, tribometer=SimpleNamespace(tared=False, offsets=ZERO)
     )
 
-    def seen(_W: complex, _contact: Contact, _mode: int, ticks: int) -> int:
+    def seen(_W: complex, _contact: Contact, _temperature: float, _mode: int, ticks: int) -> int:
         passed.append(ticks)
         return 0
 

@@ -21,7 +21,7 @@ def shown(od: ObjectDictionary) -> tuple[int, int]:
 
 def identifying() -> tuple[ObjectDictionary, ModelSheet, Cascade, Identification]:
     od, cascade = stimulator_od(), Cascade()
-    identification = Identification(cascade.model, 43_390.0, 150.0, 42_700.0, 44_000.0)
+    identification = Identification(cascade.model, 43_390.0, cascade.parameters)
     cascade.identification = identification
     return od, ModelSheet(od), cascade, identification
 
@@ -55,3 +55,16 @@ def test_at_its_end_the_model_in_force_is_the_one_that_is_read() -> None:
     assert cascade.model == plate_model(od) != found
     assert cascade.model.f0 == pytest.approx(43_250.0)
     assert od["Model.Quality"].value == 1223, "pi x 43.25 kHz x 0.9 ms is 122.3"
+
+
+def test_another_model_that_is_written_is_in_force_and_not_identified() -> None:
+    od, sheet, cascade, _ = identifying()
+    cascade.adopt(plate_model(od))
+    od["Model.State"].value = DONE
+    od["Model.Data sheet tolerance"].value = 20
+    sheet.take_written(cascade)
+    assert od["Model.State"].value == DONE, "the model is the same"
+    od["Model.Gain per volt"].value = 40_000
+    sheet.take_written(cascade)
+    assert od["Model.State"].value == 0
+    assert cascade.model.gain == pytest.approx(40e-9)

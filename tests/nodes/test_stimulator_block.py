@@ -8,8 +8,9 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
+from smarttac_can.vocabulary.faults import PICKUP, FaultKind
 from smarttac_can.vocabulary.signals import Drive
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import State, Status
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 OFF, OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY, TEXTURE = range(7)
@@ -113,11 +114,24 @@ def test_a_limit_is_watched_from_the_next_cycle(driving: Loop) -> None:
 
 
 def test_a_plate_inside_leaves_no_time_for_late_drives(driving: Loop) -> None:
-    assert driving.write("Limit.Amplitude by drive", 100) == 0
-    driving.tick(4)
+    """With a plate node, whose drives may be late by 17 ms, this would take 27 cycles."""
+    for name, raw in (("Sensor", PICKUP), ("Value", 10), ("Kind", FaultKind.GAIN)):
+        assert driving.write(f"Fault.{name}", raw) == 0
+    driving.tick(9)
     assert driving.latched == 0
     driving.tick()
-    assert driving.latched == 1 << Watchdog.UNSEEN
+    assert driving.latched == 1 << Watchdog.PICKUP
+
+
+def test_a_lower_limit_of_the_bound_cuts_the_voltage_and_is_no_fault(driving: Loop) -> None:
+    assert driving.shown("Drive.Voltage") == [2000]
+    assert driving.write("Limit.Amplitude by drive", 300) == 0
+    driving.tick(200)
+    assert driving.block.state is State.RUNNING
+    (cut,) = driving.shown("Drive.Voltage")
+    # 300 nm at 50 nm/V, of which the finger takes some.
+    assert 600 <= cut < 1200
+    assert driving.shown("Statusword")[0] & Status.LIMITED
 
 
 def test_a_model_is_in_force_from_the_next_cycle(loop: Loop) -> None:

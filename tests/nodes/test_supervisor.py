@@ -33,6 +33,7 @@ class Loop:
         stand_in: Any = SimpleNamespace(
             look=lambda _measured, _mode, _cascade: self.faults,
             judge=lambda _asked, _parameters: 0,
+            vibration=SimpleNamespace(by_drive=SimpleNamespace(allowed=self.cut)),
         )
         self.supervisor.watchdogs = stand_in
         self.faults = 0
@@ -42,6 +43,10 @@ class Loop:
         for word in words.get(state, ()):
             self.supervisor.command(word)
         assert self.supervisor.state is state
+
+    def cut(self, drive: Drive) -> Drive:
+        """Cut a drive to 30 V, as the bound of the vibration may."""
+        return drive._replace(voltage=min(drive.voltage, 30.0))
 
     def cycle(
         self,
@@ -93,6 +98,11 @@ def test_only_running_lets_a_voltage_out(state: State, voltage: float) -> None:
     loop = Loop(state)
     assert loop.cycle() == Drive(voltage, 43390.0)
     assert loop.supervisor.state is state
+
+
+def test_what_the_bound_of_the_vibration_cuts_goes_out_cut() -> None:
+    loop = Loop(State.RUNNING)
+    assert loop.cycle(asked=Drive(80.0, 43390.0)) == Drive(30.0, 43390.0)
 
 
 def test_a_cycle_with_a_fault_lets_none_out() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.nodes.vibration_watch import VibrationWatch
-from smarttac_can.vocabulary.signals import Contact
+from smarttac_can.vocabulary.signals import Contact, Drive
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 OPEN_LOOP, AMPLITUDE_RESONANCE = 1, 3
@@ -43,8 +43,8 @@ def missed_after(
             settled = GAIN_UM / TAU_MS * level / pole
             W = settled + (W - settled) * cmath.exp(-pole * ms)
         before = V
-        watch.note_voltage(V)
-        watch.look(complex(direct * W.real, W.imag) * 1e-6, contact, OPEN_LOOP)
+        watch.note_drive(Drive(V, 43_390.0))
+        watch.look(complex(direct * W.real, W.imag) * 1e-6, contact, 20.0, OPEN_LOOP)
         if watch._lack.share(20) >= 1.0:
             return cycle
     return 0
@@ -107,8 +107,8 @@ def told_after(volts: float, readings: Iterable[complex], mode: int, watchdog: W
     watch = VibrationWatch(stimulator_od(), [])
     nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
     for cycle, W in zip(range(1, 5000), itertools.cycle(readings)):
-        watch.note_voltage(volts)
-        if watch.look(W * 1e-6, nobody, mode) >> watchdog & 1:
+        watch.note_drive(Drive(volts, 43_390.0))
+        if watch.look(W * 1e-6, nobody, 20.0, mode) >> watchdog & 1:
             return cycle
     return 0
 
@@ -131,5 +131,5 @@ def test_a_loop_that_is_closed_again_has_its_time_to_find_the_resonance() -> Non
     nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
     for cycle in range(1000):
         mode = OPEN_LOOP if cycle % 100 == 99 else AMPLITUDE_RESONANCE
-        watch.note_voltage(100.0)
-        assert not watch.look(0.5e-6j, nobody, mode) >> Watchdog.RESONANCE & 1
+        watch.note_drive(Drive(100.0, 43_390.0))
+        assert not watch.look(0.5e-6j, nobody, 20.0, mode) >> Watchdog.RESONANCE & 1

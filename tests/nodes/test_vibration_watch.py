@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import struct
 
 import pytest
@@ -16,7 +17,9 @@ from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.vocabulary.objects import ZERO
 from smarttac_can.vocabulary.states import State, Status
 
-OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION = range(1, 5)
+OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY = range(1, 6)
+DONE = 2
+PI, PREDICTIVE = 0, 2
 LIFTED, STROKE = 0, 1
 
 
@@ -58,28 +61,45 @@ def most_um(line: Line, node: StimulatorNode, cycles: int) -> float:
 
 @pytest.mark.parametrize("sensor", [PICKUP, PICKUP_D])
 @pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE])
-@pytest.mark.parametrize(
-    ("gain", "most"), [(50, 7.5), (100, 7.5), (200, 5.0), (300, 3.4), (500, 2.1)]
-)
-def test_a_pickup_that_reads_too_little_is_a_fault(
-    gain: int, most: float, mode: int, sensor: int
-) -> None:
+@pytest.mark.parametrize("gain", [50, 100, 200, 300, 500])
+def test_a_pickup_that_reads_too_little_is_a_fault(gain: int, mode: int, sensor: int) -> None:
     line, node = driving(mode, Voltage=2000)
     line.sync(60)
     lose_gain(line, node, sensor, gain)
     reached = most_um(line, node, 200)
     assert node.block.state is State.FAULT
-    assert reached < (1.01 if mode == OPEN_LOOP else most)
+    assert reached < (1.01 if mode == OPEN_LOOP else min(1.05 * 1000 / gain, 3.27) + 0.01)
 
 
 @pytest.mark.parametrize("mode", [AMPLITUDE, AMPLITUDE_RESONANCE])
-def test_a_large_vibration_that_the_pickup_hides_ends_within_10_cycles(mode: int) -> None:
+@pytest.mark.parametrize("per_mille", [50, 100, 500])
+def test_what_the_pickup_hides_stays_within_3_27_um_and_ends(mode: int, per_mille: int) -> None:
     line, node = driving(mode, Amplitude=3000)
     line.sync(60)
-    lose_gain(line, node, PICKUP, 100)
-    most_um(line, node, 20)
+    lose_gain(line, node, PICKUP, per_mille)
+    assert most_um(line, node, 200) < 3.28
     assert node.block.state is State.FAULT
-    assert "whatever the pick-up reads" in node.od["Message"].value
+    assert node.od["Diagnosis.Code"].value == 0x5213
+
+
+@pytest.mark.parametrize("per_mille", [50, 100, 200, 300])
+@pytest.mark.parametrize("Fn", [0, 200, 800])
+@pytest.mark.parametrize("law", [PI, PREDICTIVE])
+def test_off_the_resonance_a_broken_axis_hides_no_vibration(
+    law: int, Fn: int, per_mille: int
+) -> None:
+    """90 Hz below the resonance the direct axis fails: the phase that is read is wrong."""
+    line, node = driving(AMPLITUDE, finger=STROKE if Fn else LIFTED, Frequency=4_330_000,
+                         Amplitude=3000)  # fmt: skip
+    assert line.write(node, "Controlword", 0) == 0
+    assert line.write(node, "Controller.Vibration law", law) == 0
+    if Fn:
+        assert line.write(node, "Finger.Force", Fn) == 0
+    line.run(node, AMPLITUDE)
+    line.sync(150)
+    assert node.block.state is State.RUNNING
+    lose_gain(line, node, PICKUP_D, per_mille)
+    assert most_um(line, node, 1000) < (5.0 if Fn else 3.28)
 
 
 @pytest.mark.parametrize("gain", [600, 700, 800, 900])
@@ -123,8 +143,8 @@ def test_the_bound_by_the_drive_holds_and_leaves_the_paper_its_room(
     bounds = []
     for _ in range(1500):
         line.sync()
-        assert true_um(node) < vibration.bound * 1e6 + 0.01
-        bounds.append(vibration.bound * 1e6)
+        assert true_um(node) < vibration.by_drive.size * 1e6 + 0.01
+        bounds.append(vibration.by_drive.size * 1e6)
     assert node.block.state is State.RUNNING
     assert max(bounds) < 4.5, "the default limit is 5 um"
 
@@ -191,9 +211,70 @@ def test_a_model_of_a_weak_pickup_does_not_lower_the_bound(gain: int) -> None:
     lose_gain(line, node, PICKUP, gain)
     line.run(node, AMPLITUDE)
     assert line.write(node, "Setpoint.Amplitude", 3000) == 0
-    above = 0
-    for _ in range(100):
+    # The data sheet's 50 nm/V less 10 %: 3.27 um over 0.9.
+    assert 3.4 < most_um(line, node, 300) < 3.64
+    assert node.od["Statusword"].value & Status.LIMITED
+
+
+def identified(line: Line, node: StimulatorNode) -> None:
+    line.run(node, IDENTIFY)
+    line.sync(1200)
+    assert node.od["Model.State"].value == DONE
+    assert line.write(node, "Controlword", 0) == 0
+
+
+@pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE])
+@pytest.mark.parametrize("law", [PI, PREDICTIVE])
+@pytest.mark.parametrize("dead_time", [0, 540, 999])
+@pytest.mark.parametrize("known", [False, True])
+def test_hops_of_the_frequency_are_no_fault_and_make_no_more(
+    known: bool, dead_time: int, law: int, mode: int
+) -> None:
+    line, node = driving(OPEN_LOOP)
+    assert line.write(node, "Controlword", 0) == 0
+    for name, raw in (("Controller.Dead time", dead_time), ("Simulation.Drive instant", dead_time),
+                      ("Controller.Vibration law", law), ("Simulation.Start run", 1)):  # fmt: skip
+        assert line.write(node, name, raw) == 0
+    line.sync(100)
+    if known:
+        identified(line, node)
+    assert line.write(node, "Setpoint.Amplitude", 3000) == 0
+    assert line.write(node, "Setpoint.Voltage", 6000) == 0
+    line.run(node, mode)
+    draw, most = random.Random(5), 0.0
+    hops = (4_339_000, 4_330_000, 4_345_000, 4_310_000, 4_270_000, 4_400_000)
+    for cycle in range(1200):
+        if not cycle % 30 if cycle < 400 else draw.random() < 0.15:
+            assert line.write(node, "Setpoint.Frequency", draw.choice(hops)) == 0
         line.sync()
-        above += true_um(node) > 5.0
-    assert node.block.state is State.FAULT
-    assert above < 10
+        most = max(most, true_um(node))
+        assert node.block.state is State.RUNNING, node.od["Message"].value
+    assert 2.9 < most < 3.2
+
+
+def test_a_hop_in_mode_amplitude_is_a_way_of_5_hz_a_cycle() -> None:
+    line, node = driving(AMPLITUDE, Frequency=4_339_000)
+    line.sync(30)
+    assert not node.od["Statusword"].value & Status.LIMITED
+    assert line.write(node, "Setpoint.Frequency", 4_331_800) == 0
+    ways = []
+    for _ in range(20):
+        line.sync()
+        ways.append(
+            (node.od["Drive.Frequency"].value, node.od["Statusword"].value & Status.LIMITED)
+        )
+    assert [way for way, _ in ways[:15]] == [4_339_000 - 500 * n for n in range(1, 15)] + [
+        4_331_800
+    ]
+    assert all(limited for _, limited in ways[:14])
+    assert not any(limited for _, limited in ways[14:])
+
+
+def test_an_identification_that_would_drive_too_much_says_what_to_correct() -> None:
+    """A pick-up that reads next to nothing lets the probe go up to the bound of the drive."""
+    line, node = driving(OPEN_LOOP)
+    assert line.write(node, "Controlword", 0) == 0
+    lose_gain(line, node, PICKUP, 20)
+    line.run(node, IDENTIFY)
+    assert most_um(line, node, 800) < 3.28
+    assert node.od["Model.State"].value != DONE

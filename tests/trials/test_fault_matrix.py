@@ -167,7 +167,7 @@ def test_every_driving_mode_is_there_for_most_faults() -> None:
 def test_what_acts_through_the_loop_is_also_there_under_the_predictive_laws() -> None:
     rows = cases([], ["friction_predictive"])
     names = {case.name for case, _ in rows}
-    assert len(names) == len(rows) == 58
+    assert len(names) == len(rows) == 57
     assert {"S1 dead", "pick-up d at 0.1, tracked", "thermometer jumps", "drives lost"} <= names
     assert not names & {"NMT stop", "bus-off", "another plate", "S3 saturated, plate inside"}
     for case, mode in rows[:2]:
