@@ -253,6 +253,9 @@ class CanLink:
         end = self._clock() + self._timeout
         while any(pdo.received is None for pdo in self._pdos) and self._clock() < end:
             sleep(_POLL_S)
+        none = all(pdo.received is None for pdo in self._pdos)
+        if none and (wrong_time := self.wrong_time()):
+            raise NotRunningError(wrong_time)
 
     def _at_rest(self) -> bool:
         try:

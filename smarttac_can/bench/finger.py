@@ -128,7 +128,11 @@ class SimulatedFinger:
         ------
         RefusedError
             If a force is above 8 N; also of a plate of hardware.
+        ValueError
+            If it is no `Placing`.
         """
+        if not isinstance(placing, Placing):
+            raise ValueError(f"placing {placing!r} is no Placing")
         names = ("Weight.Force x", "Weight.Force y", "Weight.Normal force")
         try:
             for name, force in zip(names, placing.load(gravity), strict=True):

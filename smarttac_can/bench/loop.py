@@ -131,7 +131,7 @@ class Loop:
         Parameters
         ----------
         names
-            Names of the objects.
+            Names of the objects, one or more.
         count
             How many times, 1 or more.
 
@@ -143,12 +143,14 @@ class Loop:
         Raises
         ------
         ValueError
-            If `count` is below 1.
+            If `count` is no integer of 1 or more, or `names` are none.
         BenchError
             If there is no such object, or it is no number. Otherwise as `run`.
         """
-        if count < 1:
-            raise ValueError(f"count {count} is below 1")
+        if type(count) is not int or count < 1:
+            raise ValueError(f"count {count!r} is no integer of 1 or more")
+        if isinstance(names, str) or not names:
+            raise ValueError(f"names {names!r} are no list of names of objects")
         samples: list[list[float]] = []
         rows: list[Row] = []
         knew_fault = self._control.knows_fault

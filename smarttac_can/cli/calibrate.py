@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from smarttac_can import __version__
-from smarttac_can.bench import Stimulator
+from smarttac_can.bench import Stimulator, stimulator_od
 from smarttac_can.bench.calibration import (
     POSITIONS,
     Calibration,
@@ -149,8 +149,9 @@ def _ask(what: str) -> None:
 
 
 def _tell(calibration: Calibration) -> None:
+    od = stimulator_od()
     for name, value in calibration.objects().items():
-        click.echo(f"{name}: {value:.4f}")
+        click.echo(f"{name}: {value:.4f} {od[name].unit.symbol}".rstrip())
     names = (("Fx", "N"), ("Fy", "N"), ("Fn", "N"), ("x", "mm"))
     for (name, unit), rms in zip(names, calibration.rms, strict=True):
         if not np.isnan(rms):

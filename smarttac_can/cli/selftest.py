@@ -10,6 +10,7 @@ import click
 
 from smarttac_can import __version__
 from smarttac_can.bench import Stimulator
+from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.bench.self_test import Check
 from smarttac_can.bench.self_test import selftest as judge
 from smarttac_can.cli.options import BusChoice, stimulator_options
@@ -76,7 +77,7 @@ def _summary(checks: list[Check], failed: list[Check]) -> str:
 def _line(check: Check) -> str:
     verdict = "ok    " if check.passed else "FAILED"
     if check.value is None:
-        return one_line(f"{verdict}  {check.name}: {check.text}")
+        return one_line(f"{verdict}  {check.name}: {in_shell_words(check.text)}")
     low, high = (f"{bound:g}" if isfinite(bound) else "" for bound in (check.low, check.high))
     limits = low if low == high else f"{low}..{high}"
     return f"{verdict}  {check.name:<28} {check.value:>10.6g} {check.unit:<5} ({limits})"

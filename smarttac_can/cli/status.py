@@ -225,9 +225,9 @@ def _levels(device: RemoteDevice) -> dict[str, Any]:
 
 def _lines(said: dict[str, Any]) -> Iterator[str]:
     plate = said["plate"]
-    nodes = [f"stimulator {said['node_id']} {said['nmt']}"]
+    nodes = [f"stimulator {said['node_id']} {_heard(said['nmt'])}"]
     if plate is not None:
-        nodes.append(f"plate {plate['node_id']} {plate['nmt']}")
+        nodes.append(f"plate {plate['node_id']} {_heard(plate['nmt'])}")
     yield _line("nodes", f"{', '.join(nodes)}, on {said['bus']}")
     flags = f" ({', '.join(said['flags'])})" if said["flags"] else ""
     yield _line("state", f"{said['state'].replace('_', ' ')}, mode {said['mode']}{flags}")
@@ -240,9 +240,15 @@ def _lines(said: dict[str, Any]) -> Iterator[str]:
     if said["message"]:
         yield _line("message", said["message"])
     yield _line("driven by", _drivers(said))
+    if "live" not in said["flags"]:
+        yield _line("no cycle comes", "what follows is of the last one, or of none")
     for name, now in said["levels"].items():
         share = "" if now["level"] is None else f", {now['level']:.0%}"
         yield _line(name, f"{now['value']:g} of {now['limit']:g} {now['unit']}{share}")
+
+
+def _heard(nmt: str) -> str:
+    return "in a state that no heartbeat tells" if nmt == UNKNOWN else nmt
 
 
 def _line(name: str, text: str) -> str:

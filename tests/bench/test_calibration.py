@@ -202,6 +202,11 @@ def test_a_weight_in_the_wrong_place_is_found_in_a_rehearsal(bench: Stimulator) 
     assert said.startswith("x is left with ")
 
 
+def test_a_weight_that_is_no_placing(bench: Stimulator) -> None:
+    with pytest.raises(ValueError, match=r"placing \(200, 30\) is no Placing"):
+        bench.finger.put((200, 30))  # type: ignore[arg-type]
+
+
 def test_a_weight_that_the_simulated_plate_does_not_take(bench: Stimulator) -> None:
     with pytest.raises(RefusedError, match=r"Weight.Normal force: .* 0 to 8000 mN"):
         bench.finger.put(Placing(900, 0, 0, 0))

@@ -170,7 +170,7 @@ def test_a_heartbeat_that_stays_away(
         other.send(heartbeat)
         until(lambda: device.heartbeat_at is not None)
         now = device.heartbeat_at + 2.9
-        bench._link.snapshot()
+        bench._link._check()  # type: ignore[attr-defined]
         now = device.heartbeat_at + 3.1
         with pytest.raises(HeartbeatLostError, match=r"no heartbeat for 3\.1 s: it has stopped"):
             bench.read()
@@ -334,6 +334,15 @@ def test_a_reading_right_after_connect_waits_for_the_first_values(virtual: dict[
         Stimulator.connect(**virtual, timeout=GUARD_S) as bench,
     ):
         assert bench.read().mode is Mode.OFF
+
+
+def test_a_reading_of_nodes_in_lockstep_names_the_cure(virtual: dict[str, Any]) -> None:
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        Stimulator.connect(**virtual, timeout=0.3) as bench,
+        pytest.raises(NotRunningError, match="stands still without SYNC: connect with lockstep"),
+    ):
+        bench.read()
 
 
 def test_a_reading_waits_for_no_longer_than_the_time_out(virtual: dict[str, Any]) -> None:

@@ -579,6 +579,31 @@ def test_without_a_finger_there_is_no_cof(bench: Stimulator) -> None:
     assert isnan(bench.read().cof)
 
 
+@pytest.mark.parametrize(
+    ("names", "count", "message"),
+    [
+        (["Plate input.S1"], 0, r"count 0 is no integer of 1 or more"),
+        (["Plate input.S1"], 2.5, r"count 2\.5 is no integer of 1 or more"),
+        ("Plate input.S1", 3, r"names 'Plate input\.S1' are no list of names of objects"),
+        ([], 3, r"names \[\] are no list of names of objects"),
+    ],
+)
+def test_a_sample_of_nothing_is_refused(names: Any, count: Any, message: str) -> None:
+    with Stimulator.simulate("local") as bench, pytest.raises(ValueError, match=message):
+        bench.sample(names, count)
+
+
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_a_sample_has_a_row_of_another_cycle_each_time(link: LinkName) -> None:
+    with Stimulator.simulate(link) as bench:
+        bench.run(0.05)
+        samples = bench.sample(["Contact.Tick", "Plate input.S1"], 20)
+        assert samples.shape == (20, 2)
+        assert samples[:, 0].tolist() == list(range(50, 70))
+        assert 2.0 < samples[:, 1].std() < 9.0  # mN
+        assert bench.get("Cycle.Cycles") == 70
+
+
 @pytest.mark.parametrize("link", ["local", "bus"])
 def test_a_simulation_has_the_seed_and_the_subject_that_are_given(link: LinkName) -> None:
     with Stimulator.simulate(link, seed=7, subject=3) as bench:

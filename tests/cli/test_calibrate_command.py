@@ -121,6 +121,8 @@ def test_a_plate_is_calibrated_and_has_its_nulls(laboratory: Laboratory, tmp_pat
     assert written["Gauge null.Window"] == 60
     assert written["Calibration.Fx from S1"] == round(found["Calibration.Fx from S1"] * 1e4)
     assert "S3 to S6 show" in result.stdout
+    assert "Calibration.Position of S3: -2" in result.stdout
+    assert result.stdout.splitlines()[4].endswith(" um")
 
 
 REHEARSAL = """mass_g,angle_deg,azimuth_deg,x_mm

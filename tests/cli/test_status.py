@@ -96,6 +96,13 @@ def test_state_and_levels_of_a_run_that_goes_on(
     assert text["state"] == "running, mode open_loop (live, driving)"
     assert text["driven by"] == "somebody whose heartbeat is not watched"
     assert text["voltage"] == "12 of 150 V, 8%"
+    assert text["nodes"].startswith("stimulator 32 in a state that no heartbeat tells, on virtual:")
+
+
+def test_values_that_no_cycle_has_renewed_are_named(virtual: dict[str, Any]) -> None:
+    with in_threads(virtual, stimulator_with_plate()):
+        said = smarttac(virtual, "status").stdout.splitlines()
+    assert said[3] == "no cycle comes what follows is of the last one, or of none"
 
 
 def test_a_fault_is_named_and_reset_when_its_cause_is_gone(
