@@ -86,6 +86,8 @@ _ROUNDING: Final = 1.0 + 1e-9
 """A bound that a voltage was cut to may miss its limit by the last bits."""
 _IDENTIFIED: Final = IdentificationState.DONE
 _IDENTIFY: Final = Mode.IDENTIFY
+_OPEN_LOOP: Final = Mode.OPEN_LOOP
+"""The mode in which the frequency may hop; a loop that hunts in frequency is no excuse."""
 _UNJUDGED: Final = (Mode.OFF, Mode.IDENTIFY)
 """Modes in which nothing is missed: there is no voltage, or no model yet."""
 _TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
@@ -468,7 +470,7 @@ class VibrationWatch:
         lack, least = self._lack, self._least
         if mode in _UNJUDGED:
             lack.clear()
-        elif least > _LOOKED_FOR and not self._turning:
+        elif least > _LOOKED_FOR and not (self._turning and mode == _OPEN_LOOP):
             # A loop that is led astray hunts: what is lacking comes and goes with the phase.
             lack.count(amplitude < _LACK * least, most)
         return lack.share(most) >= 1.0

@@ -48,8 +48,9 @@ FORCE_PATH_CYCLES: Final = 6
 _BEYOND: Final = "the end of the range, less the zero, is above the limit of the force in one cycle"
 _LATERAL: Final = "without a finger a lateral force contradicts the other gauges at once"
 _DIAGONAL: Final = (
-    "0 N contradicts the other three normal gauges before it has lasted for 12 cycles"
+    "0 N contradicts the other three normal gauges before it has lasted for 24 cycles"
 )
+_MOVED: Final = "the texture moves the vibration away from where the reading rests"
 _LOOP: Final = (
     "an amplitude loop asks for more until the other axis is at its end; an identification beside "
     "the resonance still reads that one, so that equal samples are first"
@@ -78,8 +79,12 @@ def _sensor(
 ) -> list[FaultCase]:
     """Return the ways in which any sensor fails; `instead` and `why` are of a dead one."""
     beyond = "" if saturated is Watchdog.SATURATED else _BEYOND
+    moved = {Mode.TEXTURE: Watchdog.PICKUP} if sensor == PICKUP_D else {}
     return [
-        broken(f"{name} stuck", STUCK_GAUGE_CYCLES, Watchdog.STUCK, FaultKind.STUCK, sensor),
+        broken(
+            f"{name} stuck", STUCK_GAUGE_CYCLES, Watchdog.STUCK, FaultKind.STUCK, sensor,
+            instead=moved, why=_MOVED if moved else "",
+        ),
         broken(
             f"{name} dead", STUCK_GAUGE_CYCLES, dead, FaultKind.DEAD, sensor,
             instead=instead, why=why,

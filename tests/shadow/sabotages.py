@@ -58,7 +58,7 @@ SABOTAGES: Final = (
     ),
     Sabotage(
         "a watch trips a cycle later", "nodes.loop_watchdogs LoopWatchdogs._stuck",
-        "count >= most - 1", "count >= most",
+        "rests[at] >= most", "rests[at] > most",
         "frames", (("fault", 1, 1, 0, 0), ("cycles", 40)),
     ),
     Sabotage(

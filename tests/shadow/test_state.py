@@ -99,6 +99,8 @@ UNSEEN: Final[dict[str, str]] = {
     "AnalogueInput._shown": "what stands in the object dictionary",
     "Cascade._predictive": "the same object as in the inner loops",
     "Clock.next_due": "made of the timers",
+    "DriveBound._asked": "what `_response_asked` belongs to",
+    "DriveBound._response_asked": "made of frequency, resonance and finger when it is asked for",
     "EmergencyConsumer.alive": "follows from the NMT state",
     "Emergency.alive": "follows from the NMT state",
     "ErrorBehaviour._state": "is the NMT state",
