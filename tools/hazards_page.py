@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator
 from math import exp, pi, sqrt
 from pathlib import Path
 from typing import Any
 
+from fmeda_page import Found, found, summary
+
+from smarttac_can.control.cascade import FREQUENCY_STEP
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.nodes import drive_sender
+from smarttac_can.nodes.hard_caps import AMPLITUDE_TRIP_MAX
 from smarttac_can.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
 from smarttac_can.nodes.loop_period import deadlines
 from smarttac_can.nodes.master_watch import NOT_OPERATIONAL_US
@@ -23,6 +28,7 @@ from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK_US
 
 HAZARDS = Path(__file__).resolve().parent / "hazards.toml"
 MATRIX = HAZARDS.parent.parent / "docs" / "reference" / "faults.md"
+CI = HAZARDS.parent.parent / ".ci" / "run"
 _PLATE = ResonatorParameters()
 _TRIP = "Limit.Amplitude trip"
 _VOLTAGE = "Limit.Voltage"
@@ -39,6 +45,7 @@ def hazards_page() -> str:
     for hazard in source["hazard"]:
         rows = _rows(hazard["cause"], times, stimulator)
         lines += [f"## {hazard['name']}", "", hazard["what"], "", *rows]
+    lines += ["## Common causes", "", source["common_head"], *_common(source["common"], times)]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -50,6 +57,7 @@ def bounds(stimulator: ObjectDictionary, plate: ObjectDictionary) -> dict[str, f
     deadline, silence = (entry.default for entry in deadlines(plate, (DRIVE_RPDO, HARDWARE_RPDO)))
     sensors = SensorParameters()
     swing = 2 * pi * sensors.path_frequency * sqrt(1 - sensors.path_damping**2)
+    tolerance = _default(stimulator, "Model.Data sheet tolerance")
     constants = {name: value for name, value in vars(watchdogs).items() if name.isupper()}
     return {
         **{name: value for name, value in constants.items() if isinstance(value, int)},
@@ -72,6 +80,9 @@ def bounds(stimulator: ObjectDictionary, plate: ObjectDictionary) -> dict[str, f
         "FORGOTTEN": watchdogs.FORGOTTEN,
         "MISSED_PERCENT": stimulator["Limit.Missed ticks"].default,
         "BY_DRIVE": round(1e6 * _default(stimulator, "Limit.Amplitude by drive")),
+        "HZ": round(FREQUENCY_STEP),
+        "BARE": round(1e6 * AMPLITUDE_TRIP_MAX / (1.0 - tolerance), 2),
+        "SHEET": stimulator["Model.Data sheet tolerance"].default,
         "A": round(1e6 * _default(stimulator, _TRIP), 2),
         "V": round(_default(stimulator, _VOLTAGE)),
         "K": round(1e9 * _PLATE.gain, 1),
@@ -93,11 +104,11 @@ def _rows(
             (
                 cause["what"],
                 cause.get("common", ""),
-                cause["function"],
+                cause["function"].format_map(times),
                 ", ".join(cause["watchdogs"]),
                 cause["bound"].format_map(times),
                 "; ".join(_reached(cause, times, od)),
-                cause["residual"],
+                cause["residual"].format_map(times | _tried(cause)),
                 ", ".join(f"`{test.partition('::')[2]}`" for test in cause["tests"]),
             )
             for cause in causes
@@ -125,7 +136,60 @@ def _reached(cause: dict[str, Any], times: dict[str, float], od: ObjectDictionar
     else:
         yield f"{amplitude * 1e6:.1f} um"
     if faults := cause.get("simulated"):
-        yield f"{simulated(faults):.2f} um in the matrix"
+        yield f"{max(simulated(faults)):.2f} um in the matrix"
+    if rows := cause.get("swept"):
+        yield _swept(found(rows, summary()))
+
+
+def _swept(figures: Found) -> str:
+    above = f", {figures.above} ms of it above the bound" if figures.above else ""
+    return f"{figures.peak_um:.2f} um{above} in the sweep"
+
+
+def _tried(cause: dict[str, Any]) -> dict[str, str]:
+    """Return what was tried instead of a proof, and what it found."""
+    made = summary()
+    runs = made["healthy"]
+    tried = {
+        "HOSTILE": f"{_hostile_actions():,}".replace(",", " "),
+        "HEALTHY": f"{runs['false'] or 'no'} false trips in {runs['runs']} runs without a failure",
+    }
+    if faults := cause.get("simulated"):
+        tried["MATRIX"] = f"none in {len(simulated(faults))} rows of the matrix"
+    if rows := cause.get("swept"):
+        tried["SWEEP"] = f"{found(rows, made)} of the sweep"
+    return tried
+
+
+def _hostile_actions() -> int:
+    """Return how many frames a hostile node sends in each run of continuous integration.
+
+    Raises
+    ------
+    ValueError
+        If none does.
+    """
+    said = re.search(r"hostile --actions (\d+)", CI.read_text(encoding="utf-8"))
+    if said is None:
+        raise ValueError(f"{CI} runs no hostile node with --actions")
+    return int(said.group(1))
+
+
+def _common(causes: list[dict[str, Any]], times: dict[str, float]) -> Iterator[str]:
+    return table(
+        ("What", "Feeds the loop", "Feeds its watch", "What breaks the tie", "Found"),
+        *(
+            (
+                cause["what"],
+                cause["loop"],
+                cause["watch"],
+                cause["tie"].format_map(times),
+                f"{figures} of the sweep; {_swept(figures)}",
+            )
+            for cause in causes
+            for figures in [found(cause["swept"], summary())]
+        ),
+    )
 
 
 def _energy(millijoules: float) -> str:
@@ -151,8 +215,8 @@ def loss(amplitude: float) -> float:
     return 0.5 * _PLATE.damping * velocity * velocity
 
 
-def simulated(faults: list[str]) -> float:
-    """Return the largest vibration in um of the rows of the fault matrix that begin so.
+def simulated(faults: list[str]) -> list[float]:
+    """Return the vibration in um of each row of the fault matrix that begins so.
 
     Raises
     ------
@@ -160,7 +224,7 @@ def simulated(faults: list[str]) -> float:
         If a fault has no row.
     """
     column = 0
-    found: dict[str, list[float]] = {fault: [] for fault in faults}
+    reached: dict[str, list[float]] = {fault: [] for fault in faults}
     for line in MATRIX.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if not line.startswith("|"):
@@ -170,10 +234,10 @@ def simulated(faults: list[str]) -> float:
         elif column:
             for fault in faults:
                 if cells[0].startswith(fault):
-                    found[fault].append(float(cells[column]))
-    if missing := [fault for fault, rows in found.items() if not rows]:
+                    reached[fault].append(float(cells[column]))
+    if missing := [fault for fault, rows in reached.items() if not rows]:
         raise ValueError(f"{MATRIX.name} has no row {', '.join(missing)}")
-    return max(max(rows) for rows in found.values())
+    return [um for rows in reached.values() for um in rows]
 
 
 def _default(od: ObjectDictionary, name: str) -> float:

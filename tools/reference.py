@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from fmeda_page import fmeda_page
 from hazards_page import hazards_page
 from python_reference import python_pages
 from safety_reference import safety
@@ -151,27 +152,36 @@ def command_line() -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
-    """Write the pages, or with --check return 1 if one of them is not what would be written."""
-    pages = {
+def _pages() -> dict[Path, str]:
+    return {
         FOLDER / "objects.md": objects(),
         FOLDER / "cli.md": command_line(),
         FOLDER / "safety.md": safety(),
+        FOLDER / "fmeda.md": fmeda_page(),
         FOLDER.parent / "explanation" / "hazards.md": hazards_page(),
         **{FOLDER / page: text for page, text in python_pages()},
     }
+
+
+def write_pages() -> None:
+    """Write all pages anew."""
+    (FOLDER / "python").mkdir(parents=True, exist_ok=True)
+    for path, text in _pages().items():
+        path.write_text(text, encoding="utf-8")
+
+
+def main() -> int:
+    """Write the pages, or with --check return 1 if one of them is not what would be written."""
     if sys.argv[1:] == ["--check"]:
         stale = [
             path
-            for path, text in pages.items()
+            for path, text in _pages().items()
             if not path.exists() or path.read_text(encoding="utf-8") != text
         ]
         for path in stale:
             print(f"{path.name} is stale: run tools/reference.py")
         return 1 if stale else 0
-    (FOLDER / "python").mkdir(parents=True, exist_ok=True)
-    for path, text in pages.items():
-        path.write_text(text, encoding="utf-8")
+    write_pages()
     return 0
 
 

@@ -73,7 +73,7 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
     metavar="NAME=VALUE,...",
     help="Instead, this cell alone, as a line of the results names it; may be given again.",
 )
-@seed_option("Seed of the random cells, or of the first healthy run.")
+@seed_option("Seed of the cells, or of the first healthy run.")
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
@@ -109,7 +109,7 @@ def fmeda(
             else:
                 if random_ is not None:
                     cells = random_cells(random_, seed)
-                chosen = cells or grid_cells(fine=not coarse)
+                chosen = cells or grid_cells(seed, fine=not coarse)
                 results = list(run_all(run_cell, chosen, workers=workers, progress=progress))
         if healthy is not None:
             report_results(healthy_as_json(runs), _healthy_lines(runs), file)

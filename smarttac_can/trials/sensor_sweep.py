@@ -742,17 +742,21 @@ def _drawn(draw: random.Random, failure: Failure, mode: Mode, cycles: int, *, gr
     )
 
 
-COARSE_SEED: Final = 27
 _OF_PICKUP: Final = 2
 """Cells for each of the failures of the pick-up in a mode, for one of the others."""
 
 
-def grid_cells(*, fine: bool = False) -> list[Cell]:
-    """Return a deterministic sweep of the grid.
+def grid_cells(seed: int, *, fine: bool = False) -> list[Cell]:
+    """Return the cells of the grid: each failure meets each mode.
 
-    Each failure meets each mode; the other factors are drawn so that all of their values meet.
+    Parameters
+    ----------
+    seed
+        Of the draw of all other factors from their grids.
+    fine
+        Whether there are more gains and, for each failure in a mode, more cells.
     """
-    draw = random.Random(COARSE_SEED)
+    draw = random.Random(seed)
     cells = []
     for failure in failures(FINE_GAINS if fine else GAINS):
         pickup = failure.sensor in PICKUP_SENSORS
@@ -849,12 +853,22 @@ _WORST: Final = ("peak_um", "in_a_row", "above", "energy_J", "after", "cof_error
 """Fields of a result whose largest value is shown."""
 
 
-def summary(results: Sequence[Result]) -> dict[str, dict[str, Any]]:
-    """Return the worst of each failure mode, and how often what ended it."""
+def summary(
+    results: Sequence[Result], row_of: Callable[[Result], str] = lambda result: result.failure
+) -> dict[str, dict[str, Any]]:
+    """Return the worst of the cells of each row, and how often what ended them.
+
+    Parameters
+    ----------
+    results
+        Of the cells.
+    row_of
+        Returns the name of the row that a result belongs to; its failure mode unless given.
+    """
     table: dict[str, dict[str, Any]] = {}
     for result in results:
         row = table.setdefault(
-            result.failure,
+            row_of(result),
             {"cells": 0, "ended": {}, **dict.fromkeys(_WORST, 0), "violations": 0, "excluded": 0},
         )
         row["cells"] += 1

@@ -1,0 +1,143 @@
+"""The page of failing sensors is made of its summary, and the summary is that of the code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from smarttac_can.trials.sensor_sweep import PROMISES, failures, parse_cell
+
+ROOT = Path(__file__).resolve().parents[2]
+ROW = {
+    "cells": 7, "ended": {"STUCK": 2, "nothing": 5}, "peak_um": 3.456, "in_a_row": 3, "above": 4,
+    "energy_J": 0.0126, "after": 123, "cof_error": 0.1, "violations": 0, "excluded": 0,
+}  # fmt: skip
+MADE: dict[str, Any] = {
+    "command": "tools/fmeda.py --fine --healthy 500 --seed 9",
+    "promise": PROMISES._asdict(),
+    "sweeps": [
+        {"name": "coarse", "seed": 1, "cells": 7, "violations": 0, "excluded": 0,
+         "fingerprint": "0123abcd"},
+    ],
+    "failures": {"pick-up d: stuck with noise": ROW, "normal gauge: noise": ROW},
+    "factors": {"motion": {"finger lifts": ROW | {"violations": 2}, "no finger": ROW}},
+    "healthy": {"seed": 9, "runs": 500, "cycles": 4000, "limited": 500, "ended": 12, "false": 1},
+}  # fmt: skip
+CELLS = [
+    parse_cell(f"failure=d:gain:{gain},mode=AMPLITUDE,identified=sound,cycles=20")
+    for gain in (0.5, 1.0)
+]
+
+
+@pytest.fixture
+def page(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import fmeda_page  # noqa: PLC0415 - found only now
+
+    return fmeda_page
+
+
+@pytest.fixture
+def tool(page: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
+    """The tool with two cells for a sweep, one process, and a summary of its own."""
+    import fmeda  # noqa: PLC0415 - found only now
+
+    monkeypatch.setattr(fmeda, "SUMMARY", tmp_path / "fmeda.json")
+    monkeypatch.setattr(fmeda, "WORKERS", 1)
+    monkeypatch.setattr(fmeda, "grid_cells", lambda _seed, *, fine=False: CELLS)
+    monkeypatch.setattr(fmeda, "write_pages", lambda: None)
+    return fmeda
+
+
+def run(tool: ModuleType, *arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(tool.main, arguments)
+    return result.exit_code, result.output
+
+
+def test_the_page_agrees_with_the_summary(page: ModuleType) -> None:
+    text = (ROOT / "docs" / "reference" / "fmeda.md").read_text("utf-8")
+    assert text == page.fmeda_page()
+
+
+def test_the_summary_is_that_of_the_failures_and_the_promise_of_the_code(page: ModuleType) -> None:
+    made = page.summary()
+    assert made["promise"] == PROMISES._asdict()
+    assert set(made["failures"]) == {failure.name for failure in failures()}
+    assert sum(sweep["violations"] for sweep in made["sweeps"]) == 0
+    assert made["healthy"]["false"] == 0
+
+
+def test_the_page_says_what_was_promised_run_and_found(page: ModuleType) -> None:
+    lines = page.fmeda_page(MADE).splitlines()
+    for line in (
+        "Made by `tools/reference.py` from `tools/fmeda.json`, which `tools/fmeda.py --fine "
+        "--healthy 500 --seed 9` has written.",
+        "- The true vibration is above its bound for at most 20 cycles (ms) of a run, and for",
+        "- 3.30 um for a share of 0.99, after an identification with sound sensors;",
+        "- 3.63 um for a share of 0.9 otherwise.",
+        "| coarse | 1 | 7 | 0 | 0123abcd |",
+        "- 1 of them ended in a fault for which the plate gave no cause.",
+        "- 11 ended because the true vibration was beyond a limit.",
+        "- The drive was limited in 12.5 % of the cycles.",
+        "| pick-up d: stuck with noise | 0.1 nm, 0.5 nm | 7 | 5 nothing, 2 STUCK | 123 | 3.46 | 4 "
+        "| 13 | 0 |",
+        "| normal gauge: noise | 200 mN | 7 | 5 nothing, 2 STUCK | 123 | 3.46 | 4 | 13 | 0 |",
+        "| finger lifts | 7 | 5 nothing, 2 STUCK | 123 | 3.46 | 4 | 13 | 2 |",
+    ):
+        assert line in lines
+
+
+def test_rows_are_summed_up_by_patterns(page: ModuleType) -> None:
+    assert page.found(["*: *noise"], MADE) == (14, 0, 4, 3.456, 0.0126)
+    assert str(page.found(["*noise", "pick-up *"], MADE)) == "none in 14 cells"
+    assert str(page.found(["finger lifts"], MADE)) == "2 of 7 cells beyond the promise"
+    with pytest.raises(ValueError, match=r"^fmeda\.json has no row gyroscope: \*$"):
+        page.found(["gyroscope: *", "finger lifts"], MADE)
+
+
+def test_the_tool_writes_what_a_check_takes(tool: ModuleType) -> None:
+    assert run(tool, "--fine", "--healthy", "2", "--seed", "5")[0] == 0
+    made = json.loads(tool.SUMMARY.read_text())
+    assert made["command"] == "tools/fmeda.py --fine --healthy 2 --seed 5"
+    assert [(s["name"], s["seed"], s["cells"]) for s in made["sweeps"]] == [
+        ("coarse", 1, 2),
+        ("fine", 5, 2),
+    ]
+    assert {name: row["cells"] for name, row in made["failures"].items()} == {
+        "pick-up d: gain below 1": 2,
+        "pick-up d: gain above 1": 2,
+    }
+    assert made["factors"]["identified"]["identified with all sensors sound"]["cells"] == 4
+    assert made["factors"]["mode"]["amplitude"]["cells"] == 4
+    assert made["healthy"]["runs"] == 2
+    assert run(tool, "--check") == (0, "2 cells, 0 violations\n")
+
+
+def test_a_check_refuses_what_has_changed(
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tool, "--healthy", "1")
+    monkeypatch.setattr(tool, "grid_cells", lambda _seed: CELLS[:1])
+    code, said = run(tool, "--check")
+    assert code == 1
+    assert "fmeda.json is stale" in said
+
+
+def test_a_broken_promise_fails_and_is_written(
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sound = tool.run_cell
+    monkeypatch.setattr(
+        tool, "run_cell", lambda cell: sound(cell, PROMISES._replace(bare_um=1.0, cycles=2))
+    )
+    code, said = run(tool, "--healthy", "1")
+    assert code == 1
+    assert "cycles above 1.01 um without contact, 5.00 um with it; 2 are promised" in said
+    assert f"smarttac fmeda --cell {CELLS[0]}" in said
+    assert json.loads(tool.SUMMARY.read_text())["sweeps"][0]["violations"] == 2
+    assert run(tool, "--check")[0] == 1
