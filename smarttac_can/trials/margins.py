@@ -29,7 +29,7 @@ WHAT: Final = {
     "normal_force": "force, of the limit",
     "lateral_force": "force, of the limit",
     "saturated": "cycles at the end of a range, of what is a fault",
-    "stuck": "equal samples in a row, of what is a fault",
+    "stuck": "samples in a row that rest, of what is a fault",
     "gauges": "cycles with a contradiction, of what is a fault",
     "pickup": "cycles with too much, none or too little, of what is a fault",
     "resonance": "cycles off the resonance, of what is a fault",

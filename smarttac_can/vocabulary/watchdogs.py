@@ -221,9 +221,11 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.STUCK: WatchdogRow(
         "a sensor is stuck",
         FaultCode.SENSOR_STUCK, _MANUFACTURER, STUCK_THERMOMETER_CYCLES,
-        "12 identical samples of gauge or pick-up, 100 of the thermometer: see the false alarms",
+        f"{STUCK_GAUGE_CYCLES} samples of gauge or pick-up within {STUCK_WITHIN} counts of the "
+        f"first, {STUCK_THERMOMETER_CYCLES} equal ones of the thermometer: see the false alarms",
         "at once: noise repeats single samples of a sound sensor, which would add up. One that "
-        "sticks for less shows samples at most 11 ms old, the thermometer 99 ms",
+        f"sticks for less shows samples at most {STUCK_GAUGE_CYCLES - 1} ms old, the thermometer "
+        f"{STUCK_THERMOMETER_CYCLES - 1} ms",
     ),
     Watchdog.GAUGES: WatchdogRow(
         "the gauges contradict each other",
@@ -236,8 +238,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
         "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
-        "than any finger explains: 20 cycles, until its force is felt as well; with a plate node "
-        "as many more as its deadline is above 3 ms",
+        "than any finger explains: 20 cycles, until its force is felt as well; at rest while the "
+        "drive moves it: 10 cycles; with a plate node as many more as its deadline is above 3 ms",
         f"{_SLOWLY}. None at all has to be in a row, as the end of each pulse under a finger may "
         "look like it",
         "Model",
@@ -283,10 +285,10 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         told=True,
     ),
     Watchdog.UNSEEN: WatchdogRow(
-        "the drive may make more vibration than its limit, whatever the pick-up reads",
+        "late drives may make more vibration than their limit",
         FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
-        "a step of the friction loop asks for more, but not for longer; with a plate node as many "
-        "more as its deadline is above 3 ms",
+        "drives in time are cut to what stays within it; what was sent before a late one may be in "
+        "force for longer; with a plate node as many more as its deadline is above 3 ms",
         _SLOWLY,
         "Limit.Amplitude by drive",
     ),
