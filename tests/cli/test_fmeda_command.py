@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.cli import main
+from smarttac_can.trials.sensor_sweep import Cell, parse_cell
 
 SOUND = "failure=d:gain:1,mode=AMPLITUDE,identified=sound,cycles=50"
 
@@ -37,6 +38,22 @@ def test_processes_come_to_the_same_as_one(tmp_path: Path) -> None:
     subprocess.run((*command, "--workers", "2", "--json", str(file)), check=False, timeout=GUARD_S)
     alone = run("--random", "16", "--seed", "4", "--json", "-").stdout
     assert json.loads(file.read_text()) == json.loads(alone)
+
+
+@pytest.mark.parametrize(("more", "asked"), [((), (7, False)), (("--fine",), (7, True))])
+def test_the_seed_draws_the_grid_as_well(
+    more: tuple[str, ...], asked: tuple[int, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grids: list[tuple[int, bool]] = []
+
+    def grid(seed: int, *, fine: bool = False) -> list[Cell]:
+        grids.append((seed, fine))
+        return [parse_cell(SOUND)]
+
+    # The package has the command of this name in the place of its module.
+    monkeypatch.setattr(sys.modules["smarttac_can.cli.fmeda"], "grid_cells", grid)
+    assert "1 cells, 0 violations" in run("--seed", "7", *more).stdout
+    assert grids == [asked]
 
 
 def test_a_cell_within_the_promise_is_shown() -> None:

@@ -8,8 +8,10 @@ import pytest
 
 from smarttac_can.trials import sensor_sweep
 from smarttac_can.trials.sensor_sweep import (
+    DRIVING,
     IDENTIFIED,
     Cell,
+    failures,
     grid_cells,
     parse_cell,
     random_cells,
@@ -20,6 +22,12 @@ from smarttac_can.trials.sensor_sweep import (
 def test_every_cell_can_be_run_alone_by_its_name() -> None:
     for cell in (*grid_cells(1), *random_cells(500, 3)):
         assert parse_cell(str(cell)) == cell
+
+
+def test_a_grid_is_drawn_by_its_seed_and_has_each_failure_in_each_mode() -> None:
+    assert grid_cells(4) == grid_cells(4) != grid_cells(5)
+    driven = {(cell.failure, cell.mode) for cell in grid_cells(4) if cell.mode != "IDENTIFY"}
+    assert driven == {(str(f), mode.name) for f in failures() for mode in DRIVING if mode != 5}
 
 
 @pytest.mark.parametrize("text", ["gain=1", "mode=NONE", "failure=d:gone:1", "force=much", "x"])
