@@ -238,8 +238,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
         "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
-        "than any finger explains: 20 cycles, until its force is felt as well; at rest while the "
-        "drive moves it: 10 cycles; with a plate node as many more as its deadline is above 3 ms",
+        "than any finger explains: 20 cycles, until its force is felt as well; with a plate node "
+        "as many more as its deadline is above 3 ms",
         f"{_SLOWLY}. None at all has to be in a row, as the end of each pulse under a finger may "
         "look like it",
         "Model",
