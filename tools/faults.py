@@ -144,12 +144,16 @@ def _first(case: FaultCase) -> str:
 
 
 def undetected(rows: list[FaultRow]) -> list[str]:
-    """Name the watchdogs whose emergency code is in no row of a mode."""
+    """Name the watchdogs whose emergency code is in no row of a mode.
+
+    A fault of the matrix cannot have three of them: ticks are missed on a clock, a node that is
+    bus-off sends nothing, and drives of the matrix that come late do so for less than their bound.
+    """
     seen = {(row.mode, code) for row in rows for code in row.emcy_codes}
     return [
         f"{mode_name(mode)}: no row with {row.code:04X}h, {row.text}"
         for watchdog, row in WATCHDOGS.items()
-        if watchdog not in (Watchdog.MISSED_TIME, Watchdog.BUS_OFF)
+        if watchdog not in (Watchdog.MISSED_TIME, Watchdog.BUS_OFF, Watchdog.UNSEEN)
         for mode in (TRACKED if watchdog is Watchdog.RESONANCE else DRIVING)
         if (mode_name(mode), f"{row.code:04X}h") not in seen
     ]
