@@ -20,7 +20,7 @@ from html import escape
 from io import TextIOWrapper
 from itertools import chain, groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +35,9 @@ from smarttac_can.vocabulary.states import Status
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.figure import FigureBase
+    from matplotlib.figure import Figure, FigureBase
+
+    _Figure = TypeVar("_Figure", bound=FigureBase)
 
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -273,6 +275,10 @@ class Trace:
             },
         )
 
+    @overload
+    def plot(self, figure: None = None) -> Figure: ...
+    @overload
+    def plot(self, figure: _Figure) -> _Figure: ...
     def plot(self, figure: FigureBase | None = None) -> FigureBase:
         """Draw the arrays over the time, one below another.
 

@@ -70,7 +70,7 @@ def test_counts_that_no_trace_holds() -> None:
     """They would become negative."""
     for number in (2**63, 2**64, 10**30):
         with pytest.raises(ValueError, match=r"^the rows of a are no table of"):
-            Trace.from_rows("a", 0, [(0, *[number] * 9)])
+            Trace.from_rows("a", 0, [[number] * 10])
 
 
 def test_a_recording_without_a_name() -> None:

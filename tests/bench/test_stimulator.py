@@ -577,6 +577,7 @@ def test_a_reading_has_all_in_its_unit(bench: Stimulator) -> None:
 def test_without_a_finger_there_is_no_cof(bench: Stimulator) -> None:
     bench.run(0.2)
     assert isnan(bench.read().cof)
+    assert isnan(bench.read().position)  # the node publishes 0
 
 
 @pytest.mark.parametrize(
