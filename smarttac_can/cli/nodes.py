@@ -271,6 +271,9 @@ def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) 
     return presets
 
 
+_OWN_EDS = "leave --eds out, or begin with what 'smarttac eds show' writes"
+
+
 def load_device(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
     """Load an EDS of this package, or another in its place, and say what is odd about it."""
     text = read_eds(packaged) if other is None else read_eds_file(other)
@@ -289,5 +292,7 @@ def blaming(eds: Path | None) -> Iterator[None]:
         if eds is None:
             raise
         reason = error.args[0] if isinstance(error, KeyError) else error
+        if KeyError in (type(error), type(error.__cause__)):
+            reason = f"{reason}, so it is of another version: {_OWN_EDS}"
         said = one_line(f"{eds} does not suit the device: {reason}")
         raise click.ClickException(said) from error

@@ -146,14 +146,27 @@ def test_a_raw_log(files: Path, name: str, frames: int) -> None:
 
 
 def test_a_raw_log_is_replayed(files: Path, tmp_path: Path) -> None:
-    """With the EDS of then; textures are written in it by block transfer."""
-    arguments = [str(files / "raw.log"), "--lockstep", "--eds", str(files / "stimulator.eds")]
+    """Textures are written in it by block transfer."""
     found = tmp_path / "found.json"
-    CliRunner().invoke(main, ["replay", *arguments, "--json", str(found)])
+    arguments = [str(files / "raw.log"), "--lockstep", "--json", str(found)]
+    CliRunner().invoke(main, ["replay", *arguments])
     result = json.loads(found.read_text())
     # A later version may answer in another way, and says where; it understands the log.
     assert result["compared"] > 100
     assert result["same"] or result["difference"]["time_s"] > 0
+
+
+def test_an_eds_of_then_is_no_device_of_today(files: Path) -> None:
+    """It lacks objects that came later; which, and what to do, is said in one line."""
+    eds = files / "stimulator.eds"
+    assert CliRunner().invoke(main, ["eds", "check", str(eds)]).exit_code == 0
+    said = CliRunner().invoke(main, ["replay", str(files / "raw.log"), "--eds", str(eds)])
+    assert said.exit_code == 1
+    assert said.stderr.startswith(f"Error: {eds} does not suit the device: 'Model.Data sheet gain")
+    assert said.stderr.endswith(
+        "is not in the EDS, so it is of another version: leave --eds out, or begin with what "
+        "'smarttac eds show' writes\n"
+    )
 
 
 def test_stored_parameters(files: Path) -> None:
