@@ -73,8 +73,9 @@ are lost, late or swapped. What ends a run before a controller is asked has no r
 
 Every watchdog trips in every mode; that of the resonance only where the resonance is tracked.
 Missed time has no row: without SYNC others are sooner, and a process without time is no fault of
-the bus. The heartbeat of the master comes each 100 ms and is missed after 1000 ms, that of the
-plate each 500 ms and is missed after 2000 ms: as the bench has it, and a stimulator by default. An
+the bus. Nor has too much vibration by late drives (FF12h): those of the matrix end before that.
+The heartbeat of the master comes each 100 ms and is missed after 1000 ms, that of the plate each
+500 ms and is missed after 2000 ms: as the bench has it, and a stimulator by default. An
 identification is over by then. A process that goes on after a pause has its time first, then the
 frames that waited.
 """
