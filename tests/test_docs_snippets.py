@@ -153,7 +153,6 @@ def master_page(
     node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False):
         until(lambda: node.block.supervisor.tared)
-        node.od["Limit.Missed ticks"].value = 50  # on a busy machine
         names: dict[str, Any] = {}
         run(MASTER, names, request)
         yield node, names

@@ -30,6 +30,8 @@ from smarttac_can.vocabulary.objects import SIMULATION
 
 GRACE_S: Final = 1.0
 """How much longer than its cycles take a run in real time may take."""
+_CHECK_S: Final = 1.0
+"""How long there may be no cycle in real time before heartbeats are looked at."""
 SILENT_S: Final = 5.0
 """How long a node in lockstep may answer nothing before it is taken for dead."""
 _ASK_AFTER_S: Final = 0.1
@@ -330,8 +332,8 @@ class CanLink:
 
     def _wait_for(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool]) -> None:
         end = self._clock() + cycles * 1e-3 + GRACE_S
-        while len(rows) < cycles and self._clock() < end and not interrupted():
+        while len(rows) < cycles and (left := end - self._clock()) > 0 and not interrupted():
             try:
-                self._cycles.complete.get(timeout=GRACE_S)
+                self._cycles.complete.get(timeout=min(left, _CHECK_S))
             except Empty:
                 self._check()

@@ -242,8 +242,7 @@ def counted(bench: Stimulator) -> tuple[tuple[float, float], float]:
     return (1000 * before, 1000 * time.monotonic()), ticks
 
 
-def test_live_data_by_the_clock(virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("smarttac_can.bench.can_link.GRACE_S", GUARD_S)
+def test_live_data_by_the_clock(virtual: dict[str, Any]) -> None:
     node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:
         bench.finger.stroke(1)
@@ -274,7 +273,6 @@ class StallingBus(PythonCanBus):
 def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(
     virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.bench.can_link.GRACE_S", GUARD_S)
     monkeypatch.setattr("nodes_on_a_bus.PythonCanBus", StallingBus)
     with (
         in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),

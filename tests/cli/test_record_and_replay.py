@@ -59,8 +59,11 @@ def at_rest(bench: Stimulator) -> None:
 
 
 TRIES = 4
-CROSSED = re.compile(r"SDO answer \(5A0h\)|lacks the TPDO [1-4] ")
+CROSSED = r"SDO answer \(5A0h\)|lacks the TPDO [1-4] "
 """What a request that crossed another one leaves: its answer, or a TPDO whose type it has set."""
+HELD_UP = r"makes the node send this EMCY|the log lacks "
+"""What else is left in real time of a process that was held up: a deadline that it has missed, and
+no log has, or frames that the log has lost."""
 
 
 def replayed(log: Path, *options: str) -> dict[str, Any]:
@@ -97,7 +100,8 @@ def test_what_a_process_records_is_replayed(
         raw = tmp_path / f"run{attempt}.log"
         record_process(multicast, raw, told, act)
         result = CliRunner().invoke(main, ["replay", str(raw), *told])
-        if result.exit_code == 0 or not CROSSED.search(result.output):
+        excused = CROSSED if pace == "--lockstep" else f"{CROSSED}|{HELD_UP}"
+        if result.exit_code == 0 or not re.search(excused, result.output):
             break
     found = replayed(raw, *told)
     assert found["same"] is True

