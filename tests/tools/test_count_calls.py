@@ -1,5 +1,6 @@
 """``tools/count_calls`` counts: a call more in each cycle is one more in its figures."""
 
+import gc
 import json
 import runpy
 import sys
@@ -76,6 +77,22 @@ def test_a_call_more_in_a_cycle_of_the_loop_is_seen(
     assert after["calls_of_the_science"] == before["calls_of_the_science"]
     assert before["calls_of_the_science"]["python"] > 50
     assert after["files_entered_outside"] == before["files_entered_outside"] + 1
+
+
+def test_who_listens_to_the_collector_is_not_counted(tool: dict[str, Any]) -> None:
+    heard = []
+    gc.callbacks.append(lambda phase, _info: heard.append(phase))
+    threshold = gc.get_threshold()
+    gc.set_threshold(1)
+    try:
+        with tool["Calls"]() as calls:
+            kept = [[n] for n in range(1000)]
+    finally:
+        gc.set_threshold(*threshold)
+        gc.callbacks.pop()
+    assert len(kept) == 1000
+    assert calls.python.total() < 5
+    assert gc.isenabled()
 
 
 def test_all_loops_are_counted(
