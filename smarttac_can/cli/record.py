@@ -84,7 +84,7 @@ def record(
     """Record every cycle of a stimulator into the HDF5 file FILE, whoever drives it.
 
     It starts the nodes and only reads: set-points, modes and voltage stay others' business, and
-    Ctrl-C ends the recording, not the drive.
+    Ctrl-C ends the recording, not the drive. If no cycle came, the exit code is 1.
     """
     _refuse_twice(file, raw, json_file)
     said = zip(METADATA, (subject, operator, notes), strict=True)
@@ -106,6 +106,11 @@ def record(
                 metadata,
             )
         report_results({"file": str(file), **summary._asdict()}, _lines(file, summary), results)
+        if summary.rows == 0:
+            raise ValueError(
+                f"{file} has no row: no cycle came. The loop needs SYNC and both nodes OPERATIONAL; "
+                "nodes in lockstep run only while a script calls run()"
+            )
 
 
 def _refuse_twice(file: Path, *others: Path | None) -> None:

@@ -92,6 +92,21 @@ def test_ctrl_c_ends_a_recording_with_its_file(multicast: dict[str, Any], tmp_pa
     assert {0x620, 0x5A0, 0x1A0} <= set(frames)
 
 
+def test_a_recording_without_a_cycle_is_no_success(
+    multicast: dict[str, Any], tmp_path: Path
+) -> None:
+    """Nodes in lockstep take no step while nobody runs them."""
+    path = tmp_path / "run.h5"
+    arguments = ["record", str(path), *multicast_options(multicast), "--seconds", "0.2"]
+    with processes(multicast, "node --lockstep"):
+        result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 1
+    assert f"{path}: 0 rows, " in result.stdout
+    assert "has no row: no cycle came" in result.stderr
+    with h5py.File(path) as file:
+        assert len(file["tick"]) == 0
+
+
 @pytest.mark.usefixtures("node")
 def test_a_killed_recording_is_recovered(multicast: dict[str, Any], tmp_path: Path) -> None:
     path, log = tmp_path / "run.h5", tmp_path / "run.h5.log"
