@@ -1,6 +1,7 @@
 """Options, buses, and a look for what any test leaves behind."""
 
 import os
+import signal
 import socket
 import sys
 import threading
@@ -17,6 +18,8 @@ settings.register_profile(
     "any pace", settings(), deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("any pace")
+# A shell ignores Ctrl-C in what it starts in the background, and so would all that is tested here.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
