@@ -115,7 +115,16 @@ class GoodMaster:
         self.arms += 1
 
     def _repair(self) -> None:
-        """Have both nodes OPERATIONAL and configured."""
+        """Have both nodes OPERATIONAL and configured.
+
+        What can be put right is, also after a refusal: a weight on the plate may be why a node
+        refuses something.
+
+        Raises
+        ------
+        Abort
+            The first refusal.
+        """
         rig = self._rig
         wrong = [
             (node_id, entry, raw) for node_id, entry, raw in self._settings if entry.read() != raw
@@ -126,11 +135,17 @@ class GoodMaster:
         if any(node.device.nmt_state is not NMTState.OPERATIONAL for _, node in self._nodes):
             rig.nmt(NMTCommand.START)
             rig.configure()
-        if any(entry.name.startswith("Finger.") for _, entry, _ in wrong):
-            rig.start_run(force_mN=_FINGER_MN)
+        refused: Abort | None = None
         for node_id, entry, raw in wrong:
             if entry.index >= MANUFACTURER_FIRST:
-                rig.master.write(node_id, entry, raw)
+                try:
+                    rig.master.write(node_id, entry, raw)
+                except Abort as abort:
+                    refused = refused or abort
+        if refused is not None:
+            raise refused
+        if any(entry.name.startswith("Finger.") for _, entry, _ in wrong):
+            rig.start_run(force_mN=_FINGER_MN)
 
 
 def _is_setting(entry: Entry) -> bool:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from random import Random
 
 import pytest
 
+from smarttac_can.bench.simulation import PLATE_ID
+from smarttac_can.trials.good_master import GoodMaster
 from smarttac_can.trials.hostile import Hostile, HostileReport
 from smarttac_can.trials.hostile_node import CALM, OWN
 from smarttac_can.trials.rig import Rig
@@ -114,3 +117,18 @@ def test_an_attack_that_leaves_less_than_half_running_is_seen(
     monkeypatch.setattr(Hostile, "_attack", lambda hostile: hostile._rig.cycle(50))
     lines = Hostile(20_000, 1).run().violations
     assert any("running in 0.0 % of the cycles only" in line for line in lines)
+
+
+def test_its_master_lifts_a_weight_that_is_a_fault() -> None:
+    """A weight of 8 N latches a fault, in which no run may be started anew with another finger."""
+    rig = Rig()
+    rig.start()
+    master = GoodMaster(rig, Random(1))
+    rig.cycle(300)
+    for name, value in (("Finger.Speed", 50), ("Weight.Force x", 8000)):
+        rig.master.write(PLATE_ID, rig.plate.od[name], value)
+    for _ in range(3000):
+        rig.cycle()
+        master.act()
+    assert rig.plate.od["Weight.Force x"].value == 0
+    assert rig.state is State.RUNNING
