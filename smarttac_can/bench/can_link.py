@@ -98,6 +98,7 @@ class CanLink:
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
         self._heard: frozenset[int] = frozenset()
         self._alone = OneRun()
+        self._time_is_right = not lockstep
         self._services = {
             service + device.od.node_id
             for service in (EMCY_ID, SDO_TX_ID, SDO_RX_ID, HEARTBEAT_ID)
@@ -160,7 +161,8 @@ class CanLink:
         Raises
         ------
         NotRunningError
-            If not one cycle came, or the TPDOs do not carry what a recording holds.
+            If not one cycle came, the TPDOs do not carry what a recording holds, or in lockstep
+            the node runs in real time.
         HeartbeatLostError
             If a node has fallen silent.
         BusyError
@@ -177,6 +179,10 @@ class CanLink:
                 f"{', '.join(RECORDED)}: restore their default mapping"
             )
         collected.learn_held(self.read)
+        # Before the first SYNC nothing comes from nodes in lockstep.
+        if not self._time_is_right and (wrong_time := self.wrong_time()):
+            raise NotRunningError(wrong_time)
+        self._time_is_right = True
         # Of another script that puts the types back the bench has to hear.
         with self._hearing(self._services), self._every_cycle.held():
             collected.rows = rows

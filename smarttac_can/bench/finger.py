@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from numbers import Integral
 
+from smarttac_can.bench.set_points import with_unit
 from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
@@ -20,11 +22,13 @@ class SimulatedFinger:
     read
         Reads an object by name in a unit, `Stimulator.get`.
     write
-        Writes an object by name, `Stimulator.set`.
+        Writes objects by name, all or none, `NamedObjects.set_all`.
     """
 
     def __init__(
-        self, read: Callable[[str, str], float], write: Callable[[str, float | str], None]
+        self,
+        read: Callable[[str, str], float],
+        write: Callable[[Mapping[str, float | str]], None],
     ) -> None:
         self._read = read
         self._write = write
@@ -60,7 +64,7 @@ class SimulatedFinger:
 
     def lift(self) -> None:
         """Lift the finger off the plate."""
-        self._write("Finger.Motion", LIFTED)
+        self._write({"Finger.Motion": LIFTED})
 
     def play_recording(self) -> None:
         """Play the recorded finger that the plate was started with, ``--finger FILE``.
@@ -71,7 +75,7 @@ class SimulatedFinger:
             If it was started without one.
         """
         try:
-            self._write("Finger.Motion", RECORDED)
+            self._write({"Finger.Motion": RECORDED})
         except RefusedError as error:
             if error.code != AbortCode.STATE:
                 raise
@@ -82,13 +86,15 @@ class SimulatedFinger:
         self,
         subject: int,
         *,
-        force: float = 0.5,
-        speed: float = 50.0,
-        travel: float = 20.0,
-        force_variation: float = 0.0,
-        speed_variation: float = 0.0,
+        force: float | str = 0.5,
+        speed: float | str = 50.0,
+        travel: float | str = 20.0,
+        force_variation: float | str = 0.0,
+        speed_variation: float | str = 0.0,
     ) -> None:
         """Slide to and fro over the middle of the plate.
+
+        Quantities may be texts with a unit, too: ``500 mN``.
 
         Parameters
         ----------
@@ -102,14 +108,25 @@ class SimulatedFinger:
             Distance between the turning points in mm, 1..50.
         force_variation, speed_variation
             How far they vary from pass to pass, as a fraction, 0..0.5.
+
+        Raises
+        ------
+        RefusedError
+            If one is out of range; nothing has changed then.
+        ValueError
+            If one is no number or text with such a unit, or `subject` is no integer.
         """
-        self._write("Simulation.Subject", subject)
-        self._write("Finger.Force", f"{force} N")
-        self._write("Finger.Speed", f"{speed} mm/s")
-        self._write("Finger.Range", f"{travel} mm")
-        self._write("Finger.Force variation", f"{force_variation}")
-        self._write("Finger.Speed variation", f"{speed_variation}")
-        self._write("Finger.Motion", STROKE)
+        self._write(
+            {
+                "Simulation.Subject": _integer("subject", subject),
+                "Finger.Force": with_unit("force", force, "N"),
+                "Finger.Speed": with_unit("speed", speed, "mm/s"),
+                "Finger.Range": with_unit("travel", travel, "mm"),
+                "Finger.Force variation": with_unit("force_variation", force_variation, ""),
+                "Finger.Speed variation": with_unit("speed_variation", speed_variation, ""),
+                "Finger.Motion": STROKE,
+            }
+        )
 
     def put(self, placing: Placing, gravity: float = STANDARD_GRAVITY) -> None:
         """Put a weight on the simulated plate, tilted as told, instead of the one before.
@@ -135,9 +152,13 @@ class SimulatedFinger:
             raise ValueError(f"placing {placing!r} is no Placing")
         names = ("Weight.Force x", "Weight.Force y", "Weight.Normal force")
         try:
-            for name, force in zip(names, placing.load(gravity), strict=True):
-                self._write(name, round(1e3 * force))
-            self._write("Weight.Position", f"{placing.x_mm} mm")
+            forces = (round(1e3 * force) for force in placing.load(gravity))
+            self._write(
+                {
+                    **dict(zip(names, forces, strict=True)),
+                    "Weight.Position": f"{placing.x_mm} mm",
+                }
+            )
         except RefusedError as error:
             if error.code != AbortCode.STATE:
                 raise
@@ -148,8 +169,8 @@ class SimulatedFinger:
         self,
         *,
         seed: int | None = None,
-        temperature: float | None = None,
-        drive_instant: float | None = None,
+        temperature: float | str | None = None,
+        drive_instant: float | str | None = None,
     ) -> None:
         """Set what else a run depends on; what is not given stays.
 
@@ -161,10 +182,23 @@ class SimulatedFinger:
             Ambient temperature in degC, 0..60.
         drive_instant
             When the plate puts a drive in force, in us after the tick, 0..999.
+
+        Raises
+        ------
+        RefusedError, ValueError
+            As for `stroke`.
         """
+        values: dict[str, float | str] = {}
         if seed is not None:
-            self._write("Simulation.Seed", seed)
+            values["Simulation.Seed"] = _integer("seed", seed)
         if temperature is not None:
-            self._write("Simulation.Ambient temperature", f"{temperature} degC")
+            values["Simulation.Ambient temperature"] = with_unit("temperature", temperature, "degC")
         if drive_instant is not None:
-            self._write("Simulation.Drive instant", f"{drive_instant} us")
+            values["Simulation.Drive instant"] = with_unit("drive_instant", drive_instant, "us")
+        self._write(values)
+
+
+def _integer(name: str, value: int) -> int:
+    if not isinstance(value, Integral):
+        raise ValueError(f"{name} {value!r} is no integer")
+    return int(value)

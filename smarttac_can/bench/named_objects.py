@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from difflib import get_close_matches
 from math import isfinite, nan
 from numbers import Real
@@ -177,11 +178,39 @@ class NamedObjects:
             If the value is not finite, its unit of another kind, or it is not 0 and the step of
             the object would make 0 of it.
         """
+        self.write(name, self._raw(name, value))
+
+    def set_all(self, values: Mapping[str, float | str]) -> None:
+        """Write objects by name, in this order; where one is refused, none changes.
+
+        Parameters
+        ----------
+        values
+            By name, each as for `set`.
+
+        Raises
+        ------
+        RefusedError, BenchError, ValueError
+            As `set`; what had been written before is put back.
+        """
+        raws = {name: self._raw(name, value) for name, value in values.items()}
+        before: dict[str, int] = {}
+        try:
+            for name, raw in raws.items():
+                held = self.link.read(name)
+                self.write(name, raw)
+                before[name] = held
+        except RefusedError:
+            for name, held in before.items():
+                self.write(name, held)
+            raise
+
+    def _raw(self, name: str, value: float | str) -> int:
         entry = find_number(self.od, name)
         text = (
             value if isinstance(value, str) else f"{number_given(name, value)} {entry.unit.symbol}"
         )
-        self.write(name, raw_value(entry, text))
+        return raw_value(entry, text)
 
     def nearest(self, name: str, value: float) -> float:
         """Return the number that an object holds when it takes the one nearest to a measured one.

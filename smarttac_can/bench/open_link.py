@@ -76,6 +76,8 @@ def open_can_link(
         raise ValueError(f"interface {interface!r} is no name")
     _refuse_misspelt(interface, options)
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
+    if "port" in options:
+        where += f" port {options['port']}"
     network = TappedNetwork()
     # How long closing the bus may take; python-canopen waits for up to 1 s.
     network.NOTIFIER_CYCLE = _CLOSING_S
@@ -108,8 +110,8 @@ def open_simulated_link(
     Raises
     ------
     ValueError
-        If there is no such link, `plate_inside` is neither True nor False, or a preset is not a
-        value of its object, or not at power-on.
+        If there is no such link, `plate_inside` is neither True nor False, a preset is not a
+        value of its object, or not at power-on, or `log` cannot be called or has no bus.
     BenchError
         If there is no such object.
     """
@@ -117,6 +119,10 @@ def open_simulated_link(
     raw = raw_presets(presets, seed=seed, subject=subject)
     if link not in get_args(LinkName):
         raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
+    if log is not None and not callable(log):
+        raise ValueError(f"log {log!r} is no function of a time stamp and a frame")
+    if log is not None and link == "local":
+        raise ValueError("there is no bus whose frames could go to log: simulate('bus')")
     bus = LocalBus(log=log)
     try:
         if link == "local":

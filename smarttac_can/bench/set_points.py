@@ -41,8 +41,7 @@ class InUnit(property):
             return bench.get(name, unit)
 
         def write(bench: Stimulator, value: float | str) -> None:
-            number = in_unit(name, value, unit)
-            bench.set(name, value if isinstance(value, str) else f"{number} {unit}")
+            bench.set(name, with_unit(name, value, unit))
 
         super().__init__(read, write)
         self.__doc__ = text
@@ -68,6 +67,18 @@ def in_unit(name: str, value: float | str, unit: str) -> float:
     except ValueError:
         like = f"number with a unit like {unit}" if unit else "number or percentage"
         raise ValueError(f"{name} {value!r} is no {like}") from None
+
+
+def with_unit(name: str, value: float | str, unit: str) -> str:
+    """Return what a person gave, as for `in_unit`, as a text with a unit.
+
+    Raises
+    ------
+    ValueError
+        As `in_unit`.
+    """
+    number = in_unit(name, value, unit)
+    return value if isinstance(value, str) else f"{number} {unit}"
 
 
 class Choice(property, Generic[_Choices]):
@@ -120,13 +131,8 @@ class BothSides(property):
             if len(pair) != _SIDES:
                 raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
             left, right = (in_unit("cof", side, "") for side in pair)
-            before = bench.get("Setpoint.COF left")
-            bench.set("Setpoint.COF left", left)
-            try:
-                bench.set("Setpoint.COF right", right)
-            except RefusedError:
-                bench.set("Setpoint.COF left", before)
-                raise
+            values = {"Setpoint.COF left": left, "Setpoint.COF right": right}
+            bench._objects.set_all(values)  # noqa: SLF001 - of the class whose property it is
 
         super().__init__(read, write)
         self.__doc__ = text

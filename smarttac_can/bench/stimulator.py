@@ -90,7 +90,7 @@ class Stimulator:
         self._control = StateControl(self._objects)
         self._loop = Loop(self._objects, self._control)
         self._recording: Recording | None = None
-        self.finger = SimulatedFinger(self.get, self.set)
+        self.finger = SimulatedFinger(self.get, self._objects.set_all)
 
     @property
     def _link(self) -> Link:
@@ -214,13 +214,14 @@ class Stimulator:
             Values by name that replace defaults of the stimulator's EDS: raw integers, or texts
             with a unit as `set` takes them, such as ``800 nm``.
         log
-            Called with the time stamp in us and the frame, for every frame on the bus.
+            Called with the time stamp in us and the frame, for every frame on the bus; the local
+            link has none.
 
         Raises
         ------
         ValueError
-            If there is no such link, seed or subject, `plate_inside` is neither True nor False, or
-            a preset is no value of its object.
+            If there is no such link, seed or subject, `plate_inside` is neither True nor False, a
+            preset is no value of its object, or `log` cannot be called or has no bus.
         BenchError
             If there is no such object.
         """

@@ -410,7 +410,7 @@ def read_csv(path: Path | str) -> list[Trace]:
     Raises
     ------
     ValueError
-        If the header, a number or a label is not as `write_csv` writes it; names the line.
+        If the header, a number or a label is not as `write_csv` writes it; names file and line.
     OSError
         If it is no regular file, or cannot be read.
     """
@@ -419,10 +419,13 @@ def read_csv(path: Path | str) -> list[Trace]:
     with TextIOWrapper(file, encoding="utf-8-sig", errors="backslashreplace", newline="") as text:
         # A line that is too long is none of a trace, and is not read as a whole.
         lines = iter(lambda: text.readline(_LONGEST_LINE), "")
-        return [
-            Trace.from_rows(experiment, int(subject), [row for _, _, row in rows])
-            for (experiment, subject), rows in groupby(_rows(lines), key=lambda row: row[:2])
-        ]
+        try:
+            return [
+                Trace.from_rows(experiment, int(subject), [row for _, _, row in rows])
+                for (experiment, subject), rows in groupby(_rows(lines), key=lambda row: row[:2])
+            ]
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
 
 
 @in_words()

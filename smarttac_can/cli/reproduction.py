@@ -200,8 +200,8 @@ def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
         results = json.loads(read_bounded(file, _RESULTS_MAX_BYTES))
         if not isinstance(results, dict) or "trace_sha256" not in results:
             raise ValueError("it holds no results of reproduce")
-    with naming(file := _made(folder, TRACES), ValueError):
-        return read_csv(file), results
+    with plain_errors(ValueError):
+        return read_csv(_made(folder, TRACES)), results
 
 
 def _made(folder: Path, name: str) -> Path:

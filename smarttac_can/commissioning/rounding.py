@@ -21,8 +21,13 @@ def require_kept(entry: Entry, raw: int, given: str) -> None:
     Raises
     ------
     ValueError
-        If it is not 0, and 0 would go over the wire; names it and the step of the object.
+        If it is not 0, and 0 would go over the wire; names it and the step of the object, or the
+        lowest value if it is below that.
     """
-    if raw == 0 and Quantity.parse(given).number:
+    quantity = Quantity.parse(given)
+    if raw == 0 and quantity.number:
+        if quantity.over(entry.unit) < entry.low:
+            lowest = f"{entry.low * float(entry.unit.number):.12g} {entry.unit.symbol}".rstrip()
+            raise ValueError(f"{entry.name} {given} is below {lowest}, its lowest value")
         step = f"{entry.unit.number:f} {entry.unit.symbol}".rstrip()
         raise ValueError(f"{entry.name} {given} would become 0: it goes in steps of {step}")

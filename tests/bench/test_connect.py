@@ -65,6 +65,15 @@ def test_no_node_answers(virtual: dict[str, Any]) -> None:
         Stimulator.connect(**virtual, timeout=0.05)
 
 
+def test_where_no_node_answers_has_the_port_that_was_given() -> None:
+    with pytest.raises(
+        NodeNotFoundError, match=r"no node 32 answers on udp_multicast:239\.74\.163\.77 port 43997:"
+    ):
+        Stimulator.connect(
+            interface="udp_multicast", channel="239.74.163.77", port=43997, timeout=0.05
+        )
+
+
 def test_another_node_id(virtual: dict[str, Any]) -> None:
     with in_threads(virtual, stimulator_with_plate()):
         with pytest.raises(NodeNotFoundError, match="no node 31 answers"):
@@ -114,13 +123,28 @@ def test_lockstep_with_a_node_in_real_time_is_named(virtual: dict[str, Any], ins
     with (
         in_threads(virtual, *nodes, lockstep=False),
         Stimulator.connect(**virtual, plate_node_id=None if inside else 33, lockstep=True) as bench,
+        # Whether it has tared itself by now decides what is asked first.
         pytest.raises(
-            NotReadyError,
-            match=r": node 32 runs in real time: connect without lockstep=True, or start all nodes "
+            (NotReadyError, NotRunningError),
+            match=r"node 32 runs in real time: connect without lockstep=True, or start all nodes "
             "with --lockstep$",
         ),
     ):
         bench.mode = "amplitude"
+
+
+@pytest.mark.parametrize("unwatched", [0, 1])
+def test_lockstep_with_a_node_in_real_time_is_refused_by_the_first_run(
+    virtual: dict[str, Any], unwatched: int
+) -> None:
+    with (
+        in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
+        Stimulator.connect(**virtual, lockstep=True) as bench,
+    ):
+        bench.set("Drive unwatched", unwatched)
+        for _ in range(2):
+            with pytest.raises(NotRunningError, match=r"^node 32 runs in real time: connect "):
+                bench.run(0.05)
 
 
 @pytest.mark.parametrize("inside", [True, False])

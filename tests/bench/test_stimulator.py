@@ -14,6 +14,7 @@ from smarttac_can.bench import (
     Mode,
     NotReadyError,
     NotRunningError,
+    Placing,
     RefusedError,
     Stimulator,
     VibrationLaw,
@@ -133,6 +134,14 @@ def test_another_unit_is_refused_with_the_one_expected(
             lambda bench: bench.set("Simulation.Seed", 0.3),
             "Simulation.Seed 0.3 would become 0: it goes in steps of 1",
         ),
+        (
+            lambda bench: bench.set("Limit.Voltage", -1),
+            "Limit.Voltage -1.0 mV is below 0 mV, its lowest value$",
+        ),
+        (
+            lambda bench: bench.set("Simulation.Subject", 0.3),
+            "Simulation.Subject 0.3 is below 1, its lowest value$",
+        ),
     ],
 )
 def test_what_would_be_rounded_to_nothing_is_refused(
@@ -179,12 +188,12 @@ def test_a_property_of_the_class_is_there_with_its_text_and_type(name: str, kind
     assert shown.fget.__annotations__["return"] == kind
 
 
-@pytest.mark.parametrize("pair", [(0.3, 5), (5, 0.3)])
+@pytest.mark.parametrize("pair", [(0.3, 5), (5, 0.3), (0.3, 1e-6)])
 def test_a_pair_of_which_one_is_refused_changes_neither(
     bench: Stimulator, pair: tuple[float, float]
 ) -> None:
     bench.cof = (0.25, 0.45)
-    with pytest.raises(RefusedError, match=r"Setpoint\.COF"):
+    with pytest.raises((RefusedError, ValueError), match=r"Setpoint\.COF"):
         bench.cof = pair
     assert bench.cof == (0.25, 0.45)
 
@@ -360,6 +369,19 @@ def test_a_misspelt_property_is_an_error() -> None:
 def test_an_unknown_link_is_refused() -> None:
     with pytest.raises(ValueError, match="link 'vcan' is none of local, bus"):
         Stimulator.simulate("vcan")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("link", "log", "text"),
+    [
+        ("local", print, r"^there is no bus whose frames could go to log: simulate\('bus'\)$"),
+        ("local", "x.log", "^log 'x.log' is no function of a time stamp and a frame$"),
+        ("bus", "x.log", "^log 'x.log' is no function of a time stamp and a frame$"),
+    ],
+)
+def test_a_log_that_would_be_ignored_is_refused(link: LinkName, log: Any, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Stimulator.simulate(link, log=log)
 
 
 @pytest.mark.parametrize(
@@ -852,6 +874,81 @@ def test_the_finger_of_a_simulated_plate(bench: Stimulator) -> None:
 def test_a_finger_out_of_range_is_refused(argument: str, value: float) -> None:
     with Stimulator.simulate("local") as bench, pytest.raises(RefusedError, match="060900"):
         bench.finger.stroke(**({"subject": 1} | {argument: value}))  # type: ignore[arg-type]
+
+
+def _simulated(bench: Stimulator) -> dict[str, float]:
+    groups = ("Finger", "Simulation", "Weight")
+    names = [
+        entry.name
+        for entry in stimulator_od()
+        if entry.name.split(".")[0] in groups and "." in entry.name and entry.access == "rw"
+    ]
+    return {name: bench.get(name) for name in names}
+
+
+@pytest.mark.parametrize(
+    ("act", "error", "text"),
+    [
+        (
+            lambda finger: finger.stroke(3, force=0.6, speed=1000),
+            RefusedError,
+            r"Finger\.Speed: abort 06090031.*: 5 to 300 mm/s$",
+        ),
+        (
+            lambda finger: finger.stroke(3, force=0.6, speed_variation=0.6),
+            RefusedError,
+            r"Finger\.Speed variation: abort 06090031",
+        ),
+        (
+            lambda finger: finger.surroundings(seed=9, temperature=1000),
+            RefusedError,
+            r"Simulation\.Ambient temperature: abort 06090031",
+        ),
+        (
+            lambda finger: finger.surroundings(seed=9, drive_instant="1 V"),
+            ValueError,
+            "^drive_instant '1 V' is no number with a unit like us$",
+        ),
+        (lambda finger: finger.stroke(1.5), ValueError, r"^subject 1\.5 is no integer$"),
+        (lambda finger: finger.stroke("2"), ValueError, "^subject '2' is no integer$"),
+        (lambda finger: finger.surroundings(seed=1.5), ValueError, r"^seed 1\.5 is no integer$"),
+        (
+            lambda finger: finger.stroke(3, force="500"),
+            ValueError,
+            "^force '500' is no number with a unit like N$",
+        ),
+        (
+            lambda finger: finger.stroke(3, travel=None),
+            ValueError,
+            "^travel None is not a finite number$",
+        ),
+        (
+            lambda finger: finger.put(Placing(500.0, 0.0, 0.0, 1000.0)),
+            RefusedError,
+            r"Weight\.Position: abort 06090031",
+        ),
+    ],
+)
+def test_of_a_finger_that_is_refused_nothing_changes(
+    act: Callable[[Any], object], error: type[Exception], text: str, bench: Stimulator
+) -> None:
+    bench.finger.lift()
+    before = _simulated(bench)
+    assert {"Simulation.Seed", "Finger.Motion", "Weight.Position"} <= set(before)
+    with pytest.raises(error, match=text):
+        act(bench.finger)
+    assert _simulated(bench) == before
+
+
+def test_a_finger_takes_texts_with_units(bench: Stimulator) -> None:
+    bench.finger.stroke(2, force="600 mN", speed="0.1 m/s", travel="1e4 um", force_variation="20 %")
+    bench.finger.surroundings(temperature="30 degC", drive_instant="0.1 ms")
+    assert bench.get("Finger.Force", "N") == 0.6
+    assert bench.get("Finger.Speed", "mm/s") == 100.0
+    assert bench.get("Finger.Range", "mm") == 10.0
+    assert bench.get("Finger.Force variation", "%") == 20.0
+    assert bench.get("Simulation.Ambient temperature", "degC") == 30.0
+    assert bench.get("Simulation.Drive instant", "us") == 100.0
 
 
 def test_a_wavering_finger_differs_from_pass_to_pass() -> None:
