@@ -1,5 +1,17 @@
-"""Run the command ``smarttac`` as ``python -m smarttac_can``."""
+"""Run the command ``smarttac``, also as ``python -m smarttac_can``."""
 
-from smarttac_can.cli import main
+import sys
 
-main(prog_name="smarttac")
+
+def run() -> None:
+    """Run the command; Ctrl-C while its modules are loaded ends it as later on."""
+    try:
+        from smarttac_can.cli import main  # noqa: PLC0415 - takes up to a second
+
+        main(prog_name="smarttac")
+    except KeyboardInterrupt:
+        sys.exit("\nAborted!")
+
+
+if __name__ == "__main__":
+    run()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, TextIO
@@ -103,6 +103,19 @@ def report_results(results: object, lines: Iterable[str], file: TextIO | None) -
 
 
 @contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder if there is none; if nothing is in it after the block, it is gone again."""
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        if new:
+            with suppress(OSError):  # it has results
+                folder.rmdir()
+
+
+@contextmanager
 def result_folder(folder: Path, names: Iterable[str]) -> Iterator[Path]:
     """Give an empty folder whose files take the place of old results when all of them are there.
 
@@ -124,13 +137,13 @@ def result_folder(folder: Path, names: Iterable[str]) -> Iterator[Path]:
     OSError
         If it cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        directory = TemporaryDirectory(prefix=".part-", dir=folder)
-    except OSError as error:
-        error.filename = str(folder)
-        raise
-    with directory as part:
+    with ExitStack() as stack:
+        stack.enter_context(_made(folder))
+        try:
+            part = stack.enter_context(TemporaryDirectory(prefix=".part-", dir=folder))
+        except OSError as error:
+            error.filename = str(folder)
+            raise
         try:
             yield Path(part)
         except OSError as error:

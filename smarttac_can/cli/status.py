@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import canopen
 import click
 
-from smarttac_can.bench import State, Stimulator, plate_od, stimulator_od
+from smarttac_can.bench import FaultError, State, Stimulator, plate_od, stimulator_od
 from smarttac_can.bench.bench_heartbeat import bench_id
 from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.cli.options import (
@@ -44,7 +44,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.vocabulary.levels import level
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import Status, known_state
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 
 _HEARTBEATS_WAITED: Final = 1.5
 _LONGEST_WATCH_S: Final = 2.0
@@ -63,10 +63,13 @@ class _Watch(NamedTuple):
     """A node whose heartbeat a stimulator watches."""
 
     node_id: int
+    entry: int
+    """Sub-index of its entry."""
     bench: bool
     """Whether it is that of bench scripts."""
     seconds: float
     """How long it may be silent."""
+    heard: bool = False
 
 
 @click.command(
@@ -110,6 +113,7 @@ def reset(
     """
     with (
         plain_errors(),
+        _cure_of_silence(bus, node_id, plate_node, timeout),
         Stimulator.connect(
             node_id=node_id,
             plate_node_id=plate_node,
@@ -127,6 +131,27 @@ def reset(
         click.echo(one_line(f"stimulator {node_id} is reset ({why}): {_plain(stimulator.state)}"))
 
 
+@contextmanager
+def _cure_of_silence(
+    bus: BusChoice, node_id: int, plate_node: int | None, timeout: float
+) -> Iterator[None]:
+    """Add to a fault by a lost heartbeat, which bars its reset, whose it is and what to do."""
+    try:
+        yield
+    except FaultError as error:
+        if WATCHDOGS[Watchdog.HEARTBEAT].text in str(error):
+            with closing_network(bus) as network:
+                device = RemoteDevice(network, stimulator_od(node_id), bus.where, timeout)
+                for watch in _watches(network, device, plate_node or _plate_of(device)):
+                    if not watch.heard:
+                        error.add_note(
+                            f"node {watch.node_id} is watched but not heard: start it again, or "
+                            f"write 0 to {HEARTBEAT_CONSUMER:X}h sub-index {watch.entry} of node "
+                            f"{node_id}, or reset node {node_id} (NMT)"
+                        )
+        raise
+
+
 def _plain(state: State) -> str:
     return state.name.lower().replace("_", " ")
 
@@ -135,35 +160,21 @@ def _ask(
     network: canopen.Network, where: str, node_id: int, plate_node: int | None, timeout: float
 ) -> dict[str, Any]:
     """Ask a stimulator, and listen for the heartbeats of those that it watches."""
-    heard: set[int] = set()
-
-    def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
-        heard.add(can_id - HEARTBEAT_ID)
-
     device = RemoteDevice(network, stimulator_od(node_id), where, timeout)
     plate_id = plate_node or _plate_of(device)
     plate = None if plate_id is None else RemoteDevice(network, plate_od(plate_id), where, timeout)
-    watches = [watch for watch in _watches(device) if watch.node_id != plate_id]
-    for watch in watches:
-        network.subscribe(HEARTBEAT_ID + watch.node_id, hear)
-    said = {
+    return {
         "bus": where,
         "node_id": node_id,
         "nmt": _nmt(device),
         "plate": None if plate is None else {"node_id": plate_id, "nmt": _nmt(plate)},
         **_state(device),
         "levels": _levels(device),
+        "driven_by": [
+            {"node_id": watch.node_id, "bench": watch.bench, "heard": watch.heard}
+            for watch in _watches(network, device, plate_id)
+        ],
     }
-    longest = max((watch.seconds for watch in watches), default=0.0)
-    wait_until(
-        lambda: heard.issuperset(watch.node_id for watch in watches),
-        min(longest, _LONGEST_WATCH_S),
-    )
-    said["driven_by"] = [
-        {"node_id": watch.node_id, "bench": watch.bench, "heard": watch.node_id in heard}
-        for watch in watches
-    ]
-    return said
 
 
 def _plate_of(device: RemoteDevice) -> int | None:
@@ -174,13 +185,32 @@ def _plate_of(device: RemoteDevice) -> int | None:
     return plate if not cob_id & COB_INVALID and 1 <= plate <= CAN_ID_MASK >> 4 else None
 
 
-def _watches(device: RemoteDevice) -> Iterator[_Watch]:
+def _watches(network: canopen.Network, device: RemoteDevice, plate_id: int | None) -> list[_Watch]:
+    """Return the nodes that a stimulator watches beside its plate, and listen for each of them."""
+    heard: set[int] = set()
+
+    def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
+        heard.add(can_id - HEARTBEAT_ID)
+
+    watches = [watch for watch in _entered(device) if watch.node_id != plate_id]
+    for watch in watches:
+        network.subscribe(HEARTBEAT_ID + watch.node_id, hear)
+    longest = max((watch.seconds for watch in watches), default=0.0)
+    wait_until(
+        lambda: heard.issuperset(watch.node_id for watch in watches),
+        min(longest, _LONGEST_WATCH_S),
+    )
+    return [watch._replace(heard=watch.node_id in heard) for watch in watches]
+
+
+def _entered(device: RemoteDevice) -> Iterator[_Watch]:
     own = device.od.node_id
     for subindex, entry in device.od.objects[HEARTBEAT_CONSUMER].entries.items():
         if subindex:
             value = int(device.read(entry))
             if node_id := watched_node(value):
-                yield _Watch(node_id, node_id == bench_id(own), (value & 0xFFFF) * 1e-3)
+                is_bench = node_id == bench_id(own)
+                yield _Watch(node_id, subindex, is_bench, (value & 0xFFFF) * 1e-3)
 
 
 def _nmt(device: RemoteDevice) -> str:

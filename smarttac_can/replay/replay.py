@@ -132,6 +132,8 @@ class Replay:
             If nothing of the loop was compared, with what the log needs.
         """
         node_id = self._node_id
+        if not self._frames:
+            raise ValueError("the log is empty: there is no frame in it")
         if self._node is None:
             raise ValueError(
                 f"no boot-up message of node {node_id}: what the controllers knew before is not in "

@@ -245,3 +245,10 @@ def test_a_long_log_takes_no_more_memory(tmp_path: Path) -> None:
         tracemalloc.stop()
     # The log of a second has a million bytes more in it.
     assert size[2] < size[1] + 100_000
+
+
+@pytest.mark.parametrize("text", ["", "\n"])
+def test_an_empty_log(tmp_path: Path, text: str) -> None:
+    log = tmp_path / "empty.log"
+    log.write_text(text)
+    assert one_line(replay(log)) == f"Error: {log}: the log is empty: there is no frame in it"

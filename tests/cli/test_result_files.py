@@ -1,6 +1,7 @@
 """No command replaces results without ``--force``, and no old ones stay beside new ones."""
 
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import click
@@ -198,3 +199,32 @@ def test_the_error_names_what_was_asked_for(
     with pytest.raises(OSError) as told:
         write(tmp_path)
     assert told.value.filename in (str(tmp_path / "missing/file"), str(tmp_path / "file/below"))
+
+
+INTERRUPTED = {
+    "reproduce": ("smarttac_can.cli.reproduction.run_reproduction", FOLDERS["reproduce --output"]),
+    "demo": ("smarttac_can.cli.reproduction.run_reproduction", FOLDERS["demo --output"]),
+    "campaign": ("smarttac_can.cli.campaign.run_campaign", FOLDERS["campaign --output"]),
+}
+
+
+@pytest.mark.parametrize(("work", "arguments"), INTERRUPTED.values(), ids=INTERRUPTED)
+@pytest.mark.parametrize("there", [False, True])
+def test_an_interrupted_run_leaves_no_folder_that_was_not_there(
+    work: str,
+    arguments: tuple[str, ...],
+    there: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    module, _, name = work.rpartition(".")
+    monkeypatch.setattr(import_module(module), name, interrupt)
+    folder = tmp_path / "new"
+    if there:
+        folder.mkdir()
+    result = run(*arguments, "--output", folder)
+    assert (result.exit_code, result.stderr) == (1, "\nAborted!\n")
+    assert list(tmp_path.iterdir()) == ([folder] if there else [])

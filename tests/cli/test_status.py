@@ -4,12 +4,14 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+import can
 import pytest
 from click.testing import CliRunner, Result
 from nodes_on_a_bus import both, in_threads, stimulator_with_plate
 
 from smarttac_can.bench import BenchError, State, Stimulator
 from smarttac_can.cli import main
+from smarttac_can.commissioning.node_ids import wait_until
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
@@ -166,6 +168,29 @@ def test_a_master_that_is_not_heard(virtual: dict[str, Any], node: StimulatorNod
     node.od.entry(0x1016, 2).value = 5 << 16 | 100
     said = lines(smarttac(virtual, "status"))
     assert said["driven by"] == "nobody; node 5 watched but not heard"
+
+
+def test_a_lost_master_is_named_with_the_cure(
+    virtual: dict[str, Any], node: StimulatorNode
+) -> None:
+    watch = "Consumer heartbeat time.Consumer heartbeat time 2"
+    with Stimulator.connect(**virtual) as bench, can.Bus(**virtual) as bus:
+        bench.run(0.2)
+        bench.set(watch, 5 << 16 | 2000)
+        bus.send(can.Message(arbitration_id=0x705, data=[5], is_extended_id=False))
+        bench.arm()
+        wait_until(lambda: bench.state is State.FAULT, 60.0)
+    for _ in range(2):
+        refused = smarttac(virtual, "reset")
+        assert (refused.exit_code, refused.stderr) == (
+            1,
+            "Error: the fault cannot be reset: the heartbeat of a watched node is lost; node 5 is "
+            "watched but not heard: start it again, or write 0 to 1016h sub-index 2 of node 32, or "
+            "reset node 32 (NMT)\n",
+        )
+    with Stimulator.connect(**virtual) as bench:
+        bench.set(watch, 0)
+    assert smarttac(virtual, "reset").exit_code == 0
 
 
 def test_no_node_there(virtual: dict[str, Any], node: StimulatorNode) -> None:
