@@ -189,19 +189,34 @@ class _Disk(FileIO):
         self._path = path
         self._log = log
         self._error: OSError | None = None
+        self._kept: list[tuple[int, bytes]] = []
+        """Where in the file, and what: no more than is written between two looks at the error."""
 
     def write(self, data: Any) -> int:
-        """Write all of it, or nothing once a write has failed."""
-        left = memoryview(data).cast("B")
+        """Write all of it, or keep it in memory once a write has failed."""
+        at, left = self.tell(), memoryview(data).cast("B")
         try:
             while len(left) and self._error is None:
                 left = left[self._put(left) :]
         except OSError as error:
             self._error = error
+        if self._error is not None:
+            self._kept.append((at, bytes(memoryview(data).cast("B"))))
         return memoryview(data).nbytes
 
     def _put(self, data: memoryview) -> int:
         return super().write(data)
+
+    def readinto(self, buffer: Any) -> int:
+        """Read what was written, taken by the disk or not; HDF5 crashes on anything else."""
+        begin, view = self.tell(), memoryview(buffer).cast("B")
+        found = super().readinto(view) or 0
+        view[found:] = bytes(len(view) - found)
+        for at, data in self._kept:
+            first, end = max(at, begin), min(at + len(data), begin + len(view))
+            if first < end:
+                view[first - begin : end - begin] = data[first - at : end - at]
+        return len(view)
 
     def truncate(self, size: int | None = None) -> int:
         """Set the size."""

@@ -362,6 +362,22 @@ def test_a_full_disk_at_any_write_makes_no_file(
     assert [other.name for other in log.parent.iterdir()] == [log.name]
 
 
+def test_what_a_full_disk_has_not_taken_is_read_back(tmp_path: Path) -> None:
+    """HDF5 takes what it reads for its own tables, and crashes on what is none."""
+    with recording_file._Disk(tmp_path / "x", tmp_path / "y", tmp_path / "z") as disk:
+        disk.write(b"abcdefgh")
+        disk._error = OSError(errno.ENOSPC, "No space left on device")
+        for at, data in ((2, b"CD"), (6, b"GHIJ"), (3, b"x")):
+            disk.seek(at)
+            assert disk.write(data) == len(data)
+        found = bytearray(14)
+        for at, want in ((0, b"abCxefGHIJ\0\0\0\0"), (3, b"xefGHIJ\0\0\0\0\0\0\0")):
+            disk.seek(at)
+            assert disk.readinto(found) == 14
+            assert bytes(found) == want
+    assert (tmp_path / "x").read_bytes() == b"abcdefgh"
+
+
 @pytest.mark.usefixtures("simulated")
 def test_the_command_names_the_recovery_where_the_disk_is_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
