@@ -186,7 +186,7 @@ main()
 @pytest.mark.skipif(sys.platform != "linux", reason="memory of a child is in KiB there")
 @pytest.mark.parametrize("command", [("check",), ("doc",), ("dbc",), OTHER_DCF], ids=lambda c: c[0])
 @pytest.mark.parametrize("content", LARGEST.values(), ids=LARGEST)
-def test_the_largest_files_take_2_s_and_300_mib(
+def test_the_largest_files_take_seconds_and_300_mib(
     content: str, command: tuple[str, ...], tmp_path: Path
 ) -> None:
     path = tmp_path / "large.eds"
@@ -198,7 +198,8 @@ def test_the_largest_files_take_2_s_and_300_mib(
     )
     _, _, used = os.wait4(child.pid, 0)
     child.returncode = 0
-    assert used.ru_utime + used.ru_stime < 2.0
+    # A second by itself, more beside other work; what grows with the square takes minutes.
+    assert used.ru_utime + used.ru_stime < 15.0
     assert int((tmp_path / "size").read_text()) < 300 * 1024
 
 
