@@ -37,7 +37,7 @@ def test_an_old_name_is_where_the_table_says(row: list[str]) -> None:
 
 def test_a_name_is_changed_once() -> None:
     renamed = [(name, row[2]) for row in ROWS for name in re.findall(r"`([\w.]+)[()]*`", row[0])]
-    assert len(renamed) == len(set(renamed)) > 50
+    assert len(renamed) == len(set(renamed)) > 0
 
 
 def test_a_word_has_one_meaning() -> None:

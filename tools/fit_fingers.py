@@ -114,7 +114,7 @@ def table(number: int, values: Values, seed: int) -> Trace:
     rows = []
     for tick in range(round((0.364 + PASSES * 1.2 * TRAVEL / values["speed"]) / TICK)):
         if tick == TARE_SAMPLES:
-            cascade.tribometer.tare()
+            cascade.zero = cascade.null()
             cascade.set_mode(Mode.FRICTION)
         new = cascade.update(plate.sample(), setpoint)
         plate.step(drive, new)

@@ -11,7 +11,7 @@ from typing import Any
 
 from fmeda_page import Found, found, summary
 
-from smarttac_can.control.cascade import FREQUENCY_STEP
+from smarttac_can.control.step import FREQUENCY_STEP
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.nodes import drive_sender
 from smarttac_can.nodes.hard_caps import AMPLITUDE_TRIP_MAX

@@ -88,7 +88,7 @@ class Rig:
         self.old = Drive(0.0, WARM)
         self.voltages: list[float] = []
         self.run(70, 0.0, Mode.OFF)
-        self.cascade.tribometer.tare()
+        self.cascade.zero = self.cascade.null()
         self.run(60, 0.0, Mode.OFF)
 
     def run(self, ticks: int, W_ref: float, mode: Mode) -> np.ndarray[Any, Any]:

@@ -9,15 +9,13 @@ from smarttac_can._faces import lazily
 if TYPE_CHECKING:
     from smarttac_can.control.cascade import Cascade
     from smarttac_can.control.parameters import CascadeParameters
-    from smarttac_can.control.tribometer import Tribometer
 
-__all__ = ["Cascade", "CascadeParameters", "Tribometer"]
+__all__ = ["Cascade", "CascadeParameters"]
 
 __getattr__ = lazily(
     __name__,
     {
         "Cascade": "cascade",
         "CascadeParameters": "parameters",
-        "Tribometer": "tribometer",
     },
 )

@@ -22,13 +22,38 @@ the fastest loop without overshoot. Without dead time b1 = 0, p_c = 0, ``Kp = (1
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from typing import Final, NamedTuple
 
-from smarttac_can.control.pi import PI
-from smarttac_can.vocabulary.model import PlateModel, require
+from smarttac_can.vocabulary.model import GAIN_MIN, TAU_MIN, PlateModel, contact_load, require
 from smarttac_can.vocabulary.signals import TICK
 
 POLE_MAX = 0.95
 """Slowest closed-loop pole that may be asked for: 20 ms."""
+FORCE_STEP: Final = 0.05
+"""Step of the table of gains in N: a time constant of 3 % at 0.5 N."""
+ROWS: Final = 61
+"""Its last row is 3 N, beyond which the load grows slowly and a finger soon is a fault."""
+
+
+class PI(NamedTuple):
+    """A PI controller ``C(z) = Kp (z - a)/(z - 1)``."""
+
+    Kp: float
+    """Gain in units of the output per unit of the error; negative for a plant of negative gain."""
+    a: float
+    """Zero, 0..1; placed on the plant's pole."""
+
+
+class Gains(NamedTuple):
+    """Gains of both loops; they have the same zero."""
+
+    amplitude: float
+    """Kp of C_W in V/m."""
+    resonance: float
+    """Kp of C_omega in Hz."""
+    a: float
+    """Zero of both, 0..1."""
 
 
 def dominant_pole(tau: float, pole: float, dead_time: float) -> float:
@@ -63,7 +88,11 @@ def resonance_pi(model: PlateModel, pole: float, dead_time: float = 0.0) -> PI:
     The gain of eq. (7) is -tau in rad/s, hence -2 pi tau in Hz. Parameters and errors as for
     :func:`amplitude_pi`.
     """
-    return _pi(-2.0 * math.pi * model.tau, model.tau, pole, dead_time)
+    return _pi(_resonance_gain(model.tau), model.tau, pole, dead_time)
+
+
+def _resonance_gain(tau: float) -> float:
+    return -2.0 * math.pi * tau
 
 
 def _pi(gain: float, tau: float, pole: float, dead_time: float) -> PI:
@@ -84,3 +113,38 @@ def _plant(tau: float, dead_time: float) -> tuple[float, float, float]:
     b0 = 1.0 - math.exp(-(TICK - dead_time) / tau)
     b1 = -before * math.exp(-(TICK - dead_time) / tau)
     return a, b0, b1
+
+
+@lru_cache(maxsize=16)
+def designed(
+    model: PlateModel, amplitude_pole: float, resonance_pole: float, dead_time: float
+) -> tuple[Gains, tuple[Gains, ...]]:
+    """Design both loops for the bare plate, and for the plate under a finger.
+
+    Parameters
+    ----------
+    model
+        The unloaded plate, and what a finger adds.
+    amplitude_pole, resonance_pole, dead_time
+        As for `amplitude_pi`.
+
+    Returns
+    -------
+    bare, rows
+        Gains for the bare plate, and those for the normal forces 0, 0.05 .. 3 N.
+    """
+    amplitude = amplitude_pi(model, amplitude_pole, dead_time)
+    resonance = resonance_pi(model, resonance_pole, dead_time)
+    rows = []
+    for row in range(ROWS):
+        tau = max(1.0 / model.decay_rate(contact_load(FORCE_STEP * row)), TAU_MIN)
+        gain = max(model.gain * tau / model.tau, GAIN_MIN)
+        Kp_W, a = _pi(gain, tau, amplitude_pole, dead_time)
+        Kp_omega, _ = _pi(_resonance_gain(tau), tau, resonance_pole, dead_time)
+        rows.append(Gains(Kp_W, Kp_omega, a))
+    return Gains(amplitude.Kp, resonance.Kp, amplitude.a), tuple(rows)
+
+
+def row_of(Fn: float, rows: int) -> int:
+    """Return the row of a table of so many rows for a normal force in N, 0 without a finger."""
+    return min(int(Fn / FORCE_STEP + 0.5), rows - 1) if Fn > 0.0 else 0

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from smarttac_can.control.friction_map import Level
+from smarttac_can.control.friction_map import Plateau
 
 LEVEL_TICKS: Final = 20
 """Ticks that make a level."""
@@ -32,10 +32,10 @@ class Gathered(NamedTuple):
     sum_m0: float
     made: int
     """Levels that were made."""
-    last: Level
+    last: Plateau
 
 
-NOTHING: Final = Gathered(0, 0.0, 0.0, 0.0, 0, Level(0.0, 0.0, 0.0))
+NOTHING: Final = Gathered(0, 0.0, 0.0, 0.0, 0, Plateau(0.0, 0.0, 0.0))
 
 
 def interrupted(so_far: Gathered, turned: bool) -> Gathered:
@@ -64,10 +64,10 @@ def gathered(so_far: Gathered, ln_mu: float, W: float, ln_ref: float, m0: float)
     ticks, sum_ln, sum_W, sum_m0 = ticks + 1, sum_ln + ln_mu, sum_W + W, sum_m0 + m0
     if ticks < LEVEL_TICKS:
         return Gathered(ticks, sum_ln, sum_W, sum_m0, made, last)
-    return Gathered(0, 0.0, 0.0, 0.0, made + 1, Level(sum_ln / ticks, sum_W / ticks, ln_ref))
+    return Gathered(0, 0.0, 0.0, 0.0, made + 1, Plateau(sum_ln / ticks, sum_W / ticks, ln_ref))
 
 
-def tells(before: Level, after: Level) -> bool:
+def tells(before: Plateau, after: Plateau) -> bool:
     """Tell whether two levels differ because they were asked to."""
     asked = abs(after.ln_ref - before.ln_ref) > PAIR_MIN
     return asked and abs(after.W - before.W) > PAIR_MIN_W

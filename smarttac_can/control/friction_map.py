@@ -61,7 +61,7 @@ PRIOR: Final = Weights(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
 """Any finger."""
 
 
-class Level(NamedTuple):
+class Plateau(NamedTuple):
     """What a while of steady vibration came to."""
 
     ln_mu: float
@@ -113,7 +113,7 @@ def _node(weights: Weights, i: int, above: float) -> float:
     return h if h < most else most
 
 
-def learned(weights: Weights, before: Level, after: Level, variance: float) -> Weights:
+def learned(weights: Weights, before: Plateau, after: Plateau, variance: float) -> Weights:
     """Return the weights once two settled levels of one pass are known.
 
     Parameters

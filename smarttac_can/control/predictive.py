@@ -28,7 +28,7 @@ from smarttac_can.control.belief import (
     missed,
 )
 from smarttac_can.vocabulary.model import F0_SLOPE, PlateModel, contact_load, decay_rate
-from smarttac_can.vocabulary.signals import TICK, Contact, Drive
+from smarttac_can.vocabulary.signals import TICK, Drive
 
 LEAST_POLE: Final = 0.1
 """Share of an error that is left on purpose: margin for a dead time that was told wrongly."""
@@ -214,47 +214,6 @@ def asked_voltage(prior: Prior, learned: Learned, W_ref: float, frequency: float
         return drive.voltage
     span = Span(drive.voltage, TWO_PI * drive.frequency, 0.0, TWO_PI * frequency)
     return voltage_for(learned.plate, learned.belief, prior.dead_time, learned.W, span, W_ref)
-
-
-class PredictiveLoop:
-    """Amplitude and resonance by one law; it learns in every mode, whoever drives.
-
-    Parameters
-    ----------
-    model
-        The unloaded plate, what a finger adds, and the temperature at which it was identified.
-    dead_time
-        Time from the tick until the new drive is in force in s, 0 or more, below 1 ms.
-
-    Attributes
-    ----------
-    learned : Learned
-        What it knows now.
-    """
-
-    __slots__ = ("_prior", "learned")
-
-    def __init__(self, model: PlateModel, dead_time: float) -> None:
-        self._prior = prior_of(model, dead_time)
-        self.learned = unlearned(self._prior)
-
-    @property
-    def resonance(self) -> float:
-        """Resonance in Hz where it is believed to be; at first the frequency in force."""
-        return resonance_of(self.learned)
-
-    def observe(self, W: complex, drive: Drive, contact: Contact, temperature: float) -> None:
-        """Learn from the measurement of a tick; the arguments are those of `observed`."""
-        Fn = contact.Fn if contact.touching else 0.0
-        self.learned = observed(self._prior, self.learned, W, drive, Fn, temperature)
-
-    def interrupt(self) -> None:
-        """Take note that a tick is missing: what comes next does not follow from what was."""
-        self.learned = self.learned._replace(follows=False)
-
-    def voltage(self, W_ref: float, frequency: float) -> float:
-        """Return the voltage in V, before its limits; the arguments are `asked_voltage`'s."""
-        return asked_voltage(self._prior, self.learned, W_ref, frequency)
 
 
 def prior_of(model: PlateModel, dead_time: float) -> Prior:

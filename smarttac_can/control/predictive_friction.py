@@ -23,15 +23,15 @@ from smarttac_can.control.friction_levels import (
 )
 from smarttac_can.control.friction_map import (
     PRIOR,
-    Level,
     Nodes,
+    Plateau,
     Weights,
     amplitude_for,
     learned,
     shape,
     value,
 )
-from smarttac_can.vocabulary.signals import TICK, Contact
+from smarttac_can.vocabulary.signals import TICK
 
 PATH_FREQUENCY: Final = 100.0
 """Natural frequency in Hz that is assumed of the force path, an assumption as in the plate."""
@@ -89,7 +89,7 @@ def path_step(frequency: float, damping: float) -> PathStep:
 PATH: Final = path_step(PATH_FREQUENCY, PATH_DAMPING)
 
 
-class Felt(NamedTuple):
+class FrictionSample(NamedTuple):
     """What a tick tells of the finger."""
 
     mu: float
@@ -123,7 +123,7 @@ class Known(NamedTuple):
     """Pairs of levels that it was learned from."""
 
 
-class Touch(NamedTuple):
+class MapState(NamedTuple):
     """State of the law while a finger touches."""
 
     m0: float
@@ -139,15 +139,17 @@ class Touch(NamedTuple):
     path: Path
     gathered: Gathered
     known: Known
-    felt: Felt
+    felt: FrictionSample
     """The last tick."""
 
 
 ANYBODY: Final = Known(PRIOR, shape(PRIOR), 0)
 """Any finger."""
+NO_SAMPLE: Final = FrictionSample(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""Before the first touch."""
 
 
-def begin(felt: Felt, known: Known) -> Touch:
+def begin_map(felt: FrictionSample, known: Known) -> MapState:
     """Return the state at the begin of a touch, or of the mode: it asks for the amplitude there is.
 
     Parameters
@@ -161,10 +163,10 @@ def begin(felt: Felt, known: Known) -> Touch:
     ln_mu = log(felt.mu if felt.mu > MU_MIN else felt.mu_ref)
     path = Path(exp(h), 0.0)
     # It is not known to slide yet.
-    return Touch(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, NOTHING, known, felt)
+    return MapState(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, NOTHING, known, felt)
 
 
-def follow(touch: Touch, felt: Felt) -> Touch:
+def follow_map(touch: MapState, felt: FrictionSample) -> MapState:
     """Return the state a tick later; `amplitude_asked` is what it asks for."""
     before, known, m0, ln_aim = touch.felt, touch.known, touch.m0, touch.ln_aim
     ln_ref = log(felt.mu_ref)
@@ -203,10 +205,10 @@ def follow(touch: Touch, felt: Felt) -> Touch:
                 path = Path(path.y * exp(rise), path.rate * exp(rise))
     if gain < GAIN_UNKNOWN:
         ln_aim = ln_ref + pole * (ln_aim - ln_ref)
-    return Touch(m0, gain, ln_aim, since_step, since_turn, path, levels, known, felt)
+    return MapState(m0, gain, ln_aim, since_step, since_turn, path, levels, known, felt)
 
 
-def amplitude_asked(touch: Touch) -> float:
+def amplitude_asked(touch: MapState) -> float:
     """Return the amplitude in m that is asked for; below 0 for a COF that none reaches."""
     return amplitude_for(touch.known.nodes, touch.ln_aim - touch.m0)
 
@@ -225,7 +227,7 @@ def _bounded(error: float) -> float:
     return ERROR_MAX if error > ERROR_MAX else -ERROR_MAX if error < -ERROR_MAX else error
 
 
-def _taught(known: Known, before: Level, after: Level, felt: Felt) -> Known:
+def _taught(known: Known, before: Plateau, after: Plateau, felt: FrictionSample) -> Known:
     """Learn from two levels of one pass."""
     relative = felt.u_mu / felt.mu
     variance = SPEED_VARIANCE + 2.0 * relative * relative / LEVEL_TICKS
@@ -233,38 +235,5 @@ def _taught(known: Known, before: Level, after: Level, felt: Felt) -> Known:
     return Known(weights, shape(weights), known.pairs + 1)
 
 
-class PredictiveFriction:
-    """C_mu of the law ``predictive``: what it learned of a finger outlives a touch."""
-
-    __slots__ = ("_known", "touch")
-
-    def __init__(self) -> None:
-        self._known = ANYBODY
-        self.touch: Touch | None = None
-        """State while a finger touches; None otherwise."""
-
-    def reference(self, contact: Contact, W: float, mu_ref: float) -> float:
-        """Return the amplitude reference in m of this tick, before its limits.
-
-        Parameters
-        ----------
-        contact
-            A finger that touches.
-        W
-            Measured amplitude in m.
-        mu_ref
-            Reference of the COF, above 0.
-        """
-        felt = Felt(contact.mu, contact.u_mu, contact.Fx, contact.Fy, W, mu_ref)
-        touch = self.touch
-        if touch is None:
-            self.touch = begin(felt, self._known)
-            return W
-        self.touch = touch = follow(touch, felt)
-        return amplitude_asked(touch)
-
-    def release(self) -> None:
-        """Take note that no finger touches, or that another mode begins."""
-        if self.touch is not None:
-            self._known = self.touch.known
-            self.touch = None
+NO_MAP_STATE: Final = begin_map(NO_SAMPLE, ANYBODY)
+"""Before the first touch, which takes nothing of it but `ANYBODY`."""

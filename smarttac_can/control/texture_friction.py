@@ -14,11 +14,16 @@ from __future__ import annotations
 from math import log, sqrt
 from typing import Final, NamedTuple
 
-from smarttac_can.control.finger_line import Line, line_from, prolonged
 from smarttac_can.control.friction import limited_step, relative_error
 from smarttac_can.control.friction_map import MEAN, amplitude_for, value
-from smarttac_can.control.predictive_friction import FROZEN_TICKS, MU_MIN, PATH, Felt, Path
-from smarttac_can.vocabulary.signals import Contact
+from smarttac_can.control.predictive_friction import (
+    FROZEN_TICKS,
+    MU_MIN,
+    NO_SAMPLE,
+    PATH,
+    FrictionSample,
+    Path,
+)
 
 STEEPNESS_VARIANCE: Final = 0.25
 """Variance of s over fingers."""
@@ -46,9 +51,9 @@ BUMP_KEPT: Final = 0.85
 the next tick."""
 
 LAG_KEPT: Final = 0.6
-"""Share of a rise of the amplitude by which |W| may still be behind in the next tick."""
+"""Share of a rise of the amplitude by which |W| may still lag in the next tick."""
 BEHIND: Final = 0.15e-6
-"""Distance in m by which |W| is farther behind, from which the plate does not follow."""
+"""Distance in m by which |W| lags farther, from which the plate does not follow."""
 BEHIND_TICKS: Final = 100
 """Ticks of that in which nothing is learned: by then a lack of the pick-up is a fault."""
 SLOPE: Final = 0.04e-6
@@ -69,7 +74,7 @@ class Known(NamedTuple):
     ss: float
 
 
-class Touch(NamedTuple):
+class TextureState(NamedTuple):
     """State of the law while a finger touches."""
 
     known: Known
@@ -85,14 +90,14 @@ class Touch(NamedTuple):
     """What is left of the first step of the amplitude, in m."""
     risen: float
     """What is left of its rises, in m."""
-    behind: int
+    lag_ticks: int
     """Ticks in a row in which the plate has not followed."""
     W_map: float
     """Amplitude in m by the map, within its limits."""
     W_ref: float
     """Amplitude in m that is asked for: the same, or, where the plate does not follow by a lack of
     voltage or a pick-up that reads too little, as by the law ``measured``."""
-    felt: Felt
+    felt: FrictionSample
     """The last tick."""
 
 
@@ -100,7 +105,7 @@ ANYBODY: Final = Known(0.0, 1.0, LEVEL_VARIANCE, 0.0, STEEPNESS_VARIANCE)
 """Any finger."""
 
 
-def begin(felt: Felt, known: Known) -> Touch:
+def begin_texture(felt: FrictionSample, known: Known) -> TextureState:
     """Return the state when a touch or the mode begins: it asks for the amplitude there is.
 
     Parameters
@@ -110,22 +115,22 @@ def begin(felt: Felt, known: Known) -> Touch:
     known
         What was learned before.
     """
-    return Touch(
+    return TextureState(
         known, False, 0, Path(value(MEAN, felt.W), 0.0), 0.0, 0.0, 0.0, 0, felt.W, felt.W, felt
     )
 
 
-def follow(touch: Touch, felt: Felt, W_max: float) -> Touch:
+def follow_texture(touch: TextureState, felt: FrictionSample, W_max: float) -> TextureState:
     """Return the state a tick later; W_max is the limit of the amplitude in m."""
-    known, slides, since_turn, path, lasting, bump, risen, behind, W_before, W_ref, before = touch
+    known, slides, since_turn, path, lasting, bump, risen, lag_ticks, W_before, W_ref, last = touch
     W_map = W_before
-    path = _through_path(path, 0.5 * (value(MEAN, before.W) + value(MEAN, felt.W)))
+    path = _through_path(path, 0.5 * (value(MEAN, last.W) + value(MEAN, felt.W)))
     since_turn += 1
-    if felt.Fx * before.Fx + felt.Fy * before.Fy < 0.0:
+    if felt.Fx * last.Fx + felt.Fy * last.Fy < 0.0:
         since_turn, lasting = 0, 0.0
     starts = False
     if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN:
-        if slides and 0 < behind <= BEHIND_TICKS:
+        if slides and 0 < lag_ticks <= BEHIND_TICKS:
             lasting = 0.0
         elif slides:
             error = log(felt.mu) - known.m0 - known.s * path.y
@@ -144,10 +149,12 @@ def follow(touch: Touch, felt: Felt, W_max: float) -> Touch:
         risen = LAG_KEPT * risen + W_map - W_before
         risen = risen if risen > 0.0 else 0.0
         W_ref = W_map
-        behind = behind + 1 if W_map - felt.W - risen > BEHIND else 0
-        if behind:
+        lag_ticks = lag_ticks + 1 if W_map - felt.W - risen > BEHIND else 0
+        if lag_ticks:
             W_ref = felt.W + limited_step(SLOPE, STEP_MAX, relative_error(felt.mu, felt.mu_ref))
-    return Touch(known, slides, since_turn, path, lasting, bump, risen, behind, W_map, W_ref, felt)
+    return TextureState(
+        known, slides, since_turn, path, lasting, bump, risen, lag_ticks, W_map, W_ref, felt
+    )
 
 
 def learned(known: Known, h: float, error: float, relative: float, lost: bool) -> Known:
@@ -195,46 +202,5 @@ def _through_path(path: Path, middle: float) -> Path:
     )
 
 
-class TextureFriction:
-    """C_mu of mode TEXTURE; what it learned of a finger outlives a touch."""
-
-    __slots__ = ("_known", "line", "touch")
-
-    def __init__(self) -> None:
-        self._known = ANYBODY
-        self.line: Line | None = None
-        """Where the finger is while it touches; None otherwise, as `touch`."""
-        self.touch: Touch | None = None
-
-    def locate(self, centre: float, unsure: float) -> Line:
-        """Return where a finger that touches is; the arguments are those of `prolonged`."""
-        line = self.line
-        self.line = line = line_from(centre) if line is None else prolonged(line, centre, unsure)
-        return line
-
-    def reference(self, contact: Contact, W: float, mu_ref: float, W_max: float) -> float:
-        """Return the amplitude reference in m of this tick, before its limits.
-
-        Parameters
-        ----------
-        contact
-            A finger that touches.
-        W
-            Measured amplitude in m.
-        mu_ref
-            Reference of the COF, above 0.
-        W_max
-            Limit of the amplitude in m.
-        """
-        felt = Felt(contact.mu, contact.u_mu, contact.Fx, contact.Fy, W, mu_ref)
-        touch = self.touch
-        touch = begin(felt, self._known) if touch is None else follow(touch, felt, W_max)
-        self.touch = touch
-        return touch.W_ref
-
-    def release(self) -> None:
-        """Take note that no finger touches, or that another mode begins."""
-        self.line = None
-        if self.touch is not None:
-            self._known = self.touch.known
-            self.touch = None
+NO_TEXTURE_STATE: Final = begin_texture(NO_SAMPLE, ANYBODY)
+"""Before the first touch, which takes nothing of it but `ANYBODY`."""

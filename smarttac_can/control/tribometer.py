@@ -6,8 +6,7 @@ from itertools import count
 from math import fsum, sqrt
 from typing import Final, NamedTuple
 
-from smarttac_can.vocabulary.model import require
-from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Contact
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 Forces = tuple[float, float, float, float, float, float]
@@ -67,7 +66,7 @@ class Gauging(NamedTuple):
     """Normal force in N below which it ceases to."""
 
 
-Touch = tuple[bool, float, float, int]
+PositionTrack = tuple[bool, float, float, int]
 """Whether the finger touches, and the straight line fitted to the positions of its touch: position
 in m, which is kept after it, speed in m/s, and its samples as far as the gains depend on them."""
 
@@ -78,14 +77,26 @@ def gauging_of(
     gauge_noise: float,
     contact_force: float,
 ) -> Gauging:
-    """Return how forces follow; the arguments are those of `Tribometer`."""
+    """Return how forces follow.
+
+    Parameters
+    ----------
+    lateral
+        Calibration ``(Fx, Fy) = lateral (S1, S2)``; see :func:`calibration`.
+    gauge_positions
+        Where S3..S6 stand along x, in m from the middle of the plate.
+    gauge_noise
+        Standard uncertainty of one tared gauge in N, for the uncertainty of the COF.
+    contact_force
+        Normal force in N from which a finger touches; it ceases to at 0.7 of it.
+    """
     (xx, xy), (yx, yy) = lateral
     variance = gauge_noise * gauge_noise
     thresholds = (contact_force, RELEASE * contact_force)
     return Gauging(xx, xy, yx, yy, *gauge_positions, variance, *thresholds)
 
 
-UNTOUCHED: Final[Touch] = (False, 0.0, 0.0, 0)
+UNTOUCHED: Final[PositionTrack] = (False, 0.0, 0.0, 0)
 
 
 def _alpha(n: int) -> float:
@@ -96,12 +107,12 @@ _GROWN: Final = next(n for n in count(2) if _alpha(n) <= _ALPHA) - 1
 """Samples of a touch after which its memory expands no more."""
 
 
-def first_of(position: float) -> Touch:
+def first_of(position: float) -> PositionTrack:
     """Return a touch that begins at a measured position in m."""
     return True, position, 0.0, 1
 
 
-def followed(touch: Touch, position: float) -> Touch:
+def followed(touch: PositionTrack, position: float) -> PositionTrack:
     """Return a touch after the measured position in m of the next tick.
 
     An alpha-beta filter with a fading memory: it follows a steady speed without lag, where a
@@ -123,8 +134,8 @@ def followed(touch: Touch, position: float) -> Touch:
 
 
 def contact_of(
-    gauging: Gauging, zero: Forces, touch: Touch, gauges: Forces
-) -> tuple[Touch, tuple[float, float, float, float, float, float, float, bool]]:
+    gauging: Gauging, zero: Forces, touch: PositionTrack, gauges: Forces
+) -> tuple[PositionTrack, tuple[float, float, float, float, float, float, float, bool]]:
     """Return the touch after a tick, and the fields of its `Contact`.
 
     Parameters
@@ -160,114 +171,61 @@ def contact_of(
     return touch, (Fx, Fy, Fn, mu, u_mu, line, speed, True)
 
 
-class Tribometer:
-    """Tare, calibration, centre of pressure and coefficient of friction.
+def centre_of(gauging: Gauging, zero: Forces, gauges: Forces) -> tuple[float, float]:
+    """Return where a single tick has a finger that touches, and how unsure that is.
 
     Parameters
     ----------
-    lateral
-        Calibration ``(Fx, Fy) = lateral (S1, S2)``; see :func:`calibration`.
-    gauge_positions
-        Where S3..S6 stand along x, in m from the middle of the plate.
-    gauge_noise
-        Standard uncertainty of one tared gauge in N, for the uncertainty of the COF.
-    contact_force
-        Normal force in N from which a finger touches; it ceases to at 0.7 of it.
+    gauging, zero, gauges
+        As for `contact_of`.
+
+    Returns
+    -------
+    position, uncertainty
+        Centre of pressure along x, and its standard uncertainty by the gauges, in m.
     """
+    _, _, _, _, x3, x4, x5, x6, sigma2, _, _ = gauging
+    _, _, s3, s4, s5, s6 = gauges
+    _, _, o3, o4, o5, o6 = zero
+    s3 -= o3
+    s4 -= o4
+    s5 -= o5
+    s6 -= o6
+    Fn = s3 + s4 + s5 + s6
+    variance = sigma2 * (x3 * x3 + x4 * x4 + x5 * x5 + x6 * x6)
+    return (x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) / Fn, sqrt(variance) / Fn
 
-    __slots__ = ("_gauges", "_gauging", "_head", "_offsets", "_ring", "_touch", "tared")
 
-    def __init__(
-        self,
-        lateral: Matrix,
-        gauge_positions: tuple[float, float, float, float],
-        gauge_noise: float,
-        contact_force: float,
-    ) -> None:
-        self._ring: list[Forces] = []
+class Nulls:
+    """The last 64 raw samples of S1..S6, of which a tare takes the mean."""
+
+    __slots__ = ("_head", "_samples")
+
+    def __init__(self) -> None:
+        self._samples: list[Forces] = []
         self._head = 0
-        self._offsets: Forces = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self.tared = False
-        """Whether the offsets were measured or set."""
-        self._touch = UNTOUCHED
-        self._gauges = self._offsets
-        self.calibrate(lateral, gauge_positions, gauge_noise, contact_force)
 
-    def calibrate(
-        self,
-        lateral: Matrix,
-        gauge_positions: tuple[float, float, float, float],
-        gauge_noise: float,
-        contact_force: float,
-    ) -> None:
-        """Replace the parameters; tare, touch and position remain."""
-        self._gauging = gauging_of(lateral, gauge_positions, gauge_noise, contact_force)
+    def add(self, gauges: Forces) -> None:
+        """Keep the sample of a tick, in N."""
+        if len(self._samples) < TARE_SAMPLES:
+            self._samples.append(gauges)
+        else:
+            self._samples[self._head] = gauges
+            self._head = (self._head + 1) % TARE_SAMPLES
 
-    @property
-    def offsets(self) -> Forces:
-        """Zero of S1..S6 in N, -20..20; another zero ends a touch."""
-        return self._offsets
-
-    @offsets.setter
-    def offsets(self, offsets: Forces) -> None:
-        for gauge, offset in enumerate(offsets, 1):
-            require(f"zero of S{gauge}", offset, -20.0, 20.0)
-        self.tared = True
-        if offsets == self._offsets:
-            return
-        self._offsets = offsets
-        # What was felt before belongs to another zero: no touch, and no position to hold.
-        self._touch = UNTOUCHED
-
-    def tare(self) -> Forces:
-        """Take the `null` as the zero of S1..S6, and return it in N; raises as that does."""
-        self.offsets = self.null()
-        return self._offsets
-
-    def null(self) -> Forces:
-        """Return the mean of the last 64 raw samples of S1..S6 in N.
+    def mean(self) -> Forces:
+        """Return the mean of the last 64 samples in N.
 
         Raises
         ------
         RuntimeError
             If fewer than 64 samples were seen.
         """
-        if len(self._ring) < TARE_SAMPLES:
-            raise RuntimeError(f"a tare needs {TARE_SAMPLES} samples, {len(self._ring)} were seen")
+        if len(self._samples) < TARE_SAMPLES:
+            raise RuntimeError(
+                f"a tare needs {TARE_SAMPLES} samples, {len(self._samples)} were seen"
+            )
         s1, s2, s3, s4, s5, s6 = (
-            fsum(gauge) / TARE_SAMPLES for gauge in zip(*self._ring, strict=True)
+            fsum(gauge) / TARE_SAMPLES for gauge in zip(*self._samples, strict=True)
         )
-        return (s1, s2, s3, s4, s5, s6)
-
-    def centre(self) -> tuple[float, float]:
-        """Return where the last tick alone has the finger, which touches, and how unsure that is.
-
-        Returns
-        -------
-        position, uncertainty
-            Centre of pressure along x, and its standard uncertainty by the gauges, in m.
-        """
-        _, _, _, _, x3, x4, x5, x6, sigma2, _, _ = self._gauging
-        _, _, s3, s4, s5, s6 = self._gauges
-        _, _, o3, o4, o5, o6 = self._offsets
-        s3 -= o3
-        s4 -= o4
-        s5 -= o5
-        s6 -= o6
-        Fn = s3 + s4 + s5 + s6
-        variance = sigma2 * (x3 * x3 + x4 * x4 + x5 * x5 + x6 * x6)
-        return (x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) / Fn, sqrt(variance) / Fn
-
-    def update(self, gauges: Forces) -> Contact:
-        """Return the contact for finite raw gauge forces in N; to be called once a tick."""
-        ring = self._ring
-        if len(ring) < TARE_SAMPLES:
-            ring.append(gauges)
-        else:
-            head = self._head
-            ring[head] = gauges
-            self._head = (head + 1) % TARE_SAMPLES
-        self._gauges = gauges
-        self._touch, contact = contact_of(self._gauging, self._offsets, self._touch, gauges)
-        # A named tuple's own constructor costs twice this.
-        return tuple.__new__(Contact, contact)
+        return s1, s2, s3, s4, s5, s6

@@ -154,7 +154,7 @@ class LoopWatchdogs:
             faults |= _SATURATED
         if self._stuck(measured.counts):
             faults |= _STUCK
-        if cascade.tribometer.tared:
+        if cascade.tared:
             faults |= self._forces(gauges, cascade)
         # A measurement that is lost or passed over is time for the vibration all the same.
         ticks = measured.tick - self._tick & TICK_MASK
@@ -218,7 +218,7 @@ class LoopWatchdogs:
             faults = _NORMAL
         if Ft > self._Ft_max:
             faults |= _LATERAL
-        offsets = cascade.tribometer.offsets
+        offsets = cascade.zero
         if offsets != self._zero:
             # What contradicted each other was the old zero.
             self._zero = offsets

@@ -12,7 +12,7 @@ from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
 from smarttac_can.plant.fitted import FITTED
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.sensors import Sensors, Weight
+from smarttac_can.plant.sensors import Weight
 from smarttac_can.plant.stage import PowerStage
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.fault_codes import FaultCode
@@ -58,18 +58,15 @@ class SimulatedPlate:
     def start_run(self, stage: Drive) -> None:
         """Begin anew: a plate at rest at ambient temperature, with a drive of 0 V."""
         od = self._od
-        parameters = PlateParameters()
-        self._sensors = Sensors(parameters.sensors, od["Simulation.Seed"].value)
-        self._put_weight({})
         self.plate = Plate(
-            parameters,
+            PlateParameters(),
             _FINGERS[od["Simulation.Subject"].value - 1],
             self.finger(),
             seed=od["Simulation.Seed"].value,
             ambient=od["Simulation.Ambient temperature"].si_value,
             dead_time=od["Simulation.Drive instant"].si_value,
-            sensors=self._sensors,
         )
+        self._put_weight({})
         od[FAULT_KIND].value = FaultKind.NONE
         self._fault_in = _NEVER
         self._power_stage = PowerStage()
@@ -123,7 +120,7 @@ class SimulatedPlate:
     def _put_weight(self, written: dict[Entry, int]) -> None:
         """Put on the weight that the objects describe, some with what is about to be written."""
         values = {entry: entry.value for entry in self._of_weight} | written
-        self._sensors.put(Weight(*(entry.si * value for entry, value in values.items())))
+        self.plate.put(Weight(*(entry.si * value for entry, value in values.items())))
 
     def _set_fault(self, kind: FaultKind) -> None:
         """Take sensor, value and delay from the object dictionary; what was broken is mended."""

@@ -125,15 +125,15 @@ class StimulatorBlock:
             supervisor.watchdogs.reset()
         self._parameters = cascade_parameters(self.od)
         self.cascade = Cascade(self._parameters, plate_model(self.od))
-        self._taring.begin(self.cascade.tribometer)
+        self._taring.begin(self.cascade)
         self._textures.reload()
-        self.cascade.texture = self._textures.player()
+        self.cascade.play(self._textures.chosen())
         supervisor.watchdogs.configure()
         self._changed: set[str] = set()
         self._begun = False
         self._read_back.reset()
         self._cut()
-        supervisor.start_run(self.cascade.tribometer.tared)
+        supervisor.start_run(self.cascade.tared)
         self._follow()
 
     def tick(self) -> None:
@@ -156,7 +156,7 @@ class StimulatorBlock:
         mode = self._prepare()
         asked = self.cascade.update(measured.si, self._setpoints.read())
         mode, asked = self._begin_at_zero(mode, asked)
-        self._taring.tare_when_due(self.cascade.tribometer)
+        self._taring.tare_when_due(self.cascade)
         drive = self.supervisor.permit(asked, measured, mode, self.cascade)
         if drive.voltage and self._hint:
             self._withdraw_hint()
@@ -323,7 +323,7 @@ class StimulatorBlock:
             elif value != entry.value:
                 raise Abort(AbortCode.STATE, f"{entry.name} is an object of the plate node here")
         elif entry.name in AUTO_ZERO:
-            self._taring.auto_zero(self.cascade.tribometer, value)
+            self._taring.auto_zero(self.cascade, value)
             self._follow()
         elif record in _DESIGNED_FROM:
             barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_barred
@@ -345,7 +345,7 @@ class StimulatorBlock:
         if MODEL in changed:
             self._model_sheet.take_written(self.cascade)
         if not changed.isdisjoint(_TEXTURES):
-            self.cascade.texture = self._textures.player()
+            self.cascade.play(self._textures.chosen())
         self.cascade.configure(self._parameters)
         if GAUGE_ZERO in changed:
-            self._taring.restore(self.cascade.tribometer)
+            self._taring.restore(self.cascade)

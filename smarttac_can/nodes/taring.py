@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smarttac_can.control.tribometer import Tribometer
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.null_window import NullWindow
 from smarttac_can.nodes.settings import GAUGE_ZERO
 from smarttac_can.nodes.supervisor import Supervisor
@@ -30,29 +30,29 @@ class Taring:
         self._at_power_on = od["Tare at power-on"]
         self._cycles = od["Cycle.Cycles"]
 
-    def begin(self, tribometer: Tribometer) -> None:
+    def begin(self, cascade: Cascade) -> None:
         """Begin a run with the zeros of the objects; without any, the tare at power-on is due."""
         self._awaited = bool(self._at_power_on.value)
         self._from = TARE_SAMPLES
-        self.restore(tribometer)
+        self.restore(cascade)
 
-    def restore(self, tribometer: Tribometer) -> None:
+    def restore(self, cascade: Cascade) -> None:
         """Put the zeros of the objects in force; all of them 0 stand for a plate never tared."""
         if any(entry.value for entry in self._zeros):
-            self._put_in_force(tribometer)
+            self._put_in_force(cascade)
 
-    def tare_when_due(self, tribometer: Tribometer) -> None:
+    def tare_when_due(self, cascade: Cascade) -> None:
         """Make the tare at power-on if it is awaited, and there are samples for it."""
         due = self._awaited and self._cycles.value >= self._from
         if due and not self._supervisor.tare_barred:
             try:
-                self._tare(tribometer)
+                self._tare(cascade)
             except ValueError as error:
                 # The next samples may be without a finger.
                 self._from += TARE_SAMPLES
                 self._supervisor.refuse(TARE, str(error))
 
-    def auto_zero(self, tribometer: Tribometer, signature: int) -> None:
+    def auto_zero(self, cascade: Cascade, signature: int) -> None:
         """Tare by command.
 
         Raises
@@ -71,21 +71,21 @@ class Taring:
                 f"{NOT_TARED}disarm first, and take away a force that has tripped a limit",
             )
         try:
-            self._tare(tribometer)
+            self._tare(cascade)
         except RuntimeError as error:
             raise Abort(AbortCode.STATE, f"{NOT_TARED}{error}") from error
         except ValueError as error:
             raise Abort(AbortCode.STATE, str(error)) from error
 
-    def _tare(self, tribometer: Tribometer) -> None:
-        zeros = tribometer.null()
+    def _tare(self, cascade: Cascade) -> None:
+        zeros = cascade.null()
         self._window.require(zeros)
         for entry, zero in zip(self._zeros, zeros, strict=True):
             entry.value = entry.quantise(zero)
-        self._put_in_force(tribometer)
+        self._put_in_force(cascade)
 
-    def _put_in_force(self, tribometer: Tribometer) -> None:
+    def _put_in_force(self, cascade: Cascade) -> None:
         s1, s2, s3, s4, s5, s6 = [entry.si_value for entry in self._zeros]
-        tribometer.offsets = (s1, s2, s3, s4, s5, s6)
+        cascade.zero = (s1, s2, s3, s4, s5, s6)
         self._awaited = False
         self._supervisor.note_zero()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from smarttac_can.control.texture import TexturePlayer
+from smarttac_can.control.texture import NO_TEXTURE, Texture, texture_of
 from smarttac_can.nodes.settings import TEXTURE
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -42,10 +42,10 @@ class TextureSlots:
                 self._tables[entry] = None
                 entry.value = entry.default
 
-    def player(self) -> TexturePlayer | None:
-        """Return what plays the chosen slot from its beginning; None if it is empty."""
+    def chosen(self) -> Texture:
+        """Return what is in the chosen slot; `NO_TEXTURE` if it is empty."""
         table = self._tables[self._entries[self._slot.value - 1]]
-        return None if table is None else TexturePlayer(table)
+        return NO_TEXTURE if table is None else texture_of(table)
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Look at a write before it is made; what is accepted plays from the next cycle on.

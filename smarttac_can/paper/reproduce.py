@@ -12,7 +12,7 @@ from typing import Any, Final
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace, sha256, write_csv
-from smarttac_can.control.friction import FrictionLaw
+from smarttac_can.control.friction import limited_step
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.host.candump import CandumpWriter
 from smarttac_can.paper.experiments import Conditions, experiments
@@ -30,7 +30,7 @@ Progress = Callable[[float], None]
 def friction_step(E: float) -> float:
     """Step of the amplitude in m for a friction error in %: eq. (9) with the paper's numbers."""
     p = CascadeParameters()
-    return FrictionLaw(p.law, p.slope, p.step_max).step(E)
+    return limited_step(p.slope, p.step_max, E)
 
 
 def reproduce(

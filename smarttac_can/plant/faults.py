@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import floor
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from numpy.random import default_rng
 
@@ -23,6 +23,8 @@ from smarttac_can.vocabulary.faults import (
 from smarttac_can.vocabulary.signals import Measurement
 
 _FAULT_STREAM: Final = 0x46
+SOUND: Final = (1.0, 1.0)
+"""Gains of the pick-up that has not failed."""
 
 
 class Fault(NamedTuple):
@@ -39,6 +41,16 @@ class Fault(NamedTuple):
         both_axes = self.kind in (FaultKind.GAIN, FaultKind.NONE)
         require("sensor", self.sensor, 1, PICKUP if both_axes else THERMOMETER)
         require(self.kind.name.lower(), self.value, *value_range(self.kind))
+
+
+class Failing(Protocol):
+    """Sensors of which one fails."""
+
+    def gains(self, tick: int) -> tuple[float, float]:
+        """Return the gains of the axes of the pick-up, before their converters, at a tick."""
+
+    def measure(self, tick: int, sound: Measurement) -> Measurement:
+        """Return what is reported at a tick instead of what the sensors would report."""
 
 
 class SensorFault:
@@ -59,10 +71,11 @@ class SensorFault:
         First tick with the fault.
     """
 
-    __slots__ = ("_fault", "_full_scale", "_held", "_seed", "_step", "_tick")
+    __slots__ = ("_fault", "_full_scale", "_gains", "_held", "_seed", "_step", "_tick")
 
     def __init__(self, fault: Fault, parameters: SensorParameters, seed: int, tick: int) -> None:
         self._fault = fault
+        self._gains = _gains(fault)
         self._seed = seed
         self._tick = tick
         self._held: float | None = None
@@ -75,8 +88,14 @@ class SensorFault:
         else:
             self._step = p.temperature_resolution
 
+    def gains(self, _tick: int) -> tuple[float, float]:
+        """Return the gains of the axes of the pick-up, before their converters."""
+        return self._gains
+
     def measure(self, tick: int, sound: Measurement) -> Measurement:
         """Return what is reported at a tick instead of what a sound sensor would report."""
+        if self._gains != SOUND:
+            return sound
         W, gauges, temperature, saturated = sound
         sensor = self._fault.sensor
         if sensor <= GAUGES:
@@ -125,10 +144,10 @@ class SensorFault:
         return sound + (size if kind is FaultKind.OFFSET or tick == self._tick else 0.0)
 
 
-def pickup_gains(fault: Fault) -> tuple[float, float] | None:
-    """Return what a fault makes of the two axes of the pick-up; None if it is another fault."""
+def _gains(fault: Fault) -> tuple[float, float]:
+    """Return what a fault makes of the two axes of the pick-up before their converters."""
     if fault.kind is not FaultKind.GAIN or fault.sensor not in (PICKUP_D, PICKUP_Q, PICKUP):
-        return None
+        return SOUND
     gain = fault.value * 1e-3
     return (1.0 if fault.sensor == PICKUP_Q else gain, 1.0 if fault.sensor == PICKUP_D else gain)
 

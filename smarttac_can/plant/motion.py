@@ -1,8 +1,13 @@
-"""One tick of the plate with the finger on it, in plain functions of floats and named tuples."""
+"""One tick of the plate with the finger on it, in plain functions of floats and named tuples.
+
+`plate_step` moves plate, film, skin and finger by a tick, with the drives of that tick, and reads
+the sensors at its end. Numba and mypyc compile it as it stands.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from smarttac_can.plant.felt import film, film_share, shape_at
@@ -15,6 +20,7 @@ from smarttac_can.plant.friction import (
 )
 from smarttac_can.plant.parameters import TWO_PI, PlateParameters, resonance_at, stiffness_of
 from smarttac_can.plant.resonator import rate_in_frame, response, vibrate
+from smarttac_can.plant.sensors import Readings, Sensing, readings
 from smarttac_can.plant.skin import Skin, skin_of, skin_step, slide
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
 from smarttac_can.vocabulary.signals import TICK, Drive
@@ -23,6 +29,10 @@ SUBSTEPS: Final = 4
 """Sub-steps of a tick, by the convergence test."""
 CONTACT_GROWTH: Final = 2.0 / 3.0
 """Exponent of the contact area, and with it the finger's load on the mode, over force [L]."""
+
+
+Finger = tuple[float, float]
+"""Position in m and normal force in N."""
 
 
 class Segment(NamedTuple):
@@ -37,7 +47,7 @@ class Segment(NamedTuple):
     """By which share of its distance the film follows in a sub-step."""
 
 
-class Mass(NamedTuple):
+class ModeCoefficients(NamedTuple):
     """The vibration mode without a finger."""
 
     m: float
@@ -48,20 +58,20 @@ class Mass(NamedTuple):
     reference_temperature: float
 
 
-class Under(NamedTuple):
+class Fingertip(NamedTuple):
     """What is constant under the finger."""
 
     friction: FrictionMap
     skin: Skin
-    felt: bool
+    filmed: bool
     """Whether film or shape of the mode stand between vibration and friction."""
 
 
-class Making(NamedTuple):
-    """What plate and fingertip are made of, and where they are."""
+class Coefficients(NamedTuple):
+    """Numbers that follow from plate and fingertip, and where they are."""
 
-    mode: Mass
-    under: Under
+    mode: ModeCoefficients
+    fingertip: Fingertip
     load_damping: float
     load_stiffness: float
     before: Segment
@@ -75,14 +85,15 @@ class Making(NamedTuple):
     wetting: float
 
 
-class Moving(NamedTuple):
+class Motion(NamedTuple):
     """What moves within a tick."""
 
     W: complex
     rate: complex
     omega: float
     """Angular frequency of the frame in rad/s."""
-    felt: float
+    film: float
+    """Vibration behind the film in m."""
     v: float
     stretch: float
     z: float
@@ -93,10 +104,17 @@ class Moving(NamedTuple):
     Fx_rate: float
 
 
+class PlatePlan(NamedTuple):
+    """What a step of the plate follows from."""
+
+    coefficients: Coefficients
+    sensing: Sensing
+
+
 class PlateState(NamedTuple):
     """The plate at a tick; forces and moment are those behind the force path."""
 
-    moving: Moving
+    motion: Motion
     Fn: float
     Fn_rate: float
     moment: float
@@ -105,15 +123,15 @@ class PlateState(NamedTuple):
     occlusion: float
 
 
-def making(
+def coefficients(
     parameters: PlateParameters,
     subject: Subject,
     *,
     ambient: float,
     dead_time: float,
     sound_f0: float,
-) -> Making:
-    """Return what plate and fingertip are made of.
+) -> Coefficients:
+    """Return the coefficients of a plate and a fingertip.
 
     Parameters
     ----------
@@ -130,9 +148,9 @@ def making(
     """
     p, mode, contact = parameters, parameters.resonator, parameters.contact
     sensors = p.sensors
-    felt = bool(contact.film_lag or contact.ripple)
-    return Making(
-        Mass(
+    filmed = bool(contact.film_lag or contact.ripple)
+    return Coefficients(
+        ModeCoefficients(
             mode.mass,
             mode.conversion,
             mode.damping,
@@ -140,7 +158,7 @@ def making(
             mode.f0_slope,
             mode.reference_temperature,
         ),
-        Under(friction_map(subject, sound_f0), skin_of(subject), felt),
+        Fingertip(friction_map(subject, sound_f0), skin_of(subject), filmed),
         subject.load_damping,
         subject.load_stiffness,
         _segment(p, dead_time),
@@ -170,45 +188,62 @@ def _segment(parameters: PlateParameters, duration: float) -> Segment:
 
 def at_rest(temperature: float) -> PlateState:
     """Return a plate that does not vibrate, without a finger, at a temperature in degC."""
-    moving = Moving(0j, 0j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return PlateState(moving, 0.0, 0.0, 0.0, 0.0, temperature, 0.0)
+    motion = Motion(0j, 0j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return PlateState(motion, 0.0, 0.0, 0.0, 0.0, temperature, 0.0)
 
 
-def moved(
-    making: Making,
+def plate_step(
+    plan: PlatePlan,
     state: PlateState,
-    old: Drive,
-    new: Drive,
-    finger: tuple[float, float],
-    finger_next: tuple[float, float],
-) -> PlateState:
-    """Return the plate a tick later.
+    drives: tuple[Drive, Drive],
+    fingers: tuple[Finger, Finger],
+    noise: Sequence[float],
+) -> tuple[PlateState, Readings]:
+    """Return the plate a tick later, and what its sensors report there.
 
     Parameters
     ----------
-    making, state
-        The plate.
-    old, new
-        Drives for the dead time, and after it.
-    finger, finger_next
-        Position in m and normal force in N at this tick and at the next.
+    plan, state
+        The plate, and the tick before.
+    drives
+        For the dead time, and after it.
+    fingers
+        Position in m and normal force in N in the tick before and in this one.
+    noise
+        Of the sensors, as for `smarttac_can.plant.sensors.readings`.
     """
+    state = _moved(plan.coefficients, state, drives, fingers)
+    return state, measured(plan, state, noise)
+
+
+def measured(plan: PlatePlan, state: PlateState, noise: Sequence[float]) -> Readings:
+    """Return what the sensors report; the arguments are those of `plate_step`."""
+    motion, Fn, _, moment, _, temperature, _ = state
+    return readings(plan.sensing, noise, motion.W, temperature, (motion.Fx, Fn, moment))
+
+
+def _moved(
+    coefficients: Coefficients,
+    state: PlateState,
+    drives: tuple[Drive, Drive],
+    fingers: tuple[Finger, Finger],
+) -> PlateState:
     (
-        mode, under, load_damping, load_stiffness, before, after, normal,
+        mode, fingertip, load_damping, load_stiffness, before, after, normal,
         ripple, node_distance, ambient, resistance, warming, wetting,
-    ) = making  # fmt: skip
+    ) = coefficients  # fmt: skip
     m, _, damping, f0, f0_slope, reference_temperature = mode
-    moving, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion = state
-    x0, Fn0 = finger
-    x1, Fn1 = finger_next
+    motion, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion = state
+    old, new = drives
+    (x0, Fn0), (x1, Fn1) = fingers
     Fn = 0.5 * (Fn0 + Fn1)
-    velocity = 0.5 * TWO_PI * f0 * abs(moving.W)
+    velocity = 0.5 * TWO_PI * f0 * abs(motion.W)
     target = ambient + resistance * (0.5 * damping * velocity * velocity)
     temperature += (target - temperature) * warming
     occlusion += ((1.0 if Fn > 0.0 else 0.0) - occlusion) * wetting
     load = (Fn / FORCE_REFERENCE) ** CONTACT_GROWTH
     shape = 1.0
-    if under.felt:
+    if fingertip.filmed:
         shape = shape_at(0.5 * (x0 + x1), ripple, node_distance)
         load *= shape * shape
     resonance = resonance_at(f0, f0_slope, temperature - reference_temperature)
@@ -216,29 +251,29 @@ def moved(
         damping + load_damping * load,
         stiffness_of(m, resonance) + load_stiffness * load,
     )
-    sliding = (bare_friction(under.friction, Fn, occlusion), (x1 - x0) / TICK, shape)
+    sliding = (bare_friction(fingertip.friction, Fn, occlusion), (x1 - x0) / TICK, shape)
     if before.steps:
-        moving = _advanced(making, before, moving, old, loaded, sliding)
+        motion = _advanced(coefficients, before, motion, old, loaded, sliding)
     if after.steps:
-        moving = _advanced(making, after, moving, new, loaded, sliding)
+        motion = _advanced(coefficients, after, motion, new, loaded, sliding)
     Fn_y, Fn_rate = follow(normal, Fn_y, Fn_rate, Fn)
     moment, moment_rate = follow(normal, moment, moment_rate, 0.5 * (Fn0 * x0 + Fn1 * x1))
-    return PlateState(moving, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion)
+    return PlateState(motion, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion)
 
 
 def _advanced(
-    making: Making,
+    coefficients: Coefficients,
     segment: Segment,
-    moving: Moving,
+    motion: Motion,
     drive: Drive,
     loaded: tuple[float, float],
     sliding: tuple[float, float, float],
-) -> Moving:
+) -> Motion:
     """Return what moves, after a part of a tick.
 
     Parameters
     ----------
-    making, segment, moving, drive
+    coefficients, segment, motion, drive
         The plate.
     loaded
         Damping in N s/m and stiffness in N/m of the mode under the finger.
@@ -247,10 +282,10 @@ def _advanced(
         mode where it is.
     """
     steps, length, phi, share = segment
-    W, rate, before, felt, v, stretch, z, Ft, Fx, Fx_rate = moving
+    W, rate, before, filmed, v, stretch, z, Ft, Fx, Fx_rate = motion
     bare, v_bone, shape = sliding
-    friction, skin, lagging = making.under
-    mass, conversion, _, _, _, _ = making.mode
+    friction, skin, lagging = coefficients.fingertip
+    mass, conversion, _, _, _, _ = coefficients.mode
     voltage, frequency = drive
     omega = TWO_PI * frequency
     if omega != before:
@@ -263,8 +298,8 @@ def _advanced(
         size_before, size = size, abs(W)
         vibration = 0.5 * (size_before + size)
         if lagging:
-            vibration = felt = film(felt, vibration, shape, share)
+            vibration = filmed = film(filmed, vibration, shape, share)
         F = sliding_friction(friction, bare, vibration, abs(v))
         v, stretch, z, Ft = slide(skinned, v, stretch, z, F)
         Fx, Fx_rate = follow(phi, Fx, Fx_rate, Ft)
-    return Moving(W, rate, omega, felt, v, stretch, z, Ft, Fx, Fx_rate)
+    return Motion(W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate)

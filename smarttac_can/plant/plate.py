@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from smarttac_can.plant.faults import Fault, SensorFault, Slam, broken, pickup_gains
+from smarttac_can.plant.faults import SOUND, Failing, Fault, SensorFault, Slam, broken
 from smarttac_can.plant.finger import Finger, FingerState
-from smarttac_can.plant.motion import Making, at_rest, making, moved
+from smarttac_can.plant.motion import PlatePlan, at_rest, coefficients, measured, plate_step
 from smarttac_can.plant.parameters import PlateParameters, require
-from smarttac_can.plant.sensors import Measuring, Sensors, sensing
+from smarttac_can.plant.sensors import Noise, Readings, Weight, loaded, sensing
 from smarttac_can.plant.subjects import Subject
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
 from smarttac_can.vocabulary.signals import TICK, Drive, Measurement
@@ -38,8 +38,8 @@ class Plate:
     dead_time
         Time in s from the start of a tick to the instant at which the new drive comes into
         force, 0..0.001.
-    sensors
-        What measures; None for sound sensors with the noise of the seed.
+    failing
+        Sensors of which one fails; None for sound ones.
 
     Attributes
     ----------
@@ -57,14 +57,15 @@ class Plate:
     __slots__ = (
         "_ambient",
         "_dead_time",
+        "_failing",
         "_finger",
         "_last",
-        "_making",
+        "_noise",
         "_parameters",
-        "_pickup",
+        "_plan",
+        "_readings",
         "_seed",
-        "_sensor_fault",
-        "_sensors",
+        "_sensing",
         "_sound",
         "_state",
         "_subject",
@@ -81,7 +82,7 @@ class Plate:
         ambient: float = 20.0,
         dead_time: float = 0.0,
         *,
-        sensors: Measuring | None = None,
+        failing: Failing | None = None,
     ) -> None:
         require("ambient", ambient, -20.0, 60.0)
         require("dead_time", dead_time, 0.0, TICK)
@@ -92,28 +93,30 @@ class Plate:
         self._dead_time = dead_time
         self._seed = seed
         self._sound = (parameters, finger, ambient)
-        self._sensor_fault: SensorFault | None = None
-        self._pickup: tuple[float, float] | None = None
-        self._sensors = Sensors(parameters.sensors, seed) if sensors is None else sensors
-        self._making = self._made()
+        self._failing = failing
+        self._noise = Noise(parameters.sensors, seed)
+        self._sensing = sensing(parameters.sensors)
+        self._plan = self._planned()
         self._state = at_rest(ambient)
+        self._readings: Readings | None = None
         self._last: Drive | None = None
         self.tick = 0
         self.finger_state: FingerState = finger.at(0.0)
 
-    def _made(self) -> Making:
-        return making(
+    def _planned(self) -> PlatePlan:
+        made = coefficients(
             self._parameters,
             self._subject,
             ambient=self._ambient,
             dead_time=self._dead_time,
             sound_f0=self._sound[0].resonator.f0,
         )
+        return PlatePlan(made, self._sensing)
 
     @property
     def W(self) -> complex:
         """Vibration W_d + jW_q in m peak-to-peak."""
-        return self._state.moving.W
+        return self._state.motion.W
 
     @property
     def temperature(self) -> float:
@@ -123,7 +126,7 @@ class Plate:
     @property
     def Ft(self) -> float:
         """Friction force on the plate in N."""
-        return self._state.moving.Ft
+        return self._state.motion.Ft
 
     @property
     def occlusion(self) -> float:
@@ -156,17 +159,31 @@ class Plate:
         """What S1..S6 show without a load at 20 degC, in N."""
         return tuple(gauge.null for gauge in sensing(self._parameters.sensors).gauges)
 
+    def put(self, weight: Weight) -> None:
+        """Put a weight on the plate instead of the one before; it is there at once."""
+        self._sensing = loaded(self._sound[0].sensors, weight)
+        self._plan = self._plan._replace(sensing=self._sensing)
+        self._readings = None
+
     def sample(self) -> Measurement:
         """Return what the sensors report at the present tick, always the same for one tick."""
-        moving, Fn, _, moment, _, temperature, _ = self._state
-        W = moving.W
-        if self._pickup is not None:
-            d, q = self._pickup
-            W = complex(d * W.real, q * W.imag)
-        measurement = self._sensors.measure(self.tick, W, temperature, (moving.Fx, Fn, moment))
-        if self._sensor_fault is None:
+        if self._readings is None:
+            self._readings = measured(
+                self._plan_at(self.tick), self._state, self._noise.at(self.tick)
+            )
+        # A named tuple's own constructor costs twice this.
+        measurement: Measurement = tuple.__new__(Measurement, self._readings)
+        if self._failing is None:
             return measurement
-        return self._sensor_fault.measure(self.tick, measurement)
+        return self._failing.measure(self.tick, measurement)
+
+    def _plan_at(self, tick: int) -> PlatePlan:
+        """Return the plan with the gains that a failing pick-up has at a tick."""
+        gains = SOUND if self._failing is None else self._failing.gains(tick)
+        if gains == SOUND:
+            return self._plan
+        gain_d, gain_q = gains
+        return self._plan._replace(sensing=self._sensing._replace(gain_d=gain_d, gain_q=gain_q))
 
     def inject(self, fault: Fault) -> None:
         """Break something from the coming step on, instead of what was broken before.
@@ -182,13 +199,10 @@ class Plate:
         if self._ambient != self._sound[2]:
             self._state = self._state._replace(temperature=self._sound[2])
         self._parameters, self._finger, self._ambient = self._sound
-        self._sensor_fault = None
-        self._pickup = pickup_gains(fault)
+        self._failing = None
         kind = fault.kind
-        if kind in SENSOR_KINDS and self._pickup is None:
-            self._sensor_fault = SensorFault(
-                fault, self._parameters.sensors, self._seed, self.tick + 1
-            )
+        if kind in SENSOR_KINDS:
+            self._failing = SensorFault(fault, self._parameters.sensors, self._seed, self.tick + 1)
         elif kind is FaultKind.SLAM:
             self._finger = Slam(self._finger, fault.value * 1e-3)
         elif kind is FaultKind.TEMPERATURE:
@@ -196,7 +210,8 @@ class Plate:
             self._state = self._state._replace(temperature=self._ambient)
         elif kind in (FaultKind.RESONANCE_SHIFT, FaultKind.QUALITY):
             self._parameters = broken(self._parameters, fault)
-        self._making = self._made()
+        self._plan = self._planned()
+        self._readings = None
 
     def step(self, old: Drive, new: Drive) -> None:
         """Advance by one tick, with the old drive for the dead time and then with the new one.
@@ -212,7 +227,10 @@ class Plate:
             _require_possible(old)
         tick = self.tick + 1
         finger_state = self._finger.at(tick * TICK)
-        self._state = moved(self._making, self._state, old, new, self.finger_state, finger_state)
+        plan = self._plan if self._failing is None else self._plan_at(tick)
+        self._state, self._readings = plate_step(
+            plan, self._state, (old, new), (self.finger_state, finger_state), self._noise.at(tick)
+        )
         self.finger_state = finger_state
         self.tick = tick
         self._last = new

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import floor
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import default_rng  # not in a run: its import loses a Ctrl-C
 from numpy.typing import NDArray
 
 from smarttac_can.plant.parameters import SensorParameters, require
-from smarttac_can.vocabulary.signals import Measurement
 
 NOISE_BLOCK = 256
 """Ticks whose noise comes from a generator of their own."""
@@ -62,6 +61,10 @@ class Sensing(NamedTuple):
     grain: float
     """Step of the thermometer in K."""
     gauges: tuple[Gauge, Gauge, Gauge, Gauge, Gauge, Gauge]
+    gain_d: float
+    """Of the direct axis of the pick-up, before its converter; 1 of a sound one."""
+    gain_q: float
+    """The same of the quadrature axis."""
 
 
 Readings = tuple[complex, tuple[float, float, float, float, float, float], float, int]
@@ -88,10 +91,12 @@ def sensing(parameters: SensorParameters) -> Sensing:
         p.pickup_resolution,
         p.temperature_resolution,
         (s1, s2, s3, s4, s5, s6),
+        1.0,
+        1.0,
     )
 
 
-def _loaded(parameters: SensorParameters, weight: Weight) -> Sensing:
+def loaded(parameters: SensorParameters, weight: Weight) -> Sensing:
     """Return the sensors under a weight.
 
     It shifts what each gauge shows without a finger; that a gauge is bent by both together, its
@@ -112,10 +117,10 @@ def _loaded(parameters: SensorParameters, weight: Weight) -> Sensing:
 
 def noise_block(parameters: SensorParameters, seed: int, block: int) -> NDArray[np.float64]:
     """Return the noise of ticks ``256 block`` to ``256 block + 255``, one row of 9 a tick, SI."""
-    return _Noise(parameters, seed, block).draw(NOISE_BLOCK)
+    return _Block(parameters, seed, block).draw(NOISE_BLOCK)
 
 
-class _Noise:
+class _Block:
     """Noise of a block of ticks; how many are drawn together makes no difference to them."""
 
     __slots__ = ("_rng", "_scale")
@@ -155,7 +160,9 @@ def readings(
         position along x.
     """
     Fx, Fn, moment = forces
-    xx, yx, node_x, drift_temperature, limit, step, pickup_step, grain, gauges = sensing
+    (
+        xx, yx, node_x, drift_temperature, limit, step, pickup_step, grain, gauges, gain_d, gain_q,
+    ) = sensing  # fmt: skip
     g1, g2, g3, g4, g5, g6 = gauges
     lean = moment / node_x
     left = 0.25 * (Fn - lean)
@@ -179,8 +186,8 @@ def readings(
         )
         c1, c2, c3 = _ended(c1, limit), _ended(c2, limit), _ended(c3, limit)
         c4, c5, c6 = _ended(c4, limit), _ended(c5, limit), _ended(c6, limit)
-    d = floor((W.real + noise[6]) / pickup_step + 0.5)
-    q = floor((W.imag + noise[7]) / pickup_step + 0.5)
+    d = floor((gain_d * W.real + noise[6]) / pickup_step + 0.5)
+    q = floor((gain_q * W.imag + noise[7]) / pickup_step + 0.5)
     if not (-limit < d < limit and -limit < q < limit):
         saturated |= PICKUP_SATURATED
         d, q = _ended(d, limit), _ended(q, limit)
@@ -205,22 +212,8 @@ def _ended(count: int, limit: int) -> int:
     return max(-limit, min(limit, count))
 
 
-class Measuring(Protocol):
-    """What tells a plate's true values as a plate reports them."""
-
-    def measure(
-        self, tick: int, W: complex, temperature: float, forces: tuple[float, float, float]
-    ) -> Measurement:
-        """Return what is reported at a tick, 0 or more; the others are those of `readings`."""
-        ...
-
-
-class Sensors:
-    """The sensors of one plate in one run.
-
-    Null, drift and curvature of the gauges belong to the hardware: they come from the serial
-    number and are the same in every run. The white noise comes from the seed of the run; that
-    of a tick is a function of the seed and the tick alone.
+class Noise:
+    """The noise of one run: that of a tick is a function of the seed and the tick alone.
 
     Parameters
     ----------
@@ -230,44 +223,25 @@ class Sensors:
         Seed of the noise, 0 or more.
     """
 
-    __slots__ = ("_block", "_drawn", "_noise", "_parameters", "_rows", "_seed", "_sensing")
+    __slots__ = ("_block", "_drawn", "_parameters", "_rows", "_seed", "_source")
 
     def __init__(self, parameters: SensorParameters, seed: int) -> None:
         require("seed", seed, 0, 2**63 - 1)
         self._parameters = parameters
-        self._sensing = sensing(parameters)
         self._seed = seed
         self._block = 0
-        self._noise = _Noise(parameters, seed, 0)
+        self._source = _Block(parameters, seed, 0)
         self._rows: list[list[float]] = []
         self._drawn = 0
 
-    @property
-    def nulls(self) -> tuple[float, ...]:
-        """Outputs of S1..S6 without load in N."""
-        return tuple(gauge.null for gauge in self._sensing.gauges)
-
-    def put(self, weight: Weight) -> None:
-        """Put a weight on the plate instead of the one before; it is there at once."""
-        self._sensing = _loaded(self._parameters, weight)
-
-    def measure(
-        self, tick: int, W: complex, temperature: float, forces: tuple[float, float, float]
-    ) -> Measurement:
-        """Return what is reported at a tick, 0 or more; the others are those of `readings`."""
-        # A named tuple's own constructor costs twice this.
-        return tuple.__new__(
-            Measurement,
-            readings(self._sensing, self._noise_at(tick), W, temperature, forces),
-        )
-
-    def _noise_at(self, tick: int) -> Sequence[float]:
+    def at(self, tick: int) -> Sequence[float]:
+        """Return the noise of a tick, 0 or more, as `readings` takes it."""
         block, row = divmod(tick, NOISE_BLOCK)
         if block != self._block or row < self._drawn - _DRAW:
-            self._noise = _Noise(self._parameters, self._seed, block)
+            self._source = _Block(self._parameters, self._seed, block)
             self._block = block
             self._drawn = 0
         while row >= self._drawn:
-            self._rows = self._noise.draw(_DRAW).tolist()
+            self._rows = self._source.draw(_DRAW).tolist()
             self._drawn += _DRAW
         return self._rows[row % _DRAW]

@@ -1,103 +1,55 @@
 """The closed loop of one finger, in plain functions: what a campaign runs, compiled or not.
 
-It is `smarttac_can.plant.Plate` and `smarttac_can.control.Cascade` in mode FRICTION, of the same
-formulas, without what a bench may change in between.
+It steps plate and controllers as the nodes do, without what a bench may change in between.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smarttac_can.control.friction import (
-    asked_amplitude,
-    is_right,
-    limited_step,
-    relative_error,
-)
-from smarttac_can.control.limit import allowed_amplitude, cut_voltage, in_limits
-from smarttac_can.control.pi import regulated
-from smarttac_can.control.predictive import (
-    Learned,
-    Prior,
-    asked_voltage,
-    observed,
-    resonance_of,
-    unlearned,
-)
-from smarttac_can.control.predictive_friction import ANYBODY, Felt, amplitude_asked, begin, follow
-from smarttac_can.control.predictive_friction import Touch as Sliding
-from smarttac_can.control.schedule import row_of
-from smarttac_can.control.tribometer import UNTOUCHED, Forces, Gauging, Touch, contact_of
-from smarttac_can.control.vibration import lost, resonance_error
+from smarttac_can.control.step import ControlPlan, ControlState, control_step
+from smarttac_can.control.tribometer import Forces
 from smarttac_can.plant.finger import Pass, Path, smooth, stroke_at
-from smarttac_can.plant.motion import Making, at_rest, moved
-from smarttac_can.plant.sensors import Sensing, readings
-from smarttac_can.vocabulary.modes import Law, VibrationLaw
-from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Drive
+from smarttac_can.plant.motion import PlatePlan, PlateState, plate_step
+from smarttac_can.plant.sensors import Readings
+from smarttac_can.vocabulary.signals import TICK, Setpoint
 
 Floats = NDArray[np.float64]
 Table = Floats | Sequence[Sequence[float]]
 """Rows of numbers: an array where it is compiled, lists where not, of which Python reads faster."""
-_MAPPED: Final = int(Law.PREDICTIVE)
-_PREDICTIVE: Final = int(VibrationLaw.PREDICTIVE)
-_NOBODY: Final = begin(Felt(0.0, 0.0, 0.0, 0.0, 0.0, 1.0), ANYBODY)
-"""Before the first touch, which takes nothing of it but `ANYBODY`."""
 LIFT_PERIOD, LIFT_LENGTH, LIFT_RAMP = 1.0, 0.1, 0.01
 """A finger that lifts does so each second, for 100 ms with a ramp of 10 ms at both ends."""
 
 
-class Laws(NamedTuple):
-    """What the stimulator regulates by, in SI units."""
-
-    law: int
-    """Of `smarttac_can.vocabulary.modes.Law`."""
-    slope: float
-    step_max: float
-    vibration_law: int
-    """Of `smarttac_can.vocabulary.modes.VibrationLaw`."""
-    prior: Prior
-    gauging: Gauging
-    half: float
-    """Half of the boundary's hysteresis in m."""
-    V_max: float
-    W_max: float
-    f_min: float
-    f_max: float
-    amplitude: float
-    """Nominal amplitude in m, held out of contact."""
-    mu_left: float
-    mu_right: float
-
-
 class Setup(NamedTuple):
-    """What a run begins with."""
+    """Plate and finger of a run."""
 
-    making: Making
-    sensing: Sensing
-    laws: Laws
+    plan: PlatePlan
     path: Path
+    passes: Table
+    """A row for each pass, to the end of the run."""
     lifts: bool
     """Whether the finger lifts each second."""
 
 
-class Controls(NamedTuple):
-    """The stimulator after a tick."""
+class Asked(NamedTuple):
+    """What is asked of the controllers."""
 
-    on: bool
-    touch: Touch
-    sliding: Sliding
-    """The law ``predictive`` in this touch, or in the last one: what it learned there it keeps."""
-    right: bool
-    W_ref: float
-    voltage_state: float
-    frequency_state: float
-    learned: Learned
-    drive: Drive
+    mode: int
+    setpoint: Setpoint
+
+
+class Loop(NamedTuple):
+    """The loop at a tick."""
+
+    tick: int
+    plate: PlateState
+    readings: Readings
+    controls: ControlState
 
 
 def lift(time: float) -> float:
@@ -117,137 +69,67 @@ def finger_at(
     return x, force * lift(time) if lifts else force
 
 
-def controlled(
-    laws: Laws,
-    gains: Table,
-    controls: Controls,
-    zero: Forces,
-    reading: tuple[complex, Forces, float, int],
-) -> tuple[Controls, float]:
-    """Return the stimulator after a tick, and the COF that it measured; 0 without contact.
-
-    Parameters
-    ----------
-    laws, gains
-        What it regulates by; the gains by rows of `smarttac_can.control.schedule`, or one row.
-    controls
-        After the tick before.
-    zero
-        Offsets of the gauges in N.
-    reading
-        Of `smarttac_can.plant.sensors.readings`.
-    """
-    on, touch, sliding, right, W_ref, V_state, f_state, learned, drive = controls
-    W, gauges, temperature, _ = reading
-    amplitude = sqrt(W.real * W.real + W.imag * W.imag)
-    touched = touch[0]
-    touch, contact = contact_of(laws.gauging, zero, touch, gauges)
-    Fx, Fy, Fn, mu, u_mu, position, _, touching = contact
-    if not touching:
-        Fn = 0.0
-    predictive = laws.vibration_law == _PREDICTIVE
-    if predictive:
-        learned = observed(laws.prior, learned, W, drive, Fn, temperature)
-    if not on:
-        drive = Drive(0.0, laws.prior.f0)
-        return Controls(on, touch, sliding, right, 0.0, V_state, f_state, learned, drive), mu
-    right = is_right(right, position, 0.0, laws.half)
-    mu_ref = laws.mu_right if right else laws.mu_left
-    if not touching:
-        W_ref = laws.amplitude
-    elif laws.law != _MAPPED:
-        dW = limited_step(laws.slope, laws.step_max, relative_error(mu, mu_ref))
-        W_ref = asked_amplitude(laws.law, dW, amplitude, W_ref, laws.amplitude)
-    else:
-        felt = Felt(mu, u_mu, Fx, Fy, amplitude, mu_ref)
-        sliding, W_ref = _by_map(sliding, touched, felt)
-    W_ref = allowed_amplitude(W_ref, laws.W_max, W, amplitude, True)
-    if predictive:
-        f = min(max(resonance_of(learned), laws.f_min), laws.f_max)
-        V = cut_voltage(asked_voltage(laws.prior, learned, W_ref, f), laws.V_max)
-    else:
-        row = gains[row_of(Fn, len(gains))]
-        V, V_state, _ = regulated(V_state, row[0], row[2], W_ref - amplitude, 0.0, laws.V_max)
-        f = drive.frequency
-        if lost(W, amplitude):
-            f_state = f
-        else:
-            error = resonance_error(W)
-            f, f_state, _ = regulated(f_state, row[1], row[2], error, laws.f_min, laws.f_max)
-    if in_limits(V, f, laws.V_max, laws.f_min, laws.f_max):
-        drive = Drive(V, f)
-    else:
-        on, W_ref, drive = False, 0.0, Drive(0.0, drive.frequency)
-    return Controls(on, touch, sliding, right, W_ref, V_state, f_state, learned, drive), mu
-
-
-def _by_map(sliding: Sliding, touched: bool, felt: Felt) -> tuple[Sliding, float]:
-    """Return the law ``predictive`` after a tick of a touch, and the amplitude in m it asks for."""
-    if touched:
-        sliding = follow(sliding, felt)
-        return sliding, amplitude_asked(sliding)
-    return begin(felt, sliding.known), felt.W
-
-
-def run(setup: Setup, gains: Table, passes: Table, noise: Table, traces: Floats) -> None:
-    """Let a finger stroke while its friction is regulated, after a tare of 64 ticks.
+def run(
+    setup: Setup,
+    plan: ControlPlan,
+    loop: Loop,
+    asked: Asked,
+    noise: Table,
+    traces: Floats,
+) -> tuple[Loop, Forces]:
+    """Let a finger stroke while the controllers are in a mode.
 
     Parameters
     ----------
     setup
-        Plate, stimulator and finger.
-    gains
-        Rows of `smarttac_can.control.schedule`, or one.
-    passes
-        A row for each pass, to the end of the run.
+        Plate and finger.
+    plan
+        What is regulated by.
+    loop
+        Where the run goes on.
+    asked
+        Mode and set-point.
     noise
-        A row of 9 for each tick.
+        A row of 9 for each tick, and for the one behind the last.
     traces
         Filled, a row for each tick: true COF, measured COF, 1.0 right of the boundary.
+
+    Returns
+    -------
+    loop, sums
+        Where it has come to, and the sums of the samples of S1..S6 in N.
     """
-    making, sensing, laws, path, lifts = setup
-    state = at_rest(making.ambient)
-    off = Drive(0.0, laws.prior.f0)
-    learned = unlearned(laws.prior)
-    f = off.frequency
-    controls = Controls(False, UNTOUCHED, _NOBODY, False, 0.0, 0.0, f, learned, off)
-    zero = sums = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    number = 0
-    finger = finger_at(path, passes, 0, 0.0, lifts)
-    for tick in range(len(noise)):
-        moving, Fn, _, moment, _, temperature, _ = state
-        reading = readings(sensing, noise[tick], moving.W, temperature, (moving.Fx, Fn, moment))
+    plate_plan, path, passes, lifts = setup
+    mode, setpoint = asked
+    first, plate, readings, controls = loop
+    s1 = s2 = s3 = s4 = s5 = s6 = 0.0
+    number = _pass_at(passes, 0, first * TICK)
+    finger = finger_at(path, passes, number, first * TICK, lifts)
+    last = len(noise) - 1
+    for tick in range(first, last):
         before = controls.drive
-        controls, mu = controlled(laws, gains, controls, zero, reading)
-        traces[tick, 0] = abs(moving.Ft) / finger[1] if finger[1] > 0.0 else 0.0
-        traces[tick, 1] = mu
+        controls, controlled = control_step(plan, controls, mode, readings, setpoint)
+        traces[tick, 0] = abs(plate.motion.Ft) / finger[1] if finger[1] > 0.0 else 0.0
+        traces[tick, 1] = controlled.contact[3]
         traces[tick, 2] = 1.0 if controls.right else 0.0
         time = (tick + 1) * TICK
-        while number + 1 < len(passes) and time >= passes[number + 1][0]:
-            number += 1
+        number = _pass_at(passes, number, time)
         finger_next = finger_at(path, passes, number, time, lifts)
-        state = moved(making, state, before, controls.drive, finger, finger_next)
+        g1, g2, g3, g4, g5, g6 = readings[1]
+        s1, s2, s3, s4, s5, s6 = s1 + g1, s2 + g2, s3 + g3, s4 + g4, s5 + g5, s6 + g6
+        plate, readings = plate_step(
+            plate_plan,
+            plate,
+            (before, controls.drive),
+            (finger, finger_next),
+            noise[tick + 1],
+        )
         finger = finger_next
-        if tick < TARE_SAMPLES:
-            sums = _added(sums, reading[1])
-            if tick == TARE_SAMPLES - 1:
-                zero = _mean(sums)
-                controls = _turned_on(controls)
+    return Loop(last, plate, readings, controls), (s1, s2, s3, s4, s5, s6)
 
 
-def _added(sums: Forces, forces: Forces) -> Forces:
-    a1, a2, a3, a4, a5, a6 = sums
-    b1, b2, b3, b4, b5, b6 = forces
-    return a1 + b1, a2 + b2, a3 + b3, a4 + b4, a5 + b5, a6 + b6
-
-
-def _mean(sums: Forces) -> Forces:
-    s1, s2, s3, s4, s5, s6 = sums
-    n = TARE_SAMPLES
-    return s1 / n, s2 / n, s3 / n, s4 / n, s5 / n, s6 / n
-
-
-def _turned_on(controls: Controls) -> Controls:
-    """Return the stimulator after its tare, in mode FRICTION from 0 V, left of the boundary."""
-    drive, learned = controls.drive, controls.learned
-    return Controls(True, UNTOUCHED, _NOBODY, False, 0.0, 0.0, drive.frequency, learned, drive)
+def _pass_at(passes: Table, number: int, time: float) -> int:
+    """Return the number of the pass at a time in s, which is that of one before or a later one."""
+    while number + 1 < len(passes) and time >= passes[number + 1][0]:
+        number += 1
+    return number

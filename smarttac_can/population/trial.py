@@ -11,11 +11,11 @@ from typing import Any, Final
 import numpy as np
 
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.predictive import prior_of
-from smarttac_can.control.schedule import ROWS, Gains, Schedule
-from smarttac_can.control.tribometer import calibration, gauging_of
+from smarttac_can.control.step import ControlPlan, adopted, at_rest, control_plan
+from smarttac_can.control.tribometer import calibration
 from smarttac_can.plant.finger import Pass, Path, ramp_of
-from smarttac_can.plant.motion import making
+from smarttac_can.plant.motion import PlatePlan, coefficients, measured
+from smarttac_can.plant.motion import at_rest as plate_at_rest
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.sensors import NOISE_BLOCK, noise_block, sensing
 from smarttac_can.population.cases import CASES, Case
@@ -25,17 +25,17 @@ from smarttac_can.population.loop import (
     LIFT_LENGTH,
     LIFT_PERIOD,
     LIFT_RAMP,
-    Laws,
+    Asked,
+    Loop,
     Setup,
-    Table,
     run,
 )
 from smarttac_can.population.outcome import Flags, Outcome, Traces, outcome
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law, VibrationLaw
-from smarttac_can.vocabulary.signals import TICK
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Setpoint
 
-Loop = tuple[Callable[..., None], Callable[[Any], Table]]
+Runner = tuple[Callable[..., Any], Callable[[Any], Any]]
 """`smarttac_can.population.loop.run`, and what makes its tables."""
 AMBIENT: Final = 20.0
 """Temperature in degC of plate and surroundings at the beginning."""
@@ -107,24 +107,30 @@ def traces_of(campaign: Campaign, finger: Finger) -> Traces:
     passes = stroke.passes(PASSES)
     ticks = int((passes[-1].start + passes[-1].duration) / TICK)
     noise = np.concatenate(
-        [noise_block(plate.sensors, finger.noise_seed, n) for n in range(-(-ticks // NOISE_BLOCK))]
-    )[:ticks]
+        [noise_block(plate.sensors, finger.noise_seed, n) for n in range(ticks // NOISE_BLOCK + 1)]
+    )[: ticks + 1]
     traces = np.empty((ticks, 3))
     run_loop, table = fastest()
-    setup = Setup(
-        making(
-            plate,
-            finger.subject,
-            ambient=AMBIENT,
-            dead_time=campaign.dead_time,
-            sound_f0=plate.resonator.f0,
-        ),
-        sensing(plate.sensors),
-        laws_of(campaign.parameters, finger),
-        stroke.path,
-        case.lifts,
+    made = coefficients(
+        plate,
+        finger.subject,
+        ambient=AMBIENT,
+        dead_time=campaign.dead_time,
+        sound_f0=plate.resonator.f0,
     )
-    run_loop(setup, table(gains_of(campaign.parameters)), table(passes), table(noise), traces)
+    plate_plan = PlatePlan(made, sensing(plate.sensors))
+    setup = Setup(plate_plan, stroke.path, table(passes), case.lifts)
+    plan = _plan_of(campaign.parameters, table)
+    f0 = plan.prior.f0
+    setpoint = Setpoint(0.0, f0, AMPLITUDE, finger.mu_left, finger.mu_right, 0.0)
+    rest = plate_at_rest(AMBIENT)
+    first = measured(plate_plan, rest, noise[0].tolist())
+    loop = Loop(0, rest, first, at_rest(plan))
+    off, on = Asked(int(Mode.OFF), setpoint), Asked(int(Mode.FRICTION), setpoint)
+    loop, sums = run_loop(setup, plan, loop, off, table(noise[: TARE_SAMPLES + 1]), traces)
+    tared = plan._replace(zero=tuple([total / TARE_SAMPLES for total in sums]))
+    loop = loop._replace(controls=adopted(plan, tared, loop.controls))
+    run_loop(setup, tared, loop, on, table(noise), traces)
     mu_true, mu, right = np.ascontiguousarray(traces.T)
     return Traces(mu_true, mu, right, _steady(ticks, stroke.path, passes, case.lifts))
 
@@ -149,43 +155,21 @@ def outcome_of(campaign: Campaign, number: int) -> tuple[Outcome, float]:
 
 
 @cache
-def fastest() -> Loop:
+def fastest() -> Runner:
     """Return the loop, compiled if it can be, and what makes its tables."""
     if can_compile():
         return compiled(run), lambda rows: np.asarray(rows, dtype=np.float64)
     return plain()
 
 
-def plain() -> Loop:
+def plain() -> Runner:
     """Return the loop as it stands in the file; Python reads lists faster than arrays."""
     return run, lambda rows: rows.tolist() if isinstance(rows, np.ndarray) else rows
 
 
-def laws_of(parameters: CascadeParameters, finger: Finger) -> Laws:
-    """Return what a finger's stimulator regulates by."""
-    p = parameters
-    return Laws(
-        law=int(p.law),
-        slope=p.slope,
-        step_max=p.step_max,
-        vibration_law=int(p.vibration_law),
-        prior=prior_of(PlateModel(), p.dead_time),
-        gauging=gauging_of(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force),
-        half=0.5 * p.hysteresis,
-        V_max=p.V_max,
-        W_max=p.W_max,
-        f_min=p.f_min,
-        f_max=p.f_max,
-        amplitude=AMPLITUDE,
-        mu_left=finger.mu_left,
-        mu_right=finger.mu_right,
-    )
-
-
 @cache
-def gains_of(parameters: CascadeParameters) -> list[Gains]:
-    """Return the gains of both PIs by the normal force, or one row of them."""
-    p = parameters
-    schedule = Schedule(PlateModel(), p.amplitude_pole, p.resonance_pole, p.dead_time)
-    rows = ROWS if p.vibration_law is VibrationLaw.SCHEDULED else 1
-    return [schedule.gains(row) for row in range(rows)]
+def _plan_of(parameters: CascadeParameters, table: Callable[[Any], Any]) -> ControlPlan:
+    """Return what a stimulator regulates by, with tables as the loop reads them best."""
+    plan = control_plan(parameters, PlateModel())
+    rows, none = table(plan.rows), table([])
+    return plan._replace(rows=rows, texture=plan.texture._replace(values=none))

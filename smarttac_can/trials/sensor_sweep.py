@@ -29,10 +29,11 @@ from smarttac_can.nodes.settings import GAUGE_ZERO, MODEL
 from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
+from smarttac_can.plant.faults import SOUND
 from smarttac_can.plant.finger import FingerState, smooth
 from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors
+from smarttac_can.plant.sensors import PICKUP_SATURATED
 from smarttac_can.plant.subjects import SUBJECTS, Subject
 from smarttac_can.trials.workers import sharing
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
@@ -189,10 +190,9 @@ class FailingSensors:
         Of the noise, also of that which a failure adds.
     """
 
-    __slots__ = ("_draw", "_failure", "_held", "_onset", "_past", "_sound")
+    __slots__ = ("_draw", "_failure", "_held", "_onset", "_past")
 
     def __init__(self, failure: Failure, onset: int, seed: int) -> None:
-        self._sound = Sensors(_SENSORS, seed)
         self._failure = failure
         self._onset = onset
         self._draw = random.Random(seed)
@@ -201,23 +201,19 @@ class FailingSensors:
             maxlen=int(failure.size) + 1 if failure.kind == "delayed" else 1
         )
 
-    def measure(
-        self, tick: int, W: complex, temperature: float, forces: tuple[float, float, float]
-    ) -> Measurement:
+    def gains(self, tick: int) -> tuple[float, float]:
+        """Return the gains of the axes of the pick-up, before their converters, at a tick."""
+        sensor, _, size, _, _ = self._failure
+        if not (self._weakens and self._fails(tick)):
+            return SOUND
+        return (1.0 if sensor == "q" else size, 1.0 if sensor == "d" else size)
+
+    def measure(self, tick: int, sound: Measurement) -> Measurement:
         """Return what the sensors report at a tick; to be called once for each tick in turn."""
-        sensor, kind, size, on, of = self._failure
-        since = tick - self._onset
-        failing = since >= 0 and since % of < on
-        weak = kind == "gain" and sensor in PICKUP_SENSORS
-        if failing and weak:
-            W = complex(
-                W.real if sensor == "q" else size * W.real,
-                W.imag if sensor == "d" else size * W.imag,
-            )
-        sound = self._sound.measure(tick, W, temperature, forces)
+        sensor, kind, _, _, _ = self._failure
         if kind == "delayed":
             self._past.append(sound)
-        if weak or not failing:
+        if self._weakens or not self._fails(tick):
             return sound
         W, gauges, temperature, saturated = sound
         if kind == "swapped":
@@ -241,6 +237,14 @@ class FailingSensors:
         count, ended = self._count(sensor, value, step)
         W = complex(count * step, W.imag) if sensor == "d" else complex(W.real, count * step)
         return sound._replace(W=W, saturated=saturated | (PICKUP_SATURATED if ended else 0))
+
+    @property
+    def _weakens(self) -> bool:
+        return self._failure.kind == "gain" and self._failure.sensor in PICKUP_SENSORS
+
+    def _fails(self, tick: int) -> bool:
+        since = tick - self._onset
+        return since >= 0 and since % self._failure.of < self._failure.on
 
     def _count(self, sensor: str, si: float, step: float) -> tuple[int, bool]:
         """Return what a failed sensor counts, and whether that is the end of its range."""
@@ -491,7 +495,8 @@ class _Bench:
         assert isinstance(behind, SimulatedPlate)
         behind.plate = Plate(
             PlateParameters(), _subject(cell.damping), finger, ambient=cell.ambient,
-            dead_time=cell.dead_time * 1e-6, sensors=FailingSensors(failure, onset, cell.seed),
+            dead_time=cell.dead_time * 1e-6, seed=cell.seed,
+            failing=FailingSensors(failure, onset, cell.seed),
         )  # fmt: skip
         for _ in range(_TARE_CYCLES):
             block.tick()

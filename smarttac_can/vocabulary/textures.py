@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from binascii import crc32
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
@@ -73,25 +74,7 @@ class TextureTable:
 
     def at(self, place: float) -> float:
         """Return the COF at a place in nm or us."""
-        values = self.values
-        count = len(values)
-        steps = (place - self.start) / self.step
-        if self.repeats:
-            steps %= count
-            number = int(steps)
-            # A remainder just below 0 may be rounded up to the whole.
-            if number >= count:
-                return values[0] * COF_COUNT
-            after = values[(number + 1) % count]
-        elif steps <= 0.0:
-            return values[0] * COF_COUNT
-        elif steps >= count - 1:
-            return values[-1] * COF_COUNT
-        else:
-            number = int(steps)
-            after = values[number + 1]
-        before = values[number]
-        return (before + (after - before) * (steps - number)) * COF_COUNT
+        return cof_at(self.values, self.repeats, self.start, self.step, place)
 
     def require_within(self, low: int, high: int) -> None:
         """Refuse values in 1e-4 outside bounds of a device.
@@ -137,6 +120,28 @@ class TextureTable:
         _require("repeat flag", repeats, 0, 1)
         values = struct.unpack_from(f"<{count}H", body, _HEADER.size)
         return cls(Axis(axis), bool(repeats), start, step, values)
+
+
+def cof_at(values: Sequence[float], repeats: bool, start: int, step: int, place: float) -> float:
+    """Return the COF at a place in nm or us; the other arguments are those of `TextureTable`."""
+    count = len(values)
+    steps = (place - start) / step
+    if repeats:
+        steps %= count
+        number = int(steps)
+        # A remainder just below 0 may be rounded up to the whole.
+        if number >= count:
+            return values[0] * COF_COUNT
+        after = values[(number + 1) % count]
+    elif steps <= 0.0:
+        return values[0] * COF_COUNT
+    elif steps >= count - 1:
+        return values[-1] * COF_COUNT
+    else:
+        number = int(steps)
+        after = values[number + 1]
+    before = values[number]
+    return (before + (after - before) * (steps - number)) * COF_COUNT
 
 
 def _require(name: str, value: int, low: int, high: int) -> None:

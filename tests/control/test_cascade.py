@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.limit import Limit
+from smarttac_can.control.design import row_of
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.texture import POSITION_LAG, TexturePlayer
+from smarttac_can.control.texture import POSITION_LAG, texture_of
+from smarttac_can.control.vibration import Limit
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Measurement
@@ -45,7 +46,7 @@ setpoints = st.builds(
 
 def cascade_with_texture(parameters=None):
     cascade = Cascade(parameters)
-    cascade.texture = TexturePlayer(GRATING)
+    cascade.play(texture_of(GRATING))
     return cascade
 
 
@@ -119,7 +120,8 @@ def test_a_controller_that_fails_inside_turns_the_drive_off():
     cascade, plate = Cascade(), FirstOrderPlate()
     cascade.set_mode(Mode.AMPLITUDE)
     run(cascade, plate, setpoint(), 10)
-    cascade._inner.amplitude.pi.Kp = math.nan
+    bare = cascade.plan.bare._replace(amplitude=math.nan)
+    cascade._plan = cascade.plan._replace(bare=bare)
     assert cascade.update(plate.measure(), setpoint()).voltage == 0.0
     assert (cascade.mode, cascade.reason) == (Mode.OFF, "drive is not finite")
 
@@ -130,9 +132,9 @@ def test_a_belief_that_is_no_number_turns_off_or_gives_the_model_back(doubt):
     cascade, plate = Cascade(law), FirstOrderPlate()
     cascade.set_mode(Mode.AMPLITUDE)
     run(cascade, plate, setpoint(), 20)
-    predictive = cascade._predictive
-    learned = predictive.learned
-    predictive.learned = learned._replace(belief=learned.belief._replace(**doubt))
+    learned = cascade.state.learned
+    learned = learned._replace(belief=learned.belief._replace(**doubt))
+    cascade._state = cascade.state._replace(learned=learned)
     drives = run(cascade, plate, setpoint(), 30)
     assert all(0.0 <= drive.voltage <= 150.0 for drive in drives)
     assert cascade.mode is Mode.OFF or abs(plate.W) == pytest.approx(1e-6, rel=0.02)
@@ -185,11 +187,14 @@ def test_a_mode_change_moves_the_drive_by_what_the_new_error_asks_for(
         return
     cascade.set_mode(after)
     new = cascade.update(plate.measure(finger.touch(plate.W)), target)
-    Kp = cascade._inner.amplitude.pi.Kp
+    gains, contact = cascade.plan.bare, cascade.contact
+    Kp = gains.amplitude
+    if after is Mode.TEXTURE and contact.touching:
+        Kp = cascade.plan.rows[row_of(contact.Fn, len(cascade.plan.rows))][0]
     assert abs(new.voltage - old.voltage) <= Kp * abs(cascade.W_ref - abs(plate.W)) + 1e-9
     if after is not Mode.AMPLITUDE:
         tangent = plate.W.imag / plate.W.real if plate.W else 0.0
-        bound = abs(cascade._inner.resonance.pi.Kp * tangent)
+        bound = abs(gains.resonance * tangent)
         assert abs(new.frequency - old.frequency) <= bound + 1e-9
 
 
@@ -427,15 +432,15 @@ def test_what_the_law_predictive_has_learned_outlives_other_parameters_and_modes
     cascade.set_mode(Mode.FRICTION)
     for x in (-8e-3, 8e-3) * 2:
         run(cascade, plate, setpoint(), 100, lambda W, x=x: finger.touch(W, x=x))
-    learned = cascade._outer._by_map.touch.known
+    learned = cascade.state.sliding.known
     assert learned.pairs > 0
     cascade.configure(replace(cascade.parameters, hysteresis=2e-3))
-    assert cascade._outer._by_map.touch.known is learned
+    assert cascade.state.sliding.known is learned
     cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
     run(cascade, plate, setpoint(), 5, lambda W: finger.touch(W, x=8e-3))
     cascade.set_mode(Mode.FRICTION)
     run(cascade, plate, setpoint(), 1, lambda W: finger.touch(W, x=8e-3))
-    assert cascade._outer._by_map.touch.known is learned
+    assert cascade.state.sliding.known is learned
     assert abs(plate.W) == pytest.approx(cascade.W_ref, rel=0.05)
 
 
@@ -553,9 +558,9 @@ def test_a_finger_that_lifts_ends_what_is_known_of_its_place():
     cascade, plate, finger = cascade_with_texture(), FirstOrderPlate(), Finger()
     cascade.set_mode(Mode.TEXTURE)
     run(cascade, plate, setpoint(), 100, finger.touch)
-    assert cascade._outer._textured.line is not None
+    assert cascade.state.playing.touches
     run(cascade, plate, setpoint(amplitude=1.5e-6), 1)
-    assert cascade._outer._textured.line is None
+    assert not cascade.state.playing.touches
     assert cascade.W_ref == 1.5e-6
 
 
@@ -569,7 +574,7 @@ def test_mode_texture_without_one_turns_itself_off():
 def test_a_profile_begins_with_the_mode_and_goes_on_without_a_finger():
     profile = TextureTable(Axis.TIME, False, 0, 1000, tuple(range(3000, 3100)))
     cascade, plate = Cascade(replace(CascadeParameters(), preview=0.0)), FirstOrderPlate()
-    cascade.texture = TexturePlayer(profile)
+    cascade.play(texture_of(profile))
     references = []
     for mode in [Mode.TEXTURE] * 5 + [Mode.AMPLITUDE] * 5 + [Mode.TEXTURE] * 5:
         cascade.set_mode(mode)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.control.design import amplitude_pi, dominant_pole, resonance_pi
-from smarttac_can.control.pi import regulated
+from smarttac_can.control.vibration import regulated
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import Drive
 
@@ -70,11 +70,11 @@ def test_resonance_controller_is_for_the_gain_of_minus_tau():
 def test_step_does_not_overshoot(dead_time):
     model = PlateModel()
     plate = FirstOrderPlate(model, dead_time)
-    pi = amplitude_pi(model, 0.1, dead_time)
+    pi, state = amplitude_pi(model, 0.1, dead_time), 0.0
     for _ in range(100):
         error = 1e-6 - abs(plate.W)
         assert error > -1e-14
-        voltage, pi.state, _ = regulated(pi.state, pi.Kp, pi.a, error, -1e9, 1e9)
+        voltage, state, _ = regulated(state, pi.Kp, pi.a, error, -1e9, 1e9)
         plate.step(Drive(voltage, model.f0))
     assert abs(plate.W) == pytest.approx(1e-6)
 

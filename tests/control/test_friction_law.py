@@ -5,12 +5,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.friction import Boundary, FrictionLaw, relative_error
+from smarttac_can.control.friction import (
+    asked_amplitude,
+    is_right,
+    limited_step,
+    relative_error,
+)
 from smarttac_can.vocabulary.modes import Law
 
 
-def friction_law(law=Law.MEASURED):
-    return FrictionLaw(law, slope=0.04e-6, step_max=1e-6)
+def step(E):
+    return limited_step(slope=0.04e-6, step_max=1e-6, E=E)
+
+
+def sides(positions, boundary):
+    right, found = False, []
+    for x in positions:
+        right = is_right(right, x, boundary, half=0.5e-3)
+        found.append(right)
+    return found
 
 
 def test_equation_8():
@@ -23,16 +36,15 @@ def test_equation_8():
     [(100.0, 1e-6), (25.0, 1e-6), (10.0, 0.4e-6), (0.0, 0.0), (-10.0, -0.4e-6), (-25.0, -1e-6)],
 )
 def test_equation_9(E, dW):
-    assert friction_law().step(E) == pytest.approx(dW)
+    assert step(E) == pytest.approx(dW)
 
 
 @given(st.floats(allow_nan=False))
 @settings(max_examples=50)
 def test_equation_9_is_odd_and_bounded(E):
-    law = friction_law()
-    assert law.step(-E) == -law.step(E)
-    assert abs(law.step(E)) <= 1e-6
-    assert law.step(E) * E >= 0.0
+    assert step(-E) == -step(E)
+    assert abs(step(E)) <= 1e-6
+    assert step(E) * E >= 0.0
 
 
 @pytest.mark.parametrize(
@@ -40,25 +52,16 @@ def test_equation_9_is_odd_and_bounded(E):
     [(Law.MEASURED, 1.4e-6), (Law.ACCUMULATE, 2.4e-6), (Law.NOMINAL, 3.4e-6)],
 )
 def test_what_the_step_is_added_to(law, W_ref):
-    asked = friction_law(law).reference(10.0, amplitude=1e-6, W_ref=2e-6, W_nominal=3e-6)
+    asked = asked_amplitude(law, step(10.0), amplitude=1e-6, W_ref=2e-6, W_nominal=3e-6)
     assert asked == pytest.approx(W_ref)
 
 
 def test_side_changes_beyond_the_band_only():
-    boundary = Boundary(1e-3)
-    sides = [boundary.update(x, 0.01) for x in (0.0, 0.0104, 0.0106, 0.0096, 0.0104, 0.0094)]
-    assert sides == [False, False, True, True, True, False]
-
-
-def test_place_decides_without_the_band():
-    boundary = Boundary(1e-3)
-    boundary.place(1e-4, 0.0)
-    assert boundary.right
-    boundary.place(-1e-4, 0.0)
-    assert not boundary.right
+    found = sides((0.0, 0.0104, 0.0106, 0.0096, 0.0104, 0.0094), 0.01)
+    assert found == [False, False, True, True, True, False]
 
 
 def test_noise_within_the_band_crosses_once():
-    boundary, noise = Boundary(1e-3), random.Random(1)
-    sides = [boundary.update(i * 2e-5 - 5e-3 + noise.uniform(-4e-4, 4e-4), 0.0) for i in range(500)]
-    assert sum(a != b for a, b in pairwise(sides)) == 1
+    noise = random.Random(1)
+    found = sides([i * 2e-5 - 5e-3 + noise.uniform(-4e-4, 4e-4) for i in range(500)], 0.0)
+    assert sum(a != b for a, b in pairwise(found)) == 1

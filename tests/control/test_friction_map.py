@@ -17,7 +17,7 @@ from smarttac_can.control.friction_map import (
     SECOND,
     SPACING,
     THIRD,
-    Level,
+    Plateau,
     amplitude_for,
     learned,
     shape,
@@ -68,7 +68,7 @@ def test_pairs_of_levels_tell_the_map_between_them(W0, p, rho):
     w = PRIOR
     for _ in range(60):
         one, other = draw.uniform(0.5e-6, 2.0e-6), draw.uniform(0.5e-6, 2.0e-6)
-        w = learned(w, Level(1.0 + h(one), one, 0.0), Level(1.0 + h(other), other, 0.1), 1e-5)
+        w = learned(w, Plateau(1.0 + h(one), one, 0.0), Plateau(1.0 + h(other), other, 0.1), 1e-5)
     nodes = shape(w)
     for low, high in ((0.5e-6, 1.0e-6), (1.0e-6, 1.5e-6), (1.5e-6, 2.0e-6)):
         assert value(nodes, high) - value(nodes, low) == pytest.approx(h(high) - h(low), abs=0.015)
@@ -77,7 +77,7 @@ def test_pairs_of_levels_tell_the_map_between_them(W0, p, rho):
 
 
 def test_a_noisier_pair_teaches_less():
-    pair = Level(-0.5, 1.0e-6, 0.0), Level(-1.0, 1.5e-6, 0.1)
+    pair = Plateau(-0.5, 1.0e-6, 0.0), Plateau(-1.0, 1.5e-6, 0.1)
     sure, unsure = (learned(PRIOR, *pair, variance) for variance in (1e-5, 1e-2))
     assert sure.a > 2.0 * unsure.a > 0.0
     assert sure.aa < unsure.aa < 1.0
@@ -92,7 +92,7 @@ def test_a_noisier_pair_teaches_less():
 def test_whatever_is_taught_the_belief_stays_one_of_a_finger(pairs):
     w = PRIOR
     for one, other, fall, variance in pairs:
-        w = learned(w, Level(0.0, one, 0.0), Level(fall, other, 0.1), variance)
+        w = learned(w, Plateau(0.0, one, 0.0), Plateau(fall, other, 0.1), variance)
         assert all(abs(weight) <= 4.0 for weight in w[:3])
         assert min(w.aa, w.bb, w.cc) > 0.0
         assert max(w.aa, w.bb, w.cc) <= 1.0 + 1e-12
@@ -109,7 +109,7 @@ def test_a_pair_is_that_of_a_kalman_filter():
     w, P, x = PRIOR, np.eye(3), np.zeros(3)
     pairs = ((0.6e-6, 1.3e-6, -0.3), (1.1e-6, 2.6e-6, -0.6), (0.2e-6, 0.9e-6, -0.2))
     for one, other, fall in pairs:
-        w = learned(w, Level(0.0, one, 0.0), Level(fall, other, 0.1), 1e-3)
+        w = learned(w, Plateau(0.0, one, 0.0), Plateau(fall, other, 0.1), 1e-3)
         P = 0.98 * P + 0.02 * np.eye(3)
         H = np.array([value(n, other) - value(n, one) for n in (FIRST, SECOND, THIRD)])
         K = P @ H / (H @ P @ H + 1e-3)

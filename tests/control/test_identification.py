@@ -147,7 +147,7 @@ def test_finger_on_the_plate():
     cascade = Cascade()
     for _ in range(64):
         cascade.update(FirstOrderPlate().measure(NULLS), setpoint())
-    cascade.tribometer.tare()
+    cascade.zero = cascade.null()
     loaded = tuple(n + s for n, s in zip(NULLS, gauges(Fn=0.5), strict=True))
     reason = failure(FirstOrderPlate(), cascade=cascade, forces=loaded)
     assert reason == "the plate is loaded with 0.50 N"

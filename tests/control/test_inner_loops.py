@@ -6,11 +6,10 @@ import pytest
 from first_order_plate import FirstOrderPlate, gauges, setpoint
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.design import amplitude_pi
-from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.schedule import Schedule
-from smarttac_can.control.texture import TexturePlayer
+from smarttac_can.control.step import _regulated
+from smarttac_can.control.texture import texture_of
+from smarttac_can.control.vibration import Limit
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
@@ -68,26 +67,26 @@ def test_a_voltage_that_would_be_negative_is_told(law):
     assert cascade.limited == Limit.VOLTAGE
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_in_mode_texture_the_amplitude_of_pi_follows_the_finger_and_is_as_designed_after_it(law):
-    cascade, plate = Cascade(CascadeParameters(vibration_law=law)), FirstOrderPlate()
-    cascade.texture = TexturePlayer(TextureTable(Axis.POSITION, True, 0, 1_000_000, (3000, 4000)))
+@pytest.mark.parametrize("law", [VibrationLaw.PI, VibrationLaw.SCHEDULED])
+def test_in_mode_texture_the_amplitude_of_pi_follows_the_finger_and_the_resonance_does_not(law):
+    """A change of ``|W|`` in a tick moves the voltage by the gain of C_W, and W_q the frequency."""
 
-    def gains(mode):
+    def moved(mode):
+        cascade, plate = Cascade(CascadeParameters(vibration_law=law)), FirstOrderPlate()
+        cascade.play(texture_of(TextureTable(Axis.POSITION, True, 0, 1_000_000, (3000, 4000))))
         cascade.set_mode(mode)
         for _ in range(30):
             plate.step(cascade.update(plate.measure(gauges(0.3, 0.0, 1.0)), setpoint()))
-        inner = cascade._inner
-        return inner.amplitude.pi.Kp, inner.resonance.pi.Kp, inner.amplitude.pi.a
+        plan, state = cascade.plan, cascade.state
+        loops = [
+            _regulated(plan, state, (W, abs(W), 1.0), 1e-6, 0.0)[0]
+            for W in (1e-6 + 0j, 0.99e-6 + 1e-9j)
+        ]
+        return loops[1].voltage - loops[0].voltage, loops[1].frequency - loops[0].frequency
 
-    friction, texture = gains(Mode.FRICTION), gains(Mode.TEXTURE)
-    assert (texture != friction) == (law is VibrationLaw.PI)
+    friction, texture = moved(Mode.FRICTION), moved(Mode.TEXTURE)
     if law is VibrationLaw.PI:
-        amplitude = amplitude_pi(cascade.model, 0.2)
-        Schedule(cascade.model, 0.2, 0.3, 0.0).tune_amplitude(1.0, amplitude)
-        assert texture == (amplitude.Kp, friction[1], amplitude.a)
-        # Other parameters that ask for a new design leave them to follow it.
-        cascade.configure(replace(cascade.parameters, amplitude_pole=0.3))
-        assert gains(Mode.TEXTURE)[0] < texture[0]
-        cascade.configure(replace(cascade.parameters, amplitude_pole=0.2))
-    assert gains(Mode.FRICTION) == friction
+        assert texture[0] > 1.5 * friction[0]
+        assert texture[1] == pytest.approx(friction[1])
+    else:
+        assert texture == pytest.approx(friction)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from smarttac_can.control.belief import PRIOR, PlateNow, Span
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive import voltage_for
+from smarttac_can.control.vibration import Limit
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Measurement
@@ -214,10 +214,10 @@ def test_a_thermometer_that_breaks_does_not_move_the_plate(temperature):
 def test_after_a_bad_measurement_it_starts_from_two_good_ones():
     cascade, plate = driven()
     bad = Measurement(complex(math.nan, 0.0), (0.0,) * 6, 20.0, 0)
-    learned = cascade._predictive.learned.belief
+    learned = cascade.state.learned.belief
     plate.step(cascade.update(bad, setpoint()))
     plate.step(cascade.update(plate.measure(), setpoint()))
-    assert cascade._predictive.learned.belief == learned
+    assert cascade.state.learned.belief == learned
     cascade.set_mode(BOTH)
     for _ in range(20):
         plate.step(cascade.update(plate.measure(), setpoint()))
@@ -233,7 +233,7 @@ def test_it_counts_with_the_drive_that_went_out(drive):
         cascade.realised(drive)
         plate.step(drive)
     # What it believes in is the plate, not one that ignores a voltage.
-    assert cascade._predictive.learned.plate.kappa == pytest.approx(50e-9 / 0.944e-3, rel=0.05)
+    assert cascade.state.learned.plate.kappa == pytest.approx(50e-9 / 0.944e-3, rel=0.05)
 
 
 def test_a_finger_is_learned_and_forgotten():
@@ -244,7 +244,7 @@ def test_a_finger_is_learned_and_forgotten():
         for _ in range(30):
             plate.step(cascade.update(plate.measure(gauges(Fn=Fn)), setpoint()))
         assert abs(plate.W) == pytest.approx(1e-6, rel=0.01)
-        assert cascade._predictive.learned.plate.rate == pytest.approx(1.0 / model.tau, rel=0.15)
+        assert cascade.state.learned.plate.rate == pytest.approx(1.0 / model.tau, rel=0.15)
 
 
 @pytest.mark.parametrize("dead_time", [0.0, BUS])
@@ -264,7 +264,7 @@ def test_a_drive_that_was_lost_is_not_taken_for_another_plate(lost, most, dead_t
         plate.step(last)
     assert plate.peak < most
     assert abs(plate.W) == pytest.approx(2.5e-6, rel=0.01)
-    assert cascade._predictive.learned.plate.kappa == pytest.approx(50e-9 / 0.944e-3, rel=0.03)
+    assert cascade.state.learned.plate.kappa == pytest.approx(50e-9 / 0.944e-3, rel=0.03)
 
 
 @pytest.mark.parametrize("amplitude", [0.5e-6, 1.5e-6, 2.5e-6])
@@ -276,5 +276,5 @@ def test_a_plate_that_changes_in_a_step_is_not_taken_for_lost_drives(change, amp
     for _ in range(30):
         plate.step(cascade.update(plate.measure(), setpoint(amplitude=amplitude)))
     assert abs(plate.W) == pytest.approx(amplitude, rel=0.02)
-    learned = cascade._predictive.learned.plate
+    learned = cascade.state.learned.plate
     assert learned.kappa / learned.rate == pytest.approx(50e-9 * change, rel=0.02)

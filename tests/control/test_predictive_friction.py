@@ -4,23 +4,26 @@ import math
 import random
 
 import pytest
+from first_order_plate import setpoint
 
+from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.friction_map import PRIOR, shape, value
+from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive_friction import (
     ANYBODY,
     FROZEN_TICKS,
     QUIET_TICKS,
     SETTLED_TICKS,
-    Felt,
+    FrictionSample,
     Known,
-    PredictiveFriction,
     amplitude_asked,
-    begin,
-    follow,
+    begin_map,
+    follow_map,
 )
 from smarttac_can.plant.force_path import follow as through_path
 from smarttac_can.plant.force_path import propagator
-from smarttac_can.vocabulary.signals import Contact
+from smarttac_can.vocabulary.modes import Law, Mode
+from smarttac_can.vocabulary.signals import Measurement
 
 STEEP = PRIOR._replace(a=1.5, b=-0.5)
 LOW, HIGH = 0.35, 0.45
@@ -35,7 +38,7 @@ class Bench:
         self.step = propagator(1e-3, 100.0, 0.7)
         self.y, self.rate = math.exp(value(self.nodes, self.W)), 0.0
         self.random = random.Random(5)
-        self.touch = begin(self.felt(LOW), known)
+        self.touch = begin_map(self.felt(LOW), known)
 
     @property
     def mu(self):
@@ -43,14 +46,16 @@ class Bench:
 
     def felt(self, mu_ref):
         mu = math.exp(self.ln_mu0) * self.y + self.random.gauss(0.0, self.noise)
-        return Felt(mu, self.noise, self.push * mu * 0.5, 0.0, self.W, mu_ref)
+        return FrictionSample(mu, self.noise, self.push * mu * 0.5, 0.0, self.W, mu_ref)
 
     def run(self, ticks, mu_ref):
         """Return the true COF at each tick; mu_ref may be a function of the tick."""
         found = []
         for tick in range(ticks):
             found.append(self.mu)
-            self.touch = follow(self.touch, self.felt(mu_ref(tick) if callable(mu_ref) else mu_ref))
+            self.touch = follow_map(
+                self.touch, self.felt(mu_ref(tick) if callable(mu_ref) else mu_ref)
+            )
             before, self.W = self.W, min(max(amplitude_asked(self.touch), 0.0), 3e-6)
             ends = [math.exp(value(self.nodes, W)) for W in (before, self.W)]
             self.y, self.rate = through_path(self.step, self.y, self.rate, sum(ends) / 2)
@@ -251,21 +256,29 @@ def test_what_no_amplitude_reaches_is_below_0():
 def test_absurd_friction_leaves_numbers(mu):
     bench = Bench().passes(1)
     for tick in range(500):
-        felt = Felt(mu, 0.01, (-1.0) ** (tick // 200), 0.0, 1e-6, LOW)
-        bench.touch = follow(bench.touch, felt)
+        felt = FrictionSample(mu, 0.01, (-1.0) ** (tick // 200), 0.0, 1e-6, LOW)
+        bench.touch = follow_map(bench.touch, felt)
         assert math.isfinite(amplitude_asked(bench.touch))
 
 
 def test_what_was_learned_outlives_the_touch_and_nothing_else():
-    law = PredictiveFriction()
-    touching = Contact(0.2, 0.0, 0.5, 0.4, 0.01, 0.0, 0.06, True)
-    assert law.reference(touching, 1.1e-6, LOW) == 1.1e-6
-    law.touch = law.touch._replace(known=Known(STEEP, shape(STEEP), 7), m0=-9.0)
-    law.release()
-    assert law.touch is None
-    assert law.reference(touching, 1.2e-6, LOW) == 1.2e-6
-    assert law.touch.known.pairs == 7
-    assert law.touch.m0 == pytest.approx(math.log(0.4) - value(shape(STEEP), 1.2e-6))
+    cascade = Cascade(CascadeParameters(law=Law.PREDICTIVE))
+    cascade.set_mode(Mode.FRICTION)
+
+    def felt(Fn):
+        forces = (0.4 * Fn, 0.0, *(0.25 * Fn,) * 4)
+        target = setpoint(mu_left=LOW, mu_right=LOW)
+        cascade.update(Measurement(1.2e-6 + 0j, forces, 20.0, 0), target)
+        return cascade.state
+
+    sliding = felt(0.5).sliding
+    known = Known(STEEP, shape(STEEP), 7)
+    cascade._state = cascade.state._replace(sliding=sliding._replace(known=known, m0=-9.0))
+    assert not felt(0.0).slides
+    state = felt(0.5)
+    assert (state.slides, state.W_ref) == (True, pytest.approx(1.2e-6))
+    assert state.sliding.known.pairs == 7
+    assert state.sliding.m0 == pytest.approx(math.log(0.4) - value(shape(STEEP), 1.2e-6))
 
 
 @pytest.mark.parametrize("steepness", [0.4, 2.0, 4.5])
@@ -281,7 +294,7 @@ def test_a_finger_of_another_slope_than_was_learned_does_not_ring(steepness):
 def test_until_it_slides_the_amplitude_stays_and_then_the_friction_is_believed_at_once():
     bench = Bench()
     bench.ln_mu0 -= 3.0  # It rests, and hardly pulls.
-    bench.touch = begin(bench.felt(LOW), ANYBODY)
+    bench.touch = begin_map(bench.felt(LOW), ANYBODY)
     for _ in range(100):
         bench.push = -bench.push
         bench.run(1, LOW)

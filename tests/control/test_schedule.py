@@ -4,10 +4,8 @@ import pytest
 from first_order_plate import FirstOrderPlate, gauges, setpoint
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.design import amplitude_pi, resonance_pi
+from smarttac_can.control.design import amplitude_pi, designed, resonance_pi, row_of
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.pi import PI
-from smarttac_can.control.schedule import Schedule
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 
@@ -15,35 +13,36 @@ MODEL = PlateModel(gain=50e-9, tau=0.944e-3, f0=43390.0, load=1.0)
 
 
 def tuned(Fn, dead_time=0.0, model=MODEL):
-    amplitude, resonance = PI(1.0, 0.5), PI(1.0, 0.5)
-    Schedule(model, 0.2, 0.3, dead_time).tune(Fn, amplitude, resonance)
-    return amplitude, resonance
+    _, rows = designed(model, 0.2, 0.3, dead_time)
+    return rows[row_of(Fn, len(rows))]
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 540e-6])
 def test_without_a_finger_they_are_the_gains_of_the_bare_plate(dead_time):
     for Fn in (0.0, -0.2):
-        amplitude, resonance = tuned(Fn, dead_time)
-        bare = amplitude_pi(MODEL, 0.2, dead_time), resonance_pi(MODEL, 0.3, dead_time)
-        assert (amplitude.Kp, amplitude.a) == (bare[0].Kp, bare[0].a)
-        assert (resonance.Kp, resonance.a) == (bare[1].Kp, bare[1].a)
+        amplitude = amplitude_pi(MODEL, 0.2, dead_time)
+        resonance = resonance_pi(MODEL, 0.3, dead_time)
+        bare, _ = designed(MODEL, 0.2, 0.3, dead_time)
+        assert bare == (amplitude.Kp, resonance.Kp, amplitude.a)
+        assert resonance.a == amplitude.a
+        assert tuned(Fn, dead_time) == pytest.approx(bare, rel=1e-12)
 
 
 def test_the_zero_goes_with_the_damping_and_the_gain_with_the_time_constant():
     for Fn, tau in ((0.5, 0.944e-3 / 2.0), (1.0, 0.944e-3 / (1.0 + 2.0 ** (2 / 3)))):
-        amplitude, resonance = tuned(Fn)
+        gains = tuned(Fn)
         a = math.exp(-1e-3 / tau)
-        assert amplitude.a == resonance.a == pytest.approx(a, rel=1e-9)
+        assert gains.a == pytest.approx(a, rel=1e-9)
         gain = 50e-9 * tau / 0.944e-3
-        assert pytest.approx(0.8 / (gain * (1 - a)), rel=1e-9) == amplitude.Kp
-        assert pytest.approx(0.7 / (-2 * math.pi * tau * (1 - a)), rel=1e-9) == resonance.Kp
+        assert pytest.approx(0.8 / (gain * (1 - a)), rel=1e-9) == gains.amplitude
+        assert pytest.approx(0.7 / (-2 * math.pi * tau * (1 - a)), rel=1e-9) == gains.resonance
 
 
 def test_neighbouring_forces_share_a_design_and_any_force_has_one():
-    assert tuned(0.50)[0].Kp == tuned(0.52)[0].Kp != tuned(0.56)[0].Kp
-    assert tuned(1e9)[0].Kp == tuned(3.0)[0].Kp
+    assert tuned(0.50) == tuned(0.52) != tuned(0.56)
+    assert tuned(1e9) == tuned(3.0)
     heavy = PlateModel(gain=1e-9, tau=2e-4, f0=43390.0, load=5.0)
-    assert math.isfinite(tuned(3.0, 999e-6, heavy)[0].Kp)
+    assert math.isfinite(tuned(3.0, 999e-6, heavy).amplitude)
 
 
 @pytest.mark.parametrize(("Fn", "damped"), [(0.5, 2.0), (1.0, 1.0 + 2.0 ** (2 / 3))])

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from smarttac_can.control.friction_map import MEAN, value
-from smarttac_can.control.predictive_friction import FROZEN_TICKS, PATH, Felt
+from smarttac_can.control.predictive_friction import FROZEN_TICKS, PATH, FrictionSample
 from smarttac_can.control.texture_friction import (
     ANYBODY,
     BEHIND_TICKS,
@@ -15,12 +15,10 @@ from smarttac_can.control.texture_friction import (
     SLOPE,
     STEEPEST,
     Known,
-    TextureFriction,
-    begin,
-    follow,
+    begin_texture,
+    follow_texture,
     learned,
 )
-from smarttac_can.vocabulary.signals import Contact
 
 M0 = math.log(0.6)
 W_MAX = 3e-6
@@ -29,7 +27,7 @@ NOISE = 0.02
 
 
 class Finger:
-    """ln mu = m0 + s h(W) behind the force path; it vibrates as was asked for a tick before."""
+    """ln mu = m0 + s h(W) lag_ticks the force path; it vibrates as was asked for a tick before."""
 
     def __init__(self, s, m0=M0, noise=NOISE, seed=1):
         self.s, self.m0, self.noise = s, m0, noise
@@ -46,7 +44,7 @@ class Finger:
         self.rate = PATH.ry * away + PATH.rr * self.rate
         ln_mu = self.m0 + self.s * self.y + self._random.gauss(0.0, self.noise)
         mu = math.exp(ln_mu)
-        return Felt(mu, self.noise * mu, self.way * mu, 0.0, self.W, mu_ref)
+        return FrictionSample(mu, self.noise * mu, self.way * mu, 0.0, self.W, mu_ref)
 
     def vibrate(self, asked):
         self.before, self.W = self.W, min(max(asked, 0.0), 3e-6)
@@ -62,7 +60,9 @@ def played(finger, references, known=ANYBODY):
     touches, cofs = [], []
     for mu_ref in references:
         felt = finger.feel(mu_ref)
-        touches.append(follow(touches[-1], felt, W_MAX) if touches else begin(felt, known))
+        touches.append(
+            follow_texture(touches[-1], felt, W_MAX) if touches else begin_texture(felt, known)
+        )
         finger.vibrate(touches[-1].W_ref)
         cofs.append(finger.mu)
     return touches, cofs
@@ -101,10 +101,10 @@ def test_nothing_is_learned_where_the_finger_turns():
     last = touches[-1]
     for tick in range(FROZEN_TICKS):
         felt = finger.feel(0.45)
-        last = follow(last, felt._replace(mu=0.05), W_MAX)
+        last = follow_texture(last, felt._replace(mu=0.05), W_MAX)
         finger.vibrate(last.W_ref)
         assert last.known == touches[-1].known, tick
-    last = follow(last, felt._replace(mu=0.05), W_MAX)
+    last = follow_texture(last, felt._replace(mu=0.05), W_MAX)
     assert last.known != touches[-1].known
 
 
@@ -115,7 +115,7 @@ def test_another_level_of_friction_is_found_again(change):
     finger.m0 += change
     last = touches[-1]
     for _ in range(300):
-        last = follow(last, finger.feel(0.45), W_MAX)
+        last = follow_texture(last, finger.feel(0.45), W_MAX)
         finger.vibrate(last.W_ref)
     assert last.known.m0 == pytest.approx(M0 + change, abs=0.05)
 
@@ -140,31 +140,23 @@ def test_what_is_not_excited_is_not_unlearned_beyond_any_finger():
 
 
 def test_what_was_learned_outlives_a_touch_but_not_the_level():
-    law, finger = TextureFriction(), Finger(1.8)
+    finger = Finger(1.8)
 
-    def touch(ticks):
+    def touched(known, ticks):
+        touch = None
         for mu_ref in grating(ticks):
             felt = finger.feel(mu_ref)
-            contact = Contact(felt.Fx, 0.0, 1.0, felt.mu, felt.u_mu, 0.0, 0.06, True)
-            finger.vibrate(law.reference(contact, felt.W, mu_ref, W_MAX))
+            touch = (
+                begin_texture(felt, known) if touch is None else follow_texture(touch, felt, W_MAX)
+            )
+            finger.vibrate(touch.W_ref)
+        return touch.known
 
-    touch(1000)
-    before = law.touch.known
-    law.release()
-    assert (law.touch, law.line) == (None, None)
+    before = touched(ANYBODY, 1000)
     finger.m0 += 0.3
-    touch(FROZEN_TICKS + 1)
-    after = law.touch.known
+    after = touched(before, FROZEN_TICKS + 1)
     assert after.s == before.s
     assert after.m0 == pytest.approx(M0 + 0.3, abs=0.1)
-    law.release()
-    law.release()
-
-
-def test_a_finger_is_located_by_a_line():
-    law = TextureFriction()
-    assert law.locate(1e-3, 1e-4).position == 1e-3
-    assert law.locate(1.06e-3, 1e-4).speed == pytest.approx(0.06)
     assert Known(0.0, 1.0, 0.04, 0.0, 0.25) == ANYBODY
 
 
@@ -175,13 +167,13 @@ def test_a_plate_that_does_not_follow_is_driven_by_the_error_and_teaches_nothing
     known = last.known
     for tick in range(BEHIND_TICKS + 20):
         # A pick-up that reads 0.4 of the vibration, whose friction is as asked for.
-        felt = Felt(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
-        last = follow(last, felt, W_MAX)
+        felt = FrictionSample(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
+        last = follow_texture(last, felt, W_MAX)
         if 4 < tick < BEHIND_TICKS:
             assert last.W_map > 1e-6
             assert last.W_ref == pytest.approx(0.4e-6 + SLOPE * 2.0)
             assert last.known == known
         known = last.known
     assert last.known != touches[-1].known
-    last = follow(last, felt._replace(W=last.W_map), W_MAX)
-    assert (last.behind, last.W_ref) == (0, last.W_map)
+    last = follow_texture(last, felt._replace(W=last.W_map), W_MAX)
+    assert (last.lag_ticks, last.W_ref) == (0, last.W_map)

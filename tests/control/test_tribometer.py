@@ -4,20 +4,45 @@ import statistics
 from itertools import pairwise
 
 import pytest
-from first_order_plate import GAUGE_X, gauges
+from first_order_plate import GAUGE_X, gauges, setpoint
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.friction import Boundary
-from smarttac_can.control.tribometer import Tribometer, calibration, first_of, followed
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.friction import is_right
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.tribometer import (
+    UNTOUCHED,
+    Nulls,
+    calibration,
+    centre_of,
+    contact_of,
+    first_of,
+    followed,
+    gauging_of,
+)
+from smarttac_can.vocabulary.signals import Contact, Measurement
 
 CROSSTALK = ((1.0, 0.04), (-0.03, 1.02))
 NULLS = (0.7, -1.1, 0.3, -0.2, 1.2, -0.9)
 SIGMA = 4.3e-3
 
 
+class Instrument:
+    """A tribometer between two ticks."""
+
+    def __init__(self, crosstalk, contact_force):
+        self.gauging = gauging_of(calibration(crosstalk), GAUGE_X, SIGMA, contact_force)
+        self.zero, self.touch, self.nulls = (0.0,) * 6, UNTOUCHED, Nulls()
+
+    def update(self, raw):
+        self.nulls.add(raw)
+        self.touch, contact = contact_of(self.gauging, self.zero, self.touch, raw)
+        return Contact(*contact)
+
+
 def tribometer(crosstalk=((1.0, 0.0), (0.0, 1.0)), contact_force=0.1):
-    return Tribometer(calibration(crosstalk), GAUGE_X, SIGMA, contact_force)
+    return Instrument(crosstalk, contact_force)
 
 
 def seen_through(crosstalk, forces, nulls=(0.0,) * 6):
@@ -38,7 +63,7 @@ def test_forces_and_position_come_back(Fx, Fy, Fn, x):
     instrument = tribometer(CROSSTALK)
     for _ in range(64):
         instrument.update(NULLS)
-    instrument.tare()
+    instrument.zero, instrument.touch = instrument.nulls.mean(), UNTOUCHED
     contact = instrument.update(seen_through(CROSSTALK, gauges(Fx, Fy, Fn, x), NULLS))
     assert contact.Fx == pytest.approx(Fx, abs=1e-12)
     assert contact.Fy == pytest.approx(Fy, abs=1e-12)
@@ -92,48 +117,46 @@ def test_negative_normal_force_is_no_contact():
 
 
 def test_tare_needs_64_samples():
-    instrument = tribometer()
+    nulls = Nulls()
     for _ in range(63):
-        instrument.update(NULLS)
+        nulls.add(NULLS)
     with pytest.raises(RuntimeError, match=r"^a tare needs 64 samples, 63 were seen$"):
-        instrument.tare()
-    assert not instrument.tared
-    instrument.update(NULLS)
-    assert instrument.tare() == pytest.approx(NULLS)
-    assert instrument.tared
+        nulls.mean()
+    nulls.add(NULLS)
+    assert nulls.mean() == pytest.approx(NULLS)
 
 
 def test_tare_is_the_mean_of_the_last_64_raw_samples():
-    instrument = tribometer()
+    nulls = Nulls()
     for i in range(200):
-        instrument.update((i / 256.0, *NULLS[1:]))
-    assert instrument.tare()[0] == pytest.approx(statistics.fmean(range(136, 200)) / 256.0)
-    # Raw samples: a second tare finds the same.
-    assert instrument.tare()[0] == pytest.approx(statistics.fmean(range(136, 200)) / 256.0)
+        nulls.add((i / 256.0, *NULLS[1:]))
+    assert nulls.mean()[0] == pytest.approx(statistics.fmean(range(136, 200)) / 256.0)
 
 
-def test_a_stored_tare_is_restored():
-    instrument = tribometer()
-    instrument.offsets = NULLS
-    assert instrument.update(NULLS)[:3] == (0.0, 0.0, 0.0)
+def seen(cascade, raw):
+    cascade.update(Measurement(0j, raw, 20.0, 0), setpoint())
+    return cascade.contact
 
 
 def test_another_zero_ends_the_touch_and_the_same_does_not():
-    instrument = tribometer()
-    instrument.offsets = NULLS
+    cascade = Cascade(CascadeParameters(contact_force=0.1))
+    assert not cascade.tared
+    cascade.zero = NULLS
+    assert cascade.tared
+    assert seen(cascade, NULLS)[:3] == (0.0, 0.0, 0.0)
     pressed = tuple(n + s for n, s in zip(NULLS, gauges(Fn=0.09), strict=True))
-    instrument.update(tuple(n + s for n, s in zip(NULLS, gauges(Fn=0.2), strict=True)))
-    instrument.offsets = NULLS
-    assert instrument.update(pressed).touching
-    instrument.offsets = (0.0, *NULLS[1:])
-    assert not instrument.update(pressed).touching
+    seen(cascade, tuple(n + s for n, s in zip(NULLS, gauges(Fn=0.2), strict=True)))
+    cascade.zero = NULLS
+    assert seen(cascade, pressed).touching
+    cascade.zero = (0.0, *NULLS[1:])
+    assert not seen(cascade, pressed).touching
 
 
 def test_an_absurd_zero_is_refused():
-    instrument = tribometer()
+    cascade = Cascade()
     with pytest.raises(ValueError, match=r"^zero of S3 20.5 is outside -20\.\.20$"):
-        instrument.offsets = (0.0, 0.0, 20.5, 0.0, 0.0, 0.0)
-    assert instrument.offsets == (0.0,) * 6
+        cascade.zero = (0.0, 0.0, 20.5, 0.0, 0.0, 0.0)
+    assert cascade.zero == (0.0,) * 6
 
 
 @pytest.mark.parametrize("speed", [-0.2, 0.05])
@@ -170,26 +193,26 @@ def test_start_of_a_touch_is_the_least_squares_line():
 @pytest.mark.parametrize("seed", range(10))
 def test_noisy_boundary_is_crossed_once_a_pass(seed):
     """Light finger, slow stroke: 0.2 N at 20 mm/s, where a raw position errs by 1.2 mm."""
-    noise, instrument, boundary = random.Random(seed), tribometer(), Boundary(1e-3)
+    noise, instrument, right = random.Random(seed), tribometer(), False
     sides = []
     for k in range(1000):
         clean = gauges(Fn=0.2, x=2e-5 * k - 0.01)
         contact = instrument.update(tuple(s + noise.gauss(0.0, SIGMA) for s in clean))
-        sides.append(boundary.update(contact.position, 0.0))
+        right = is_right(right, contact.position, 0.0, 0.5e-3)
+        sides.append(right)
     assert sum(a != b for a, b in pairwise(sides[20:])) == 1
 
 
 def test_the_centre_of_a_tick_alone_is_as_unsure_as_it_is_spread():
     instrument, draw = tribometer(), random.Random(1)
-    instrument.offsets = NULLS
+    instrument.zero = NULLS
     centres = []
     for _ in range(2000):
         noisy = [
             s + n + draw.gauss(0.0, SIGMA)
             for s, n in zip(gauges(0.2, 0.0, 0.8, 3e-3), NULLS, strict=True)
         ]
-        instrument.update(tuple(noisy))
-        centres.append(instrument.centre())
+        centres.append(centre_of(instrument.gauging, NULLS, tuple(noisy)))
     places, unsure = zip(*centres, strict=True)
     assert statistics.fmean(places) == pytest.approx(3e-3, abs=0.03e-3)
     assert unsure[0] == pytest.approx(0.30e-3, rel=0.03)

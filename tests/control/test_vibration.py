@@ -2,14 +2,11 @@ import pytest
 from first_order_plate import FirstOrderPlate, setpoint
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.design import amplitude_pi, resonance_pi
-from smarttac_can.control.limit import Limit
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.pi import PI
-from smarttac_can.control.vibration import AmplitudeLoop, ResonanceLoop
+from smarttac_can.control.step import adopted, at_rest, control_plan, control_step
+from smarttac_can.control.vibration import Limit
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.signals import Drive
 
 
 def response(mode, ticks=60, frequency=43250.0, dead_time=0.0):
@@ -66,85 +63,96 @@ def test_resonance_is_found_from_either_side(detuning, dead_time):
     assert max(amplitudes) < 1.25e-6
 
 
-def amplitude_loop(V_max=30.0):
-    return AmplitudeLoop(amplitude_pi(PlateModel(), 0.2), V_max)
+class Loops:
+    """The inner loops of a stimulator in a mode, from a frequency in Hz."""
+
+    def __init__(self, mode=Mode.AMPLITUDE_RESONANCE, frequency=43300.0, **parameters):
+        limits = {"V_max": 30.0, "f_min": 43000.0, "f_max": 43800.0} | parameters
+        self.plan = control_plan(CascadeParameters(**limits), PlateModel())
+        self.state = at_rest(self.plan)
+        self.mode, self.frequency, self.limited = mode, frequency, 0
+
+    def step(self, W, W_ref=1e-6):
+        measurement = (W, (0.0,) * 6, 20.0, 0)
+        target = setpoint(amplitude=W_ref, frequency=self.frequency)
+        self.state, controlled = control_step(self.plan, self.state, self.mode, measurement, target)
+        self.limited = controlled.limited
+        return self.state.drive
+
+    def limit(self, **limits):
+        before = self.plan
+        self.plan = before._replace(**limits)
+        self.state = adopted(before, self.plan, self.state)
 
 
 def test_voltage_limit_leaves_no_windup():
-    plate, loop = FirstOrderPlate(), amplitude_loop()
+    plate, loops = FirstOrderPlate(), Loops(Mode.AMPLITUDE, 43390.0)
     for _ in range(500):
-        voltage = loop.step(3e-6, abs(plate.W))
-        plate.step(Drive(voltage, 43390.0))
-    assert voltage == 30.0
-    assert loop.limited
-    assert loop.step(1e-6, abs(plate.W)) < 30.0
+        drive = loops.step(plate.W, 3e-6)
+        plate.step(drive)
+    assert drive.voltage == 30.0
+    assert loops.limited == Limit.VOLTAGE
+    assert loops.step(plate.W, 1e-6).voltage < 30.0
 
 
 def test_voltage_is_never_negative():
-    loop = amplitude_loop()
-    assert loop.step(0.0, 1e-6) == 0.0
-    assert loop.limited
-
-
-def resonance_loop(frequency=43300.0):
-    loop = ResonanceLoop(resonance_pi(PlateModel(), 0.3), 43000.0, 43800.0)
-    loop.preset(frequency)
-    return loop
+    loops = Loops(Mode.AMPLITUDE)
+    assert loops.step(1e-6 + 0j, 0.0).voltage == 0.0
+    assert loops.limited == Limit.VOLTAGE
 
 
 @pytest.mark.parametrize("W", [0.06e-6 + 0.06e-6j, -1e-6 + 1e-6j, 1e-6j, 0j])
 def test_frequency_is_held_without_a_usable_phase(W):
-    loop = resonance_loop()
-    loop.step(1e-6 + 1e-8j, 1e-6)
-    before = loop.frequency
+    loops = Loops()
+    before = loops.step(1e-6 + 1e-8j).frequency
     for _ in range(3):
-        assert loop.step(W, abs(W)) == before
+        assert loops.step(W).frequency == before
     # And it goes on from there.
-    assert loop.step(1e-6 + 0j, 1e-6) == before
+    assert loops.step(1e-6 + 0j).frequency == before
 
 
 def test_frequency_rises_while_the_vibration_leads():
-    assert resonance_loop().step(1e-6 + 0.1e-6j, 1e-6) > 43300.0
-    assert resonance_loop().step(1e-6 - 0.1e-6j, 1e-6) < 43300.0
+    assert Loops().step(1e-6 + 0.1e-6j).frequency > 43300.0
+    assert Loops().step(1e-6 - 0.1e-6j).frequency < 43300.0
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_runaway_tangent_is_bounded(side):
-    steep = resonance_loop(43400.0).step(complex(1e-9, side * 1e-6), 1e-6)
-    bound = resonance_loop(43400.0).step(complex(0.5e-6, side * 1e-6), 1.12e-6)
+    steep = Loops(frequency=43400.0).step(complex(1e-9, side * 1e-6)).frequency
+    bound = Loops(frequency=43400.0).step(complex(0.5e-6, side * 1e-6)).frequency
     assert steep == bound
     assert 0.0 < side * (steep - 43400.0) < 399.0
 
 
 def test_frequency_limits():
-    loop = ResonanceLoop(PI(-1e4, 0.5), 43000.0, 43800.0)
-    loop.preset(43300.0)
+    loops = Loops()
     for _ in range(10):
-        assert loop.step(1e-6 + 1e-6j, 1.4e-6) == 43800.0
-        assert loop.limited
-    assert loop.step(1e-6 - 1e-7j, 1e-6) < 43800.0
+        drive = loops.step(1e-6 + 1e-6j)
+    assert drive.frequency == 43800.0
+    assert loops.limited & Limit.FREQUENCY
+    assert loops.step(1e-6 - 1e-7j).frequency < 43800.0
 
 
 @pytest.mark.parametrize(("asked", "given"), [(1e3, 43000.0), (1e5, 43800.0), (43210.0, 43210.0)])
-def test_preset_keeps_the_limits(asked, given):
-    loop = resonance_loop(asked)
-    assert loop.frequency == given
-    assert loop.limited == (asked != given)
+def test_a_mode_begins_within_the_limits(asked, given):
+    loops = Loops(frequency=asked)
+    assert loops.step(0j).frequency == given
 
 
 @pytest.mark.parametrize(
     ("limits", "held", "limited"),
     [
-        ((43000.0, 43800.0), 43390.0, False),
-        ((43500.0, 43800.0), 43500.0, True),
-        ((43000.0, 43200.0), 43200.0, True),
+        ((43000.0, 43800.0), 43390.0, 0),
+        ((43500.0, 43800.0), 43500.0, Limit.FREQUENCY),
+        ((43000.0, 43200.0), 43200.0, Limit.FREQUENCY),
     ],
 )
 def test_a_held_frequency_is_cut_to_new_limits(limits, held, limited):
-    loop = resonance_loop(43390.0)
-    loop.limit(*limits)
-    assert loop.step(0j, 0.0) == held
-    assert loop.limited is limited
+    loops = Loops(frequency=43390.0)
+    loops.step(0j)
+    loops.limit(f_min=limits[0], f_max=limits[1])
+    assert loops.step(0j).frequency == held
+    assert loops.limited & Limit.FREQUENCY == limited
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 0.1e-3])

@@ -43,7 +43,8 @@ def look(
     gauges = tuple(load + offset for load, offset in zip(loads, zero, strict=True))
     cascade: Any = SimpleNamespace(
         contact=Contact(Fx, Fy, Fn, 0.0, 0.0, x, 0.0, touching=False),
-        tribometer=SimpleNamespace(tared=True, offsets=zero),
+        tared=True,
+        zero=zero,
         parameters=SimpleNamespace(gauge_positions=(-HALF, HALF, -HALF, HALF)),
     )
     measurement = Measurement(0j, gauges, 20.0, 0)  # type: ignore[arg-type]
@@ -154,7 +155,7 @@ def seen(
     for name, raw in {"Plate serial number": calibrated, **calibration}.items():
         od[f"Calibration.{name.replace('_', ' ')}"].value = raw
     watchdogs = LoopWatchdogs(od)
-    cascade: Any = SimpleNamespace(contact=NOTHING, tribometer=SimpleNamespace(tared=False))
+    cascade: Any = SimpleNamespace(contact=NOTHING, tared=False)
     faults = 0
     for at, saturated in enumerate(saturation):
         measurement = Measurement(0j, (0.0,) * 6, temperature, saturated)
@@ -185,7 +186,7 @@ def test_only_the_plate_of_the_calibration_will_do() -> None:
 
 def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
     watchdogs = LoopWatchdogs(stimulator_od())
-    cascade: Any = SimpleNamespace(contact=NOTHING, tribometer=SimpleNamespace(tared=False))
+    cascade: Any = SimpleNamespace(contact=NOTHING, tared=False)
     measurement = Measurement(0j, (0.0,) * 6, 20.0, 0)
 
     def stuck(sensor: int, rest: int = 7) -> int:
@@ -219,9 +220,7 @@ def test_the_vibration_is_told_how_many_ticks_have_passed(
 ) -> None:
     watchdogs = LoopWatchdogs(stimulator_od())
     passed: list[int] = []
-    cascade: Any = SimpleNamespace(
-        contact=NOTHING, tribometer=SimpleNamespace(tared=False, offsets=ZERO)
-    )
+    cascade: Any = SimpleNamespace(contact=NOTHING, tared=False, zero=ZERO)
 
     def seen(_W: complex, _contact: Contact, _temperature: float, _mode: int, ticks: int) -> int:
         passed.append(ticks)

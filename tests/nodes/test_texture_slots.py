@@ -12,6 +12,7 @@ from smarttac_can.bench.simulation import (
     stimulator_od,
     stimulator_with_plate,
 )
+from smarttac_can.control.texture import NO_TEXTURE
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
 from smarttac_can.master import requests
@@ -222,4 +223,4 @@ def test_a_stored_table_that_cannot_be_played_is_an_empty_slot() -> None:
     entry.value = b"what another version stored"
     node.block.start_run()
     assert entry.value == b""
-    assert node.block.cascade.texture is None
+    assert node.block.cascade.plan.texture == NO_TEXTURE

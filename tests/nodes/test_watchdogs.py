@@ -96,7 +96,7 @@ def test_no_wrong_drive_goes_out(
 
     def wrong(self: Cascade, measurement: Measurement, setpoint: Setpoint) -> Drive:
         update(self, measurement, setpoint)
-        self.drive = Drive(voltage, frequency)
+        self._state = self.state._replace(drive=Drive(voltage, frequency))
         return self.drive
 
     frames.clear()
@@ -111,7 +111,12 @@ def test_no_wrong_drive_goes_out(
 
 def test_a_cascade_in_doubt_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = driven(Mode.AMPLITUDE)
-    monkeypatch.setattr(Cascade, "update", lambda self, *_: self._turn_off("drive is not finite"))
+
+    def doubt(self: Cascade, *_: object) -> Drive:
+        self._turn_off("drive is not finite")
+        return self.drive
+
+    monkeypatch.setattr(Cascade, "update", doubt)
     rig.cycle()
     assert rig.stage.value == 0
     assert rig.od["Diagnosis.Code"].value == FaultCode.CONTROLLER

@@ -54,7 +54,7 @@ def up_step(number, laws):
     mu, mu_ref = [], []
     for tick in range(round((0.2 + PASSES * 1.2 * TRAVEL / SPEED) * 1e3)):
         if tick == 66:
-            cascade.tribometer.tare()
+            cascade.zero = cascade.null()
             cascade.set_mode(Mode.FRICTION)
         mu.append(plate.mu_true)
         drive = cascade.update(plate.sample(), target)

@@ -41,7 +41,7 @@ class Rig:
         )
         self.old = Drive(0.0, 43390.0)
         self.run(70, 0.0, Mode.OFF)
-        self.cascade.tribometer.tare()
+        self.cascade.zero = self.cascade.null()
         self.run(130, 0.0, Mode.OFF)
 
     def run(self, ticks, W_ref, mode=Mode.AMPLITUDE_RESONANCE, frequency=43390.0):

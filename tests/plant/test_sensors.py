@@ -4,12 +4,33 @@ import numpy as np
 import pytest
 
 from smarttac_can.plant.parameters import SensorParameters
-from smarttac_can.plant.sensors import PICKUP_SATURATED, Sensors, Weight, noise_block, sensing
+from smarttac_can.plant.sensors import (
+    PICKUP_SATURATED,
+    Noise,
+    Weight,
+    loaded,
+    noise_block,
+    readings,
+    sensing,
+)
+from smarttac_can.vocabulary.signals import Measurement
 
 REAL = SensorParameters()
 IDEAL = SensorParameters(
     null=0.0, drift=0.0, linearity=0.0, gauge_noise=0.0, pickup_noise=0.0, temperature_noise=0.0
 )
+
+
+class Sensors:
+    """The sensors of one plate in one run."""
+
+    def __init__(self, parameters, seed):
+        self.sensing, self.noise = sensing(parameters), Noise(parameters, seed)
+        self.nulls = tuple(gauge.null for gauge in self.sensing.gauges)
+
+    def measure(self, tick, W, temperature, forces):
+        noise = self.noise.at(tick)
+        return Measurement(*readings(self.sensing, noise, W, temperature, forces))
 
 
 def read(parameters=IDEAL, seed=1, tick=0, W=0j, temperature=20.0, Fx=0.0, Fn=0.0, x=0.0):
@@ -139,18 +160,18 @@ def test_bow_leaves_the_slope_at_no_load():
 
 def test_refuses_a_negative_seed():
     with pytest.raises(ValueError, match=r"^seed -1 is outside"):
-        Sensors(REAL, -1)
+        Noise(REAL, -1)
 
 
 def test_a_weight_is_on_each_gauge_by_cross_talk_lever_and_bow() -> None:
     still = dataclasses.replace(REAL, gauge_noise=0.0)
     sensors = Sensors(still, 1)
     bare = sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).gauges
-    sensors.put(Weight(Fx=0.5, Fy=-0.25, Fn=2.0, x=7e-3))
+    sensors.sensing = loaded(still, Weight(Fx=0.5, Fy=-0.25, Fn=2.0, x=7e-3))
     under = sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).gauges
     loads = [0.5 - 0.04 * 0.25, -0.03 * 0.5 - 1.02 * 0.25, 0.375, 0.625, 0.375, 0.625]
     bows = [gauge.bow for gauge in sensing(still).gauges]
     expected = [load + bow * load * load for load, bow in zip(loads, bows, strict=True)]
     assert np.subtract(under, bare) == pytest.approx(expected, abs=1.01e-4)
-    sensors.put(Weight())
+    sensors.sensing = loaded(still, Weight())
     assert sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).gauges == bare

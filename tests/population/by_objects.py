@@ -35,6 +35,6 @@ def traces_by_objects(campaign, finger, ticks):
         plate.step(old, new)
         old = new
         if tick == TARE_SAMPLES - 1:
-            cascade.tribometer.tare()
+            cascade.zero = cascade.null()
             cascade.set_mode(Mode.FRICTION)
     return np.array(rows)

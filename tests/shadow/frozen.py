@@ -23,9 +23,10 @@ from typing import Final, NamedTuple
 ROOT: Final = Path(__file__).resolve().parents[2]
 NAME: Final = "smarttac_can"
 OLD_NAME: Final = "smarttac_can_old"
-BASELINE: Final[str | None] = None
-"""Commit of the old implementation. None stands for this tree as it is, until the cycle begins to
-move: then it is the commit that the decision "before the cycle" names."""
+BASELINE: Final = "75b0661"
+"""Commit of the old implementation, which the decision "before the cycle" names."""
+_ARCHIVE: Final = Path(__file__).parent / "before_the_cycle.tar.xz"
+"""What that commit holds: a clone without history has it as well."""
 _PLACE: Final = ROOT / "build" / "shadow"
 _KEPT_S: Final = 86400.0
 """How long a copy is kept that is not used, if another one is written."""
@@ -84,11 +85,15 @@ def _of_tree() -> dict[str, bytes]:
 
 
 def _of_commit(commit: str) -> dict[str, bytes]:
-    command = ["git", "-C", str(ROOT), "archive", "--format=tar", commit, *_FOLDERS]
-    done = subprocess.run(command, check=False, capture_output=True)
-    if done.returncode:
-        raise ValueError(f"{commit}: {done.stderr.decode().strip()}")
-    with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
+    if commit == BASELINE:
+        data = _ARCHIVE.read_bytes()
+    else:
+        command = ["git", "-C", str(ROOT), "archive", "--format=tar", commit, *_FOLDERS]
+        done = subprocess.run(command, check=False, capture_output=True)
+        if done.returncode:
+            raise ValueError(f"{commit}: {done.stderr.decode().strip()}")
+        data = done.stdout
+    with tarfile.open(fileobj=io.BytesIO(data)) as archive:
         return {
             member.name: content.read()
             for member in archive

@@ -107,15 +107,14 @@ SABOTAGES: Final = (
         "frames", _LEAVE,
     ),
     Sabotage(
-        "an integrator does not begin at the drive", "control.inner_loops InnerLoops.preset",
-        "self.amplitude.pi.state = drive.voltage", "pass",
+        "an integrator does not begin at the drive", "control.step _preset",
+        "Loops(drive.voltage,", "Loops(0.0,",
         "control voltage integrator",
         (("put", "Mode", 1), ("cycles", 5), ("put", "Mode", 3), *_RUN),
     ),
     Sabotage(
-        "a swap of the plan resets an integrator", "control.inner_loops InnerLoops.limit",
-        "self.amplitude.V_max = p.V_max",
-        "self.amplitude.V_max = p.V_max; self.preset(Drive(0, 0))",
+        "a swap of the plan resets an integrator", "control.cascade adopted",
+        "    return state\n", "    return state._replace(loops=Loops(0.0, held, held, False))\n",
         "frames", (("put", "Limit.Voltage", 14_000), ("cycles", 2)),
     ),
     Sabotage(
@@ -131,7 +130,7 @@ SABOTAGES: Final = (
     ),
     Sabotage(
         "the zero of the gauges outlives a reset", "nodes.taring Taring.begin",
-        "self.restore(tribometer)", "self._awaited and self.restore(tribometer)",
+        "self.restore(cascade)", "self._awaited and self.restore(cascade)",
         "control zero",
         (
             ("put", "Controlword", 0), ("put", "Tare at power-on", 0), ("store", 32, 1, SAVE),
@@ -210,12 +209,12 @@ SABOTAGES: Final = (
         ),
     ),
     Sabotage(
-        "a sample of the tare is written twice", "control.tribometer Tribometer.update",
-        "(head + 1) % TARE_SAMPLES", "(head + 2) % TARE_SAMPLES",
+        "a sample of the tare is written twice", "control.tribometer Nulls.add",
+        "(self._head + 1) % TARE_SAMPLES", "(self._head + 2) % TARE_SAMPLES",
         "control oldest sample", (),
     ),
     Sabotage(
-        "the plate is warmed by a millionth more", "plant.plate moved",
+        "the plate is warmed by a millionth more", "plant.motion _moved",
         "(target - temperature) * warming", "(target - temperature) * warming * 1.000001",
         "plate state", (),
     ),

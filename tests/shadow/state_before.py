@@ -11,11 +11,20 @@ bus, ``due`` deadlines in us of device time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import astuple
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 State = dict[str, Any]
+
+
+class Readers(NamedTuple):
+    """How a tree tells what has moved since the old one."""
+
+    of_controllers: Callable[[Any], State]
+    of_simulated: Callable[[Any], State]
+    """Of a simulated plate."""
 
 
 @lru_cache(maxsize=256)
@@ -24,12 +33,14 @@ def fields(frozen: Any) -> tuple[Any, ...]:
     return astuple(frozen)
 
 
-def of_stimulator(node: Any) -> State:
+def of_stimulator(node: Any, readers: Readers | None = None) -> State:
     """Return what a stimulator node knows beside its object dictionary."""
     state = _of_supervisor(node.block.supervisor)
     state |= _of_watches(node.block.supervisor.watchdogs)
     state |= _of_bus(node._loop)
-    state |= _of_controllers(node.block.cascade)
+    # A fault of the matrix puts a broken cascade around the sound one.
+    cascade = getattr(node.block.cascade, "cascade", node.block.cascade)
+    state |= (readers or READERS).of_controllers(cascade)
     block, masters = node.block, node._masters
     state |= {
         "shown state": block._shown,
@@ -54,7 +65,7 @@ def of_stimulator(node: Any) -> State:
     }
     state |= _of_missed_time(node._missed_time)
     if block._inside is not None:
-        state |= of_plate_block(block._inside.plate)
+        state |= of_plate_block(block._inside.plate, readers)
     return state
 
 
@@ -136,8 +147,6 @@ def _of_missed_time(m: Any) -> State:
 
 
 def _of_controllers(c: Any) -> State:
-    # A fault of the matrix puts a broken cascade around the sound one.
-    c = getattr(c, "cascade", c)
     inner, outer, t, i = c._inner, c._outer, c.tribometer, c.identification
     state = {
         "control mode": c.mode,
@@ -147,29 +156,23 @@ def _of_controllers(c: Any) -> State:
         "control W_ref": c.W_ref,
         "control friction": (c.mu_ref, c.E),
         "control drive": c.drive,
-        "control limited": (c.limited, inner.limited),
-        "control fresh": (c._fresh, c._from_off),
+        "control limited": c.limited,
         "control voltage integrator": inner.amplitude.pi.state,
         "control frequency integrator": inner.resonance.pi.state,
         "control frequency": inner.resonance.frequency,
-        "control cut": (inner.amplitude.limited, inner.resonance.limited),
+        "control cut": inner.resonance.limited,
         "control right": outer._boundary.right,
         "control texture": _of_texture(c.texture),
         "control samples": t._ring,
         "control oldest sample": t._head,
         "control zero": (t.tared, t._offsets),
         "control touch": t._touch,
-        "control gauges": t._gauges,
         "control line": outer._textured.line,
         "control slide": outer._textured.touch,
-        "control slide known": outer._textured._known,
-        "control follows load": inner._follows_load,
+        "control slide known": (outer._textured.touch or _Known(outer._textured._known)).known,
         "bound parameters": fields(c._parameters),
         "bound plate": fields(c._model),
-        "bound gains": (
-            inner.amplitude.pi.Kp, inner.amplitude.pi.a,
-            inner.resonance.pi.Kp, inner.resonance.pi.a, inner._scheduled, inner._designed,
-        ),
+        "bound gains": (inner._scheduled, inner._designed),
         "bound drive": (
             inner.amplitude.V_max, inner.resonance.f_min, inner.resonance.f_max,
             fields(inner._parameters),
@@ -191,12 +194,18 @@ def _of_controllers(c: Any) -> State:
     return state
 
 
+class _Known(NamedTuple):
+    """What was learned of a finger that does not touch."""
+
+    known: Any
+
+
 def _of_texture(player: Any) -> Any:
     return None if player is None else (player._ticks, fields(player._table))
 
 
 def _of_map(law: Any) -> tuple[Any, ...]:
-    return tuple([getattr(law, name) for name in type(law).__slots__])
+    return (law.touch or _Known(law._known)).known, law.touch
 
 
 def of_any(node: Any) -> State:
@@ -240,10 +249,10 @@ def _of_timer(timer: Any) -> tuple[int, ...]:
     return timer.due, timer.delay, timer._period, timer._spacing, timer._slip, timer.missed
 
 
-def of_plate(node: Any) -> State:
+def of_plate(node: Any, readers: Readers | None = None) -> State:
     """Return what a plate node knows beside its object dictionary."""
     sender, hardware = node._sender, node._hardware
-    state = of_plate_block(node.block)
+    state = of_plate_block(node.block, readers)
     state |= _of_missed_time(node._missed_time)
     state |= {
         "time": node.clock.now,
@@ -265,7 +274,7 @@ def of_plate(node: Any) -> State:
     return state
 
 
-def of_plate_block(block: Any) -> State:
+def of_plate_block(block: Any, readers: Readers | None = None) -> State:
     """Return what the function block of a plate knows beside its object dictionary."""
     behind = block.behind
     state = {
@@ -279,22 +288,16 @@ def of_plate_block(block: Any) -> State:
         "plate out": behind.stage,
     }
     if hasattr(behind, "plate"):
-        plate, sensors = behind.plate, behind.plate._sensors
-        fault = plate._sensor_fault
         state |= {
             "plate moves": behind._moving,
             "plate old drive": behind._old,
             "plate fault in": (behind._fault_in, getattr(behind, "_fault", None)),
             "plate stage stuck": behind._power_stage._stuck,
-            "plate tick": plate.tick,
-            "plate state": plate._state,
-            "plate finger": plate.finger_state,
-            "plate last drive": plate._last,
-            "plate pickup": plate._pickup,
-            "plate making": plate._making,
-            "plate noise": (sensors._block, sensors._drawn),
-            "plate sensor fault": None if fault is None else (fault._held, fault._tick),
+            "plate tick": behind.plate.tick,
+            "plate finger": behind.plate.finger_state,
+            "plate last drive": behind.plate._last,
         }
+        state |= (readers or READERS).of_simulated(behind.plate)
     else:
         state |= {
             "front end": (behind.trouble, behind._sound_missing, behind._silent, behind._slowest),
@@ -302,3 +305,18 @@ def of_plate_block(block: Any) -> State:
             "front end last": behind._last,
         }
     return state
+
+
+def _of_simulated(plate: Any) -> State:
+    sensors, fault = plate._sensors, plate._sensor_fault
+    return {
+        "plate state": plate._state,
+        "plate pickup": plate._pickup,
+        "plate making": plate._making,
+        "plate noise": (sensors._block, sensors._drawn),
+        "plate sensor fault": None if fault is None else (fault._held, fault._tick),
+    }
+
+
+READERS: Final = Readers(_of_controllers, _of_simulated)
+"""Of the old tree."""

@@ -1,9 +1,97 @@
 """What the nodes of this tree know, by the names of `state_before`.
 
-So far both trees keep it in the same places. Who moves something writes here where it is now; the
-names, and what they stand for, stay.
+Who moves something writes here where it is now; the names, and what they stand for, stay.
 """
 
-from state_before import of_any, of_device, of_plate, of_plate_block, of_stimulator
+from __future__ import annotations
 
-__all__ = ["of_any", "of_device", "of_plate", "of_plate_block", "of_stimulator"]
+from typing import Any
+
+import state_before
+from state_before import Readers, State, fields, of_any, of_device
+
+from smarttac_can.plant.faults import SOUND
+from smarttac_can.vocabulary.modes import Law, VibrationLaw
+from smarttac_can.vocabulary.textures import Axis
+
+__all__ = ["of_any", "of_device", "of_plate", "of_stimulator"]
+
+
+def of_stimulator(node: Any) -> State:
+    """Return what a stimulator node knows beside its object dictionary."""
+    return state_before.of_stimulator(node, _READERS)
+
+
+def of_plate(node: Any) -> State:
+    """Return what a plate node knows beside its object dictionary."""
+    return state_before.of_plate(node, _READERS)
+
+
+def _of_controllers(c: Any) -> State:
+    plan, now, i = c.plan, c.state, c.identification
+    playing = now.playing
+    state = {
+        "control mode": c.mode,
+        "control reason": c.reason,
+        "control contact": c.contact,
+        "control amplitude": c.amplitude,
+        "control W_ref": now.W_ref,
+        "control friction": (c.mu_ref, c.E),
+        "control drive": now.drive,
+        "control limited": c.limited,
+        "control voltage integrator": now.loops.voltage,
+        "control frequency integrator": now.loops.frequency,
+        "control frequency": now.loops.held,
+        "control cut": now.loops.cut,
+        "control right": now.right,
+        "control texture": _of_texture(plan.texture, playing.ticks),
+        "control samples": c._nulls._samples,
+        "control oldest sample": c._nulls._head,
+        "control zero": (c.tared, plan.zero),
+        "control touch": now.touch,
+        "control line": playing.line if playing.touches else None,
+        "control slide": playing.touch if playing.touches else None,
+        "control slide known": playing.touch.known,
+        "bound parameters": fields(c.parameters),
+        "bound plate": fields(c.model),
+        "bound gains": (
+            plan.vibration_law == VibrationLaw.SCHEDULED, (plan.bare.amplitude, plan.bare.a),
+        ),
+        "bound drive": (plan.V_max, plan.f_min, plan.f_max, fields(c.parameters)),
+        "bound friction": (
+            plan.half, plan.ahead, plan.law, plan.law, plan.slope, plan.step_max,
+        ),
+        "bound gauging": plan.gauging,
+    }  # fmt: skip
+    if plan.vibration_law == VibrationLaw.PREDICTIVE:
+        state["control predictive"] = now.learned
+        state["bound predictive"] = plan.prior
+    if plan.law == Law.PREDICTIVE:
+        state["control map"] = (now.sliding.known, now.sliding if now.slides else None)
+    if i is not None:
+        model = None if i.model is None else fields(i.model)
+        state["control identification"] = (i.state, i.failure, i.progress, i._started, model)
+    return state
+
+
+def _of_texture(texture: Any, ticks: int) -> Any:
+    by_position, repeats, start, step, values = texture
+    if not values:
+        return None
+    axis = Axis.POSITION if by_position else Axis.TIME
+    return (0 if by_position else ticks), (axis, repeats, start, step, values)
+
+
+def _of_simulated(plate: Any) -> State:
+    fault = plate._failing
+    gains = None if fault is None or fault._gains == SOUND else fault._gains
+    return {
+        "plate state": plate._state,
+        "plate pickup": gains,
+        "plate making": plate._plan.coefficients,
+        "plate noise": (plate._noise._block, plate._noise._drawn),
+        "plate sensor fault": None if fault is None or gains else (fault._held, fault._tick),
+    }
+
+
+_READERS = Readers(_of_controllers, _of_simulated)

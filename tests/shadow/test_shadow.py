@@ -14,7 +14,7 @@ import frozen
 import pytest
 import shadowed
 from corpus import RowName, interleavings, require_same, rows, ticks_of_row
-from frozen import NAME, NEW, OLD_NAME, old
+from frozen import BASELINE, NAME, NEW, OLD_NAME, old
 from hypothesis import given, settings
 from pair import BothFailed, Difference
 from sabotages import BEGIN, SABOTAGES, Sabotage, broken
@@ -70,7 +70,7 @@ def test_a_commit_has_its_files() -> None:
 
 def test_one_old_implementation_in_a_process() -> None:
     old()
-    with pytest.raises(RuntimeError, match=r"^smarttac_can_old is of this tree, not of HEAD$"):
+    with pytest.raises(RuntimeError, match=f"^smarttac_can_old is of {BASELINE}, not of HEAD$"):
         frozen.old("HEAD")
 
 
@@ -137,7 +137,7 @@ def test_what_is_drawn_is_shrunk_and_can_be_played_again(
     tool: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with broken(NEW, sabotage("the drive answers another tick")):
-        result = tool["batch"](1, None, 3)
+        result = tool["batch"](1, BASELINE, 3)
         difference = result["difference"]
         assert difference["what"] == "frames"
         assert result["scripts"] > 1

@@ -55,7 +55,7 @@ def spoil_voltage(hostile: Hostile) -> None:
 
 def spoil_vibration(hostile: Hostile) -> None:
     plate = hostile._rig.plate_block.plate
-    plate._state = plate._state._replace(moving=plate._state.moving._replace(W=7.6e-6 + 0j))
+    plate._state = plate._state._replace(motion=plate._state.motion._replace(W=7.6e-6 + 0j))
 
 
 def fail(hostile: Hostile) -> None:

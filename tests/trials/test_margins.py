@@ -146,7 +146,7 @@ def test_no_watchdog_but_those_of_too_much_vibration_has_a_cause(rig: Rig) -> No
 def test_vibration_beyond_the_range_of_the_pickup_is_a_cause(rig: Rig) -> None:
     cause = TripCause(rig)
     plate = rig.plate_block.plate
-    plate._state = plate._state._replace(moving=plate._state.moving._replace(W=3.3e-6 + 0j))
+    plate._state = plate._state._replace(motion=plate._state.motion._replace(W=3.3e-6 + 0j))
     cause.look()
     assert cause.of(SATURATED) is None, "one cycle is none"
     cause.look()

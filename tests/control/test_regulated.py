@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.pi import regulated
+from smarttac_can.control.vibration import regulated
 
 number = st.floats(-1e3, 1e3)
 FAR = 1e9

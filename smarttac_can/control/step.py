@@ -1,0 +1,600 @@
+"""One tick of the nested controllers: C_mu over C_W and C_omega, fed by the tribometer, 1 kHz.
+
+`control_step` computes a tick from a plan, the state after the tick before, a measurement and a
+set-point, in this order::
+
+    gauges -> forces, COF, position                               tribometer
+    W, drive in force -> what the plate is                        law of the vibration predictive
+    COF, reference -> W_ref                                       C_mu:    eq. (8), (9), or a map
+    W_ref -> W_ref within its limits
+    W_ref - |W| -> V,   -W_q/W_d -> f                             C_W, C_omega: eq. (6), (7)
+
+A change of the mode keeps the drive: the loops start from the voltage and the frequency in force
+and move them by their gain times their error. Two things are immediate by intent: OFF is 0 V at
+once, and in open loop voltage and frequency are those of the set-point. In mode AMPLITUDE the
+frequency of a driven plate moves to the set-point by `FREQUENCY_STEP` a tick. From OFF the
+resonance loop starts at the set-point's frequency; the law ``predictive`` starts where model and
+thermometer put the resonance.
+
+Out of contact the modes FRICTION and TEXTURE hold the nominal amplitude of the set-point. The COF
+is unknown then, and the last reference before lift-off was made of a COF whose uncertainty grows as
+1/Fn; a known amplitude keeps the resonance locked and meets the next finger at a chosen friction.
+
+The functions are plain ones of floats and named tuples: numba and mypyc compile them as they stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite, sqrt
+from typing import Final, NamedTuple
+
+from smarttac_can.control.design import Gains, designed, row_of
+from smarttac_can.control.finger_line import Line, line_from, prolonged
+from smarttac_can.control.friction import (
+    asked_amplitude,
+    is_right,
+    limited_step,
+    relative_error,
+)
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.predictive import (
+    Learned,
+    Prior,
+    asked_voltage,
+    observed,
+    prior_of,
+    resonance_of,
+    unlearned,
+)
+from smarttac_can.control.predictive_friction import (
+    NO_MAP_STATE,
+    FrictionSample,
+    MapState,
+    amplitude_asked,
+    begin_map,
+    follow_map,
+)
+from smarttac_can.control.texture import NO_TEXTURE, Texture, cof_ahead
+from smarttac_can.control.texture_friction import (
+    NO_TEXTURE_STATE,
+    TextureState,
+    begin_texture,
+    follow_texture,
+)
+from smarttac_can.control.tribometer import (
+    UNTOUCHED,
+    Forces,
+    Gauging,
+    PositionTrack,
+    centre_of,
+    contact_of,
+    gauging_of,
+)
+from smarttac_can.control.vibration import (
+    AMPLITUDE,
+    FREQUENCY,
+    VOLTAGE,
+    allowed_amplitude,
+    cut_voltage,
+    in_limits,
+    lost,
+    regulated,
+    resonance_error,
+)
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+from smarttac_can.vocabulary.signals import Contact, Drive, Setpoint
+
+# Plain integers: to look a member of an enumeration up costs ten times as much, and numba has none.
+_OFF: Final = int(Mode.OFF)
+_OPEN_LOOP: Final = int(Mode.OPEN_LOOP)
+_AMPLITUDE: Final = int(Mode.AMPLITUDE)
+_RESONANCE: Final = int(Mode.AMPLITUDE_RESONANCE)
+_FRICTION: Final = int(Mode.FRICTION)
+_IDENTIFY: Final = int(Mode.IDENTIFY)
+_TEXTURE: Final = int(Mode.TEXTURE)
+_MAPPED: Final = int(Law.PREDICTIVE)
+_SCHEDULED: Final = int(VibrationLaw.SCHEDULED)
+_PREDICTIVE: Final = int(VibrationLaw.PREDICTIVE)
+
+_ABSURD: Final = 1e6
+"""Bound of the squares of a measurement: 1 km, 1 kN. NaN and infinity do not pass either."""
+FREQUENCY_STEP: Final = 5.0
+"""Largest change in Hz of the frequency in a tick of mode AMPLITUDE, 3 % of half the width of the
+resonance: a hop would meet the resonance with the voltage that the plate needed beside it."""
+
+FAULTS: Final = (
+    "",
+    "measurement is not finite",
+    "set-point is not finite",
+    "COF reference is not above 0",
+    "there is no texture",
+    "drive is not finite",
+)
+"""Why the controllers turned themselves off, by `Controlled.fault`."""
+_NO_MEASUREMENT: Final = 1
+_NO_SETPOINT: Final = 2
+_NO_REFERENCE: Final = 3
+_NO_TABLE: Final = 4
+_NO_DRIVE: Final = 5
+
+Measured = tuple[complex, Forces, float, int]
+"""The fields of a `Measurement`."""
+ContactFields = tuple[float, float, float, float, float, float, float, bool]
+"""The fields of a `Contact`."""
+NO_CONTACT: Final = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+"""Before the first tick."""
+
+
+class ControlPlan(NamedTuple):
+    """What the controllers regulate by, in SI units; it follows from parameters."""
+
+    law: int
+    """Of `Law`."""
+    slope: float
+    step_max: float
+    half: float
+    """Half of the boundary's hysteresis in m."""
+    ahead: float
+    """Time in s by which the reference of a texture is ahead."""
+    vibration_law: int
+    """Of `VibrationLaw`."""
+    bare: Gains
+    """Designed for the bare plate."""
+    rows: Sequence[Sequence[float]]
+    """Designed for the plate under a finger, by `row_of` its force."""
+    prior: Prior
+    gain: float
+    """Of the bare plate at its resonance in m/V."""
+    V_max: float
+    W_max: float
+    f_min: float
+    f_max: float
+    gauging: Gauging
+    zero: Forces
+    """Offsets of S1..S6 in N."""
+    texture: Texture
+
+
+class Loops(NamedTuple):
+    """The two PIs after a tick."""
+
+    voltage: float
+    """State of C_W."""
+    frequency: float
+    """State of C_omega."""
+    held: float
+    """Last output of C_omega in Hz, held without vibration."""
+    cut: bool
+    """Whether that was cut to a limit."""
+
+
+class Playing(NamedTuple):
+    """C_mu of mode TEXTURE after a tick."""
+
+    ticks: int
+    """Since the texture began."""
+    touches: bool
+    """Whether `line` and `touch` are those of a touch that goes on."""
+    line: Line
+    touch: TextureState
+
+
+class ControlState(NamedTuple):
+    """The controllers after a tick."""
+
+    mode: int
+    """Of `Mode`."""
+    drive: Drive
+    """In force until the next tick."""
+    W_ref: float
+    """Amplitude reference in m; without an amplitude loop it follows ``|W|``."""
+    loops: Loops
+    learned: Learned
+    """What the law of the vibration ``predictive`` knows; it learns in every mode."""
+    touch: PositionTrack
+    right: bool
+    """Whether the finger is right of the boundary."""
+    slides: bool
+    """Whether `sliding` is that of a touch that goes on."""
+    sliding: MapState
+    """The friction law ``predictive`` in this touch, or in the last one, of which it keeps what it
+    learned."""
+    playing: Playing
+
+
+class Controlled(NamedTuple):
+    """What a tick came to, besides the state."""
+
+    contact: ContactFields
+    """The finger: the fields of a `Contact`."""
+    amplitude: float
+    """``|W|`` in m."""
+    mu_ref: float
+    """Reference of the COF, 0 outside FRICTION and TEXTURE."""
+    E: float
+    """Friction error in %, 0 without contact and outside of these modes."""
+    limited: int
+    """Bits of `Limit` that cut what was asked for."""
+    fault: int
+    """Place in `FAULTS`; above 0 if the controllers have turned themselves off."""
+
+
+def control_plan(
+    parameters: CascadeParameters,
+    model: PlateModel,
+    zero: Forces = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    texture: Texture = NO_TEXTURE,
+) -> ControlPlan:
+    """Return what the controllers regulate by.
+
+    Parameters
+    ----------
+    parameters
+        Limits, design and calibration.
+    model
+        Plate to design the loops for.
+    zero
+        Offsets of S1..S6 in N.
+    texture
+        What mode TEXTURE plays.
+    """
+    p = parameters
+    bare, rows = designed(model, p.amplitude_pole, p.resonance_pole, p.dead_time)
+    return ControlPlan(
+        law=int(p.law),
+        slope=p.slope,
+        step_max=p.step_max,
+        half=0.5 * p.hysteresis,
+        ahead=p.dead_time + p.preview,
+        vibration_law=int(p.vibration_law),
+        bare=bare,
+        rows=rows,
+        prior=prior_of(model, p.dead_time),
+        gain=model.gain,
+        V_max=p.V_max,
+        W_max=p.W_max,
+        f_min=p.f_min,
+        f_max=p.f_max,
+        gauging=gauging_of(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force),
+        zero=zero,
+        texture=texture,
+    )
+
+
+def at_rest(plan: ControlPlan) -> ControlState:
+    """Return the controllers before their first tick: mode OFF at 0 V."""
+    f = _clipped(plan, plan.prior.f0)
+    return ControlState(
+        mode=_OFF,
+        drive=Drive(0.0, f),
+        W_ref=0.0,
+        loops=Loops(0.0, f, f, False),
+        learned=unlearned(plan.prior),
+        touch=UNTOUCHED,
+        right=False,
+        slides=False,
+        sliding=NO_MAP_STATE,
+        playing=Playing(0, False, line_from(0.0), NO_TEXTURE_STATE),
+    )
+
+
+def adopted(before: ControlPlan, plan: ControlPlan, state: ControlState) -> ControlState:
+    """Return the controllers under another plan, without a bump.
+
+    Another zero ends the touch, another friction law knows nothing of the finger, another design of
+    the inner loops starts them from the drive in force, and a frequency that is held is cut to the
+    limits. All else goes on.
+    """
+    if plan.zero != before.zero:
+        # What was felt before belongs to another zero: no touch, and no position to hold.
+        state = state._replace(touch=UNTOUCHED)
+    if plan.law != before.law:
+        state = state._replace(slides=False, sliding=NO_MAP_STATE)
+    if _design_of(plan) != _design_of(before):
+        return redesigned(plan, state)
+    held = state.loops.held
+    if not plan.f_min <= held <= plan.f_max:
+        state = state._replace(loops=_preset(plan, Drive(state.loops.voltage, held)))
+    return state
+
+
+def _design_of(plan: ControlPlan) -> tuple[int, Gains, Sequence[Sequence[float]], Prior]:
+    return plan.vibration_law, plan.bare, plan.rows, plan.prior
+
+
+def redesigned(plan: ControlPlan, state: ControlState) -> ControlState:
+    """Return the controllers with inner loops that begin anew, from the drive in force."""
+    return state._replace(loops=_preset(plan, state.drive), learned=unlearned(plan.prior))
+
+
+def turned_off(state: ControlState) -> ControlState:
+    """Return the controllers in mode OFF, at 0 V."""
+    return state._replace(mode=_OFF, drive=Drive(0.0, state.drive.frequency), W_ref=0.0)
+
+
+def realised(state: ControlState, drive: Drive) -> ControlState:
+    """Return the controllers once another drive than they asked for is in force.
+
+    C_W goes on from its voltage: nothing winds up.
+    """
+    loops = state.loops
+    if drive.voltage < state.drive.voltage:
+        change = drive.voltage - state.drive.voltage
+        loops = loops._replace(voltage=loops.voltage + change)
+    return state._replace(drive=drive, loops=loops)
+
+
+def control_step(
+    plan: ControlPlan,
+    state: ControlState,
+    mode: int,
+    measurement: Measured,
+    setpoint: Setpoint,
+) -> tuple[ControlState, Controlled]:
+    """Return the controllers after a tick; `ControlState.drive` is what they ask for.
+
+    A measurement or set-point that is not finite turns them off. So does a COF reference of 0 or
+    less in mode FRICTION, and no texture in mode TEXTURE. Set-points beyond a limit are cut to it.
+    In mode IDENTIFY the drive is kept: the identification replaces it.
+
+    Parameters
+    ----------
+    plan, state
+        What is regulated by, and the tick before.
+    mode
+        Of `Mode`; another one than that of the state begins with this tick.
+    measurement, setpoint
+        Of this tick.
+    """
+    W, gauges, temperature, _ = measurement
+    fault = _fault(plan, mode, W, gauges, setpoint)
+    if fault:
+        nobody = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+        return _interrupted(state), Controlled(nobody, 0.0, 0.0, 0.0, 0, fault)
+    amplitude = sqrt(W.real * W.real + W.imag * W.imag)
+    touch, contact = contact_of(plan.gauging, plan.zero, state.touch, gauges)
+    Fn = contact[2] if contact[7] else 0.0
+    learned = state.learned
+    if plan.vibration_law == _PREDICTIVE:
+        learned = observed(plan.prior, learned, W, state.drive, Fn, temperature)
+    if mode not in (state.mode, _OFF):
+        state = _entered(plan, state, mode, setpoint, contact[5])
+    _, drive, W_ref, loops, _, _, right, slides, sliding, playing = state
+    mu_ref = E = 0.0
+    limited = fault = 0
+    if mode in (_OFF, _OPEN_LOOP):
+        drive, limited = _open_loop(plan, mode, setpoint)
+        W_ref = amplitude if mode == _OPEN_LOOP else 0.0
+    elif mode != _IDENTIFY:
+        if mode == _FRICTION:
+            right = is_right(right, contact[5], setpoint.boundary, plan.half)
+            mu_ref = setpoint.mu_right if right else setpoint.mu_left
+            felt = FrictionSample(contact[3], contact[4], contact[0], contact[1], amplitude, mu_ref)
+            slides, sliding, E, W_ref = _for_level(plan, state, contact[7], felt, setpoint)
+        elif mode == _TEXTURE:
+            playing, mu_ref, E, W_ref = _for_texture(
+                plan, playing, contact, gauges, amplitude, setpoint.amplitude
+            )
+        else:
+            W_ref = setpoint.amplitude
+        drive, W_ref, loops, limited = _inner_loops(
+            plan, state, learned, (W, amplitude, Fn), W_ref, setpoint.frequency
+        )
+        # Whatever a law makes of what it knows, nothing but a drive within limits leaves here.
+        if not in_limits(drive.voltage, drive.frequency, plan.V_max, plan.f_min, plan.f_max):
+            mode, fault = _OFF, _NO_DRIVE
+            drive, W_ref, mu_ref, E, limited = Drive(0.0, state.drive.frequency), 0.0, 0.0, 0.0, 0
+    return (
+        ControlState(mode, drive, W_ref, loops, learned, touch, right, slides, sliding, playing),
+        Controlled(contact, amplitude, mu_ref, E, limited, fault),
+    )
+
+
+def _fault(plan: ControlPlan, mode: int, W: complex, gauges: Forces, setpoint: Setpoint) -> int:
+    """Return the place in `FAULTS` of what cannot be regulated, 0 if all can be."""
+    s1, s2, s3, s4, s5, s6 = gauges
+    forces = s1 * s1 + s2 * s2 + s3 * s3 + s4 * s4 + s5 * s5 + s6 * s6
+    if not W.real * W.real + W.imag * W.imag + forces < _ABSURD:
+        return _NO_MEASUREMENT
+    voltage, frequency, amplitude, mu_left, mu_right, boundary = setpoint
+    if not isfinite(voltage + frequency + amplitude + mu_left + mu_right + boundary):
+        return _NO_SETPOINT
+    if mode == _FRICTION and (mu_left <= 0.0 or mu_right <= 0.0):
+        return _NO_REFERENCE
+    if mode == _TEXTURE and len(plan.texture.values) == 0:
+        return _NO_TABLE
+    return 0
+
+
+def _interrupted(state: ControlState) -> ControlState:
+    """Return the controllers off; the next measurement does not follow from what was."""
+    _, drive, _, loops, learned, touch, right, slides, sliding, playing = state
+    belief, plate, W, before, _, held, rate, load, temperature = learned
+    learned = Learned(belief, plate, W, before, False, held, rate, load, temperature)
+    off = Drive(0.0, drive.frequency)
+    return ControlState(_OFF, off, 0.0, loops, learned, touch, right, slides, sliding, playing)
+
+
+def _entered(
+    plan: ControlPlan, state: ControlState, mode: int, setpoint: Setpoint, position: float
+) -> ControlState:
+    """Return the controllers at the begin of a mode, from the drive in force.
+
+    From OFF they begin at the frequency of the set-point.
+    """
+    before, drive, W_ref, loops, learned, touch, right, _, sliding, playing = state
+    f = _clipped(plan, setpoint.frequency) if before == _OFF else drive.frequency
+    loops = _preset(plan, Drive(drive.voltage, f))
+    ticks = playing.ticks
+    if mode == _FRICTION:
+        right = position > setpoint.boundary
+    elif mode == _TEXTURE:
+        ticks = 0
+    elif mode == _IDENTIFY:
+        W_ref = 0.0
+    playing = Playing(ticks, False, playing.line, playing.touch)
+    return ControlState(mode, drive, W_ref, loops, learned, touch, right, False, sliding, playing)
+
+
+def _preset(plan: ControlPlan, drive: Drive) -> Loops:
+    """Return both PIs as they start from a drive."""
+    f = _clipped(plan, drive.frequency)
+    return Loops(drive.voltage, f, f, f != drive.frequency)
+
+
+def _clipped(plan: ControlPlan, frequency: float) -> float:
+    return min(max(frequency, plan.f_min), plan.f_max)
+
+
+def _open_loop(plan: ControlPlan, mode: int, setpoint: Setpoint) -> tuple[Drive, int]:
+    """Return the set-point's drive and what cut it, or the same with 0 V in mode OFF."""
+    f = _clipped(plan, setpoint.frequency)
+    if mode == _OFF:
+        return Drive(0.0, f), 0
+    V = cut_voltage(setpoint.voltage, plan.V_max)
+    limited = 0 if setpoint.voltage == V else VOLTAGE
+    # Nothing regulates here: the bare plate at its resonance is the worst case.
+    if plan.gain * V > plan.W_max:
+        V = plan.W_max / plan.gain
+        limited |= AMPLITUDE
+    if f != setpoint.frequency:
+        limited |= FREQUENCY
+    return Drive(V, f), limited
+
+
+def _for_level(
+    plan: ControlPlan, state: ControlState, touching: bool, felt: FrictionSample, setpoint: Setpoint
+) -> tuple[bool, MapState, float, float]:
+    """Step C_mu of mode FRICTION: return its touch, E in % and W_ref in m, before its limits."""
+    sliding = state.sliding
+    if not touching:
+        return False, sliding, 0.0, setpoint.amplitude
+    E = relative_error(felt.mu, felt.mu_ref)
+    if plan.law != _MAPPED:
+        dW = limited_step(plan.slope, plan.step_max, E)
+        W_ref = asked_amplitude(plan.law, dW, felt.W, state.W_ref, setpoint.amplitude)
+        return state.slides, sliding, E, W_ref
+    if not state.slides:
+        return True, begin_map(felt, sliding.known), E, felt.W
+    sliding = follow_map(sliding, felt)
+    return True, sliding, E, amplitude_asked(sliding)
+
+
+def _for_texture(
+    plan: ControlPlan,
+    playing: Playing,
+    contact: ContactFields,
+    gauges: Forces,
+    amplitude: float,
+    W_nominal: float,
+) -> tuple[Playing, float, float, float]:
+    """Step C_mu of mode TEXTURE: return it, mu_ref, E in % and W_ref in m, before its limits."""
+    ticks, touches, line, touch = playing
+    Fx, Fy, _, mu, u_mu, position, _, touching = contact
+    if not touching:
+        mu_ref = cof_ahead(plan.texture, ticks, position, 0.0, plan.ahead)
+        return Playing(ticks + 1, False, line, touch), mu_ref, 0.0, W_nominal
+    centre, unsure = centre_of(plan.gauging, plan.zero, gauges)
+    line = prolonged(line, centre, unsure) if touches else line_from(centre)
+    mu_ref = cof_ahead(plan.texture, ticks, line.position, line.speed, plan.ahead)
+    felt = FrictionSample(mu, u_mu, Fx, Fy, amplitude, mu_ref)
+    known = touch.known
+    touch = follow_texture(touch, felt, plan.W_max) if touches else begin_texture(felt, known)
+    playing = Playing(ticks + 1, True, line, touch)
+    return playing, mu_ref, relative_error(mu, mu_ref), touch.W_ref
+
+
+def _inner_loops(
+    plan: ControlPlan,
+    state: ControlState,
+    learned: Learned,
+    seen: tuple[complex, float, float],
+    W_ref: float,
+    f_set: float,
+) -> tuple[Drive, float, Loops, int]:
+    """Step C_W and C_omega, by the law of the vibration.
+
+    Parameters
+    ----------
+    plan, state
+        What is regulated by, and after the tick before, or as the mode began.
+    learned
+        After this tick.
+    seen
+        Vibration and its modulus in m, and the normal force in N, 0 without contact.
+    W_ref
+        Reference of the modulus in m, before its limits.
+    f_set
+        Frequency in Hz that mode AMPLITUDE keeps; the others track the resonance.
+
+    Returns
+    -------
+    drive, W_ref, loops, limited
+        Drive that is asked for, reference within its limits, the PIs, and bits of `Limit`.
+    """
+    W, amplitude, _ = seen
+    tracked = state.mode != _AMPLITUDE
+    allowed = allowed_amplitude(W_ref, plan.W_max, W, amplitude, tracked)
+    limited = 0 if allowed == W_ref else AMPLITUDE
+    f = f_set
+    if not tracked and state.drive.voltage > 0.0:
+        # No faster than the voltage can follow.
+        before = state.drive.frequency
+        f = min(max(f_set, before - FREQUENCY_STEP), before + FREQUENCY_STEP)
+        if f != f_set:
+            limited |= FREQUENCY
+    if plan.vibration_law == _PREDICTIVE:
+        drive, cut = _predicted(plan, learned, allowed, resonance_of(learned) if tracked else f)
+        return drive, allowed, state.loops, limited | cut
+    drive, loops, cut = _regulated(plan, state, seen, allowed, f)
+    return drive, allowed, loops, limited | cut
+
+
+def _predicted(plan: ControlPlan, learned: Learned, W_ref: float, f: float) -> tuple[Drive, int]:
+    """Return the drive of the law ``predictive`` at a frequency in Hz, and what cut it."""
+    f_cut = _clipped(plan, f)
+    limited = 0 if f_cut == f else FREQUENCY
+    V = asked_voltage(plan.prior, learned, W_ref, f_cut)
+    V_cut = cut_voltage(V, plan.V_max)
+    if V_cut != V:
+        limited |= VOLTAGE
+    return Drive(V_cut, f_cut), limited
+
+
+def _regulated(
+    plan: ControlPlan,
+    state: ControlState,
+    seen: tuple[complex, float, float],
+    W_ref: float,
+    f_fixed: float,
+) -> tuple[Drive, Loops, int]:
+    """Return the drive of the two PIs, the PIs after it, and what cut it."""
+    W, amplitude, Fn = seen
+    V_state, f_state, f, f_cut = state.loops
+    Kp_W, Kp_omega, a = plan.bare
+    a_W = a
+    if plan.vibration_law == _SCHEDULED:
+        row = plan.rows[row_of(Fn, len(plan.rows))]
+        Kp_W, Kp_omega, a, a_W = row[0], row[1], row[2], row[2]
+    elif state.mode == _TEXTURE:
+        # The resonance keeps its gains: a pick-up that has lost some of its direct axis would lead
+        # faster ones astray.
+        row = plan.rows[row_of(Fn, len(plan.rows))]
+        Kp_W, a_W = row[0], row[2]
+    V, V_state, V_cut = regulated(V_state, Kp_W, a_W, W_ref - amplitude, 0.0, plan.V_max)
+    limited = VOLTAGE if V_cut else 0
+    if state.mode == _AMPLITUDE:
+        f_drive = _clipped(plan, f_fixed)
+        if f_drive != f_fixed:
+            limited |= FREQUENCY
+        return Drive(V, f_drive), Loops(V_state, f_state, f, f_cut), limited
+    if lost(W, amplitude):
+        f_state = f
+    else:
+        error = resonance_error(W)
+        f, f_state, f_cut = regulated(f_state, Kp_omega, a, error, plan.f_min, plan.f_max)
+    if f_cut:
+        limited |= FREQUENCY
+    return Drive(V, f), Loops(V_state, f_state, f, f_cut), limited
