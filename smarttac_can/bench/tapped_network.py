@@ -26,7 +26,13 @@ class _Strays(can.Listener):
         """Do nothing: python-can asks for it."""
 
     def on_error(self, exc: Exception) -> None:
-        """Take it for settled, or raise python-can's word that it is not: NotImplementedError."""
+        """Note what is no message and go on; anything else python-can has to handle.
+
+        Raises
+        ------
+        NotImplementedError
+            If the bus has failed: python-can takes this for "not handled" and ends the thread.
+        """
         if not is_stray(self._network.bus, exc):
             raise NotImplementedError
         self.last = exc

@@ -135,7 +135,7 @@ def reset(
 def _cure_of_silence(
     bus: BusChoice, node_id: int, plate_node: int | None, timeout: float
 ) -> Iterator[None]:
-    """Add to a fault by a lost heartbeat, which bars its reset, whose it is and what to do."""
+    """Name the node whose lost heartbeat refuses a reset, and what to do, in the error's notes."""
     try:
         yield
     except FaultError as error:

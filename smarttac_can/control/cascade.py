@@ -225,10 +225,11 @@ class Cascade:
             self._state = realised(self._state, drive)
 
     def _identify(self, measurement: Measurement, setpoint: Setpoint, begins: bool) -> Drive:
-        if begins or self.identification is None:
+        if begins:
             start = self.parameters.clip_frequency(setpoint.frequency)
             self.identification = Identification(self.model, start, self.parameters)
         identification = self.identification
+        assert identification is not None
         if self.contact.touching and self.tared:
             identification.fail(f"the plate is loaded with {self.contact.Fn:.2f} N")
         drive = identification.update(measurement.W)
@@ -252,4 +253,4 @@ class Cascade:
         self.reason = reason
         self.mu_ref = self.E = 0.0
         self.limited = 0
-        self._state = turned_off(self._state)
+        self._state = turned_off(self._state, self._state.learned)

@@ -186,6 +186,12 @@ def observed(
     return Learned(belief, plate, W, drive, True, not follows, rate, contact, warmth)
 
 
+def interrupted(learned: Learned) -> Learned:
+    """Return the law once a tick is missing: what comes next does not follow from what was."""
+    belief, plate, W, drive, _, held, rate, contact, temperature = learned
+    return Learned(belief, plate, W, drive, False, held, rate, contact, temperature)
+
+
 def resonance_of(learned: Learned) -> float:
     """Return the resonance in Hz where it is believed to be; at first the frequency in force."""
     if learned.held and learned.follows:

@@ -13,14 +13,6 @@ from __future__ import annotations
 from math import cos, exp, log, pi, sin, sqrt
 from typing import Final, NamedTuple
 
-from smarttac_can.control.friction_levels import (
-    LEVEL_TICKS,
-    NOTHING,
-    Gathered,
-    gathered,
-    interrupted,
-    tells,
-)
 from smarttac_can.control.friction_map import (
     PRIOR,
     Nodes,
@@ -41,7 +33,7 @@ POLE: Final = 0.07
 """Share of a step of the reference that is left for the next tick. The skin has to be stretched by
 more friction: where it is faster than it slides, it sticks, and lets go with an overshoot."""
 POLE_UNKNOWN: Final = 0.85
-"""The same before the first pair of levels, when the slope of the map is that of any finger."""
+"""The same before the first pair of plateaus, when the slope of the map is that of any finger."""
 GAIN_UNKNOWN: Final = 1.0
 """Share of an error that m0 takes over in the first tick in which a finger is known to slide."""
 GAIN_FIRST: Final = 0.3
@@ -58,13 +50,26 @@ FROZEN_TICKS: Final = 20
 ERROR_MAX: Final = 0.1
 """Bound of the error of ln mu in a tick."""
 SETTLED_TICKS: Final = 22
-"""Ticks after a step of the reference until a level counts as settled."""
+"""Ticks after a step of the reference until a plateau counts as settled."""
 STEP_MIN: Final = 0.02
 """Change of ln mu_ref in a tick that is a step."""
 SPEED_VARIANCE: Final = 2.5e-5
-"""Variance of the difference of two levels by what is not noise: force and speed within a pass."""
+"""Variance of the difference of two plateaus without noise: force and speed change in a pass."""
 MU_MIN: Final = 0.02
 """COF below which a finger does not slide."""
+
+
+PLATEAU_TICKS: Final = 20
+"""Ticks that make a plateau."""
+PLATEAU_SPREAD: Final = 0.1e-6
+"""Distance in m of an amplitude to the mean so far with which a plateau begins anew."""
+PLATEAU_DRIFT: Final = 0.03
+"""The same of m0: a finger that stops makes no plateau, though the amplitude rests at 0."""
+PAIR_MIN: Final = 0.05
+"""Difference of ln mu_ref from which two plateaus make a pair: a smaller one is noise that the loop
+has followed, from which it would learn itself."""
+PAIR_MIN_W: Final = 0.05e-6
+"""The same of their amplitudes in m."""
 
 
 class PathStep(NamedTuple):
@@ -120,7 +125,20 @@ class Known(NamedTuple):
     nodes: Nodes
     """h at the nodes, `shape` of the weights."""
     pairs: int
-    """Pairs of levels that it was learned from."""
+    """Pairs of plateaus that it was learned from."""
+
+
+class Gathered(NamedTuple):
+    """The plateaus of a pass."""
+
+    ticks: int
+    """Of the plateau that is being made, as the sums."""
+    sum_ln: float
+    sum_W: float
+    sum_m0: float
+    made: int
+    """Plateaus that were made."""
+    last: Plateau
 
 
 class MapState(NamedTuple):
@@ -143,10 +161,46 @@ class MapState(NamedTuple):
     """The last tick."""
 
 
+NOTHING: Final = Gathered(0, 0.0, 0.0, 0.0, 0, Plateau(0.0, 0.0, 0.0))
 ANYBODY: Final = Known(PRIOR, shape(PRIOR), 0)
 """Any finger."""
 NO_SAMPLE: Final = FrictionSample(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """Before the first touch."""
+
+
+def cut_short(so_far: Gathered, turned: bool) -> Gathered:
+    """Return the plateaus once a step, or a turn, has ended the one that was being made."""
+    return Gathered(0, 0.0, 0.0, 0.0, 0 if turned else so_far.made, so_far.last)
+
+
+def gathered(so_far: Gathered, ln_mu: float, W: float, ln_ref: float, m0: float) -> Gathered:
+    """Return the plateaus with a tick more.
+
+    Parameters
+    ----------
+    so_far
+        After the tick before.
+    ln_mu, W
+        Measured.
+    ln_ref
+        Logarithm of the reference of the COF.
+    m0
+        ln mu without vibration, as it is believed.
+    """
+    ticks, sum_ln, sum_W, sum_m0, made, last = so_far
+    moved = abs(ticks * W - sum_W) > ticks * PLATEAU_SPREAD
+    if moved or abs(ticks * m0 - sum_m0) > ticks * PLATEAU_DRIFT:
+        ticks, sum_ln, sum_W, sum_m0 = 0, 0.0, 0.0, 0.0
+    ticks, sum_ln, sum_W, sum_m0 = ticks + 1, sum_ln + ln_mu, sum_W + W, sum_m0 + m0
+    if ticks < PLATEAU_TICKS:
+        return Gathered(ticks, sum_ln, sum_W, sum_m0, made, last)
+    return Gathered(0, 0.0, 0.0, 0.0, made + 1, Plateau(sum_ln / ticks, sum_W / ticks, ln_ref))
+
+
+def tells(before: Plateau, after: Plateau) -> bool:
+    """Tell whether two plateaus differ because they were asked to."""
+    asked = abs(after.ln_ref - before.ln_ref) > PAIR_MIN
+    return asked and abs(after.W - before.W) > PAIR_MIN_W
 
 
 def begin_map(felt: FrictionSample, known: Known) -> MapState:
@@ -177,12 +231,12 @@ def follow_map(touch: MapState, felt: FrictionSample) -> MapState:
     since_turn = 0 if turned else touch.since_turn + 1
     gain = GAIN_FIRST if turned and touch.gain < GAIN_UNKNOWN else touch.gain
     path = _through_path(touch.path, known.nodes, before.W, felt.W)
-    levels = touch.gathered
-    if turned and levels.made:
+    plateaus = touch.gathered
+    if turned and plateaus.made:
         # What m0 took in since was a finger that stopped, of which less friction is felt.
-        m0 = levels.last.ln_mu - value(known.nodes, levels.last.W)
+        m0 = plateaus.last.ln_mu - value(known.nodes, plateaus.last.W)
     if stepped or turned:
-        levels = interrupted(levels, turned)
+        plateaus = cut_short(plateaus, turned)
     if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN and path.y >= MU_MIN:
         error = log(felt.mu) - m0 - log(path.y)
         if gain < GAIN_UNKNOWN:
@@ -195,17 +249,17 @@ def follow_map(touch: MapState, felt: FrictionSample) -> MapState:
             ln_aim += error
             gain = GAIN_FIRST
         if since_step >= SETTLED_TICKS:
-            so_far = levels
-            levels = gathered(so_far, log(felt.mu), felt.W, ln_ref, m0)
-            if levels.made > so_far.made > 0 and tells(so_far.last, levels.last):
-                known = _taught(known, so_far.last, levels.last, felt)
+            so_far = plateaus
+            plateaus = gathered(so_far, log(felt.mu), felt.W, ln_ref, m0)
+            if plateaus.made > so_far.made > 0 and tells(so_far.last, plateaus.last):
+                known = _taught(known, so_far.last, plateaus.last, felt)
                 # What is expected at this amplitude stays.
                 rise = value(known.nodes, felt.W) - value(touch.known.nodes, felt.W)
                 m0 -= rise
                 path = Path(path.y * exp(rise), path.rate * exp(rise))
     if gain < GAIN_UNKNOWN:
         ln_aim = ln_ref + pole * (ln_aim - ln_ref)
-    return MapState(m0, gain, ln_aim, since_step, since_turn, path, levels, known, felt)
+    return MapState(m0, gain, ln_aim, since_step, since_turn, path, plateaus, known, felt)
 
 
 def amplitude_asked(touch: MapState) -> float:
@@ -228,9 +282,9 @@ def _bounded(error: float) -> float:
 
 
 def _taught(known: Known, before: Plateau, after: Plateau, felt: FrictionSample) -> Known:
-    """Learn from two levels of one pass."""
+    """Learn from two plateaus of one pass."""
     relative = felt.u_mu / felt.mu
-    variance = SPEED_VARIANCE + 2.0 * relative * relative / LEVEL_TICKS
+    variance = SPEED_VARIANCE + 2.0 * relative * relative / PLATEAU_TICKS
     weights = learned(known.weights, before, after, variance)
     return Known(weights, shape(weights), known.pairs + 1)
 

@@ -30,7 +30,6 @@ from math import isfinite, sqrt
 from typing import Final, NamedTuple
 
 from smarttac_can.control.design import Gains, designed, row_of
-from smarttac_can.control.finger_line import Line, line_from, prolonged
 from smarttac_can.control.friction import (
     asked_amplitude,
     is_right,
@@ -42,6 +41,7 @@ from smarttac_can.control.predictive import (
     Learned,
     Prior,
     asked_voltage,
+    interrupted,
     observed,
     prior_of,
     resonance_of,
@@ -55,7 +55,14 @@ from smarttac_can.control.predictive_friction import (
     begin_map,
     follow_map,
 )
-from smarttac_can.control.texture import NO_TEXTURE, Texture, cof_ahead
+from smarttac_can.control.texture import (
+    NO_TEXTURE,
+    Line,
+    Texture,
+    cof_ahead,
+    line_from,
+    prolonged,
+)
 from smarttac_can.control.texture_friction import (
     NO_TEXTURE_STATE,
     TextureState,
@@ -67,7 +74,7 @@ from smarttac_can.control.tribometer import (
     Forces,
     Gauging,
     PositionTrack,
-    centre_of,
+    centre_uncertainty,
     contact_of,
     gauging_of,
 )
@@ -84,7 +91,13 @@ from smarttac_can.control.vibration import (
 )
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.signals import Contact, Drive, Setpoint
+from smarttac_can.vocabulary.signals import (
+    Contact,
+    ContactFields,
+    Drive,
+    MeasurementFields,
+    Setpoint,
+)
 
 # Plain integers: to look a member of an enumeration up costs ten times as much, and numba has none.
 _OFF: Final = int(Mode.OFF)
@@ -119,10 +132,6 @@ _NO_REFERENCE: Final = 3
 _NO_TABLE: Final = 4
 _NO_DRIVE: Final = 5
 
-Measured = tuple[complex, Forces, float, int]
-"""The fields of a `Measurement`."""
-ContactFields = tuple[float, float, float, float, float, float, float, bool]
-"""The fields of a `Contact`."""
 NO_CONTACT: Final = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
 """Before the first tick."""
 
@@ -133,7 +142,9 @@ class ControlPlan(NamedTuple):
     law: int
     """Of `Law`."""
     slope: float
+    """Step of the amplitude in m per % of friction error."""
     step_max: float
+    """Largest such step in m."""
     half: float
     """Half of the boundary's hysteresis in m."""
     ahead: float
@@ -148,9 +159,13 @@ class ControlPlan(NamedTuple):
     gain: float
     """Of the bare plate at its resonance in m/V."""
     V_max: float
+    """Limit of the voltage in V."""
     W_max: float
+    """Limit of the amplitude reference in m."""
     f_min: float
+    """Lowest frequency in Hz."""
     f_max: float
+    """Highest frequency in Hz."""
     gauging: Gauging
     zero: Forces
     """Offsets of S1..S6 in N."""
@@ -161,9 +176,9 @@ class Loops(NamedTuple):
     """The two PIs after a tick."""
 
     voltage: float
-    """State of C_W."""
+    """State of C_W in V."""
     frequency: float
-    """State of C_omega."""
+    """State of C_omega in Hz."""
     held: float
     """Last output of C_omega in Hz, held without vibration."""
     cut: bool
@@ -296,7 +311,7 @@ def adopted(before: ControlPlan, plan: ControlPlan, state: ControlState) -> Cont
         return redesigned(plan, state)
     held = state.loops.held
     if not plan.f_min <= held <= plan.f_max:
-        state = state._replace(loops=_preset(plan, Drive(state.loops.voltage, held)))
+        state = state._replace(loops=_preset(plan, state.loops.voltage, held))
     return state
 
 
@@ -306,12 +321,15 @@ def _design_of(plan: ControlPlan) -> tuple[int, Gains, Sequence[Sequence[float]]
 
 def redesigned(plan: ControlPlan, state: ControlState) -> ControlState:
     """Return the controllers with inner loops that begin anew, from the drive in force."""
-    return state._replace(loops=_preset(plan, state.drive), learned=unlearned(plan.prior))
+    loops = _preset(plan, state.drive.voltage, state.drive.frequency)
+    return state._replace(loops=loops, learned=unlearned(plan.prior))
 
 
-def turned_off(state: ControlState) -> ControlState:
-    """Return the controllers in mode OFF, at 0 V."""
-    return state._replace(mode=_OFF, drive=Drive(0.0, state.drive.frequency), W_ref=0.0)
+def turned_off(state: ControlState, learned: Learned) -> ControlState:
+    """Return the controllers in mode OFF, at 0 V, with what the predictive law knows by now."""
+    _, drive, _, loops, _, touch, right, slides, sliding, playing = state
+    off = Drive(0.0, drive.frequency)
+    return ControlState(_OFF, off, 0.0, loops, learned, touch, right, slides, sliding, playing)
 
 
 def realised(state: ControlState, drive: Drive) -> ControlState:
@@ -330,7 +348,7 @@ def control_step(
     plan: ControlPlan,
     state: ControlState,
     mode: int,
-    measurement: Measured,
+    measurement: MeasurementFields,
     setpoint: Setpoint,
 ) -> tuple[ControlState, Controlled]:
     """Return the controllers after a tick; `ControlState.drive` is what they ask for.
@@ -352,9 +370,10 @@ def control_step(
     fault = _fault(plan, mode, W, gauges, setpoint)
     if fault:
         nobody = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
-        return _interrupted(state), Controlled(nobody, 0.0, 0.0, 0.0, 0, fault)
+        off = turned_off(state, interrupted(state.learned))
+        return off, Controlled(nobody, 0.0, 0.0, 0.0, 0, fault)
     amplitude = sqrt(W.real * W.real + W.imag * W.imag)
-    touch, contact = contact_of(plan.gauging, plan.zero, state.touch, gauges)
+    touch, contact, centre = contact_of(plan.gauging, plan.zero, state.touch, gauges)
     Fn = contact[2] if contact[7] else 0.0
     learned = state.learned
     if plan.vibration_law == _PREDICTIVE:
@@ -375,7 +394,7 @@ def control_step(
             slides, sliding, E, W_ref = _for_level(plan, state, contact[7], felt, setpoint)
         elif mode == _TEXTURE:
             playing, mu_ref, E, W_ref = _for_texture(
-                plan, playing, contact, gauges, amplitude, setpoint.amplitude
+                plan, playing, contact, centre, amplitude, setpoint.amplitude
             )
         else:
             W_ref = setpoint.amplitude
@@ -408,15 +427,6 @@ def _fault(plan: ControlPlan, mode: int, W: complex, gauges: Forces, setpoint: S
     return 0
 
 
-def _interrupted(state: ControlState) -> ControlState:
-    """Return the controllers off; the next measurement does not follow from what was."""
-    _, drive, _, loops, learned, touch, right, slides, sliding, playing = state
-    belief, plate, W, before, _, held, rate, load, temperature = learned
-    learned = Learned(belief, plate, W, before, False, held, rate, load, temperature)
-    off = Drive(0.0, drive.frequency)
-    return ControlState(_OFF, off, 0.0, loops, learned, touch, right, slides, sliding, playing)
-
-
 def _entered(
     plan: ControlPlan, state: ControlState, mode: int, setpoint: Setpoint, position: float
 ) -> ControlState:
@@ -426,7 +436,7 @@ def _entered(
     """
     before, drive, W_ref, loops, learned, touch, right, _, sliding, playing = state
     f = _clipped(plan, setpoint.frequency) if before == _OFF else drive.frequency
-    loops = _preset(plan, Drive(drive.voltage, f))
+    loops = _preset(plan, drive.voltage, f)
     ticks = playing.ticks
     if mode == _FRICTION:
         right = position > setpoint.boundary
@@ -438,10 +448,10 @@ def _entered(
     return ControlState(mode, drive, W_ref, loops, learned, touch, right, False, sliding, playing)
 
 
-def _preset(plan: ControlPlan, drive: Drive) -> Loops:
-    """Return both PIs as they start from a drive."""
-    f = _clipped(plan, drive.frequency)
-    return Loops(drive.voltage, f, f, f != drive.frequency)
+def _preset(plan: ControlPlan, voltage: float, frequency: float) -> Loops:
+    """Return both PIs as they start from a drive in V and Hz."""
+    f = _clipped(plan, frequency)
+    return Loops(voltage, f, f, f != frequency)
 
 
 def _clipped(plan: ControlPlan, frequency: float) -> float:
@@ -486,18 +496,20 @@ def _for_texture(
     plan: ControlPlan,
     playing: Playing,
     contact: ContactFields,
-    gauges: Forces,
+    centre: float,
     amplitude: float,
     W_nominal: float,
 ) -> tuple[Playing, float, float, float]:
     """Step C_mu of mode TEXTURE: return it, mu_ref, E in % and W_ref in m, before its limits."""
     ticks, touches, line, touch = playing
-    Fx, Fy, _, mu, u_mu, position, _, touching = contact
+    Fx, Fy, Fn, mu, u_mu, position, _, touching = contact
     if not touching:
         mu_ref = cof_ahead(plan.texture, ticks, position, 0.0, plan.ahead)
         return Playing(ticks + 1, False, line, touch), mu_ref, 0.0, W_nominal
-    centre, unsure = centre_of(plan.gauging, plan.zero, gauges)
-    line = prolonged(line, centre, unsure) if touches else line_from(centre)
+    if touches:
+        line = prolonged(line, centre, centre_uncertainty(plan.gauging, Fn))
+    else:
+        line = line_from(centre)
     mu_ref = cof_ahead(plan.texture, ticks, line.position, line.speed, plan.ahead)
     felt = FrictionSample(mu, u_mu, Fx, Fy, amplitude, mu_ref)
     known = touch.known

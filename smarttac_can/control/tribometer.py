@@ -6,7 +6,7 @@ from itertools import count
 from math import fsum, sqrt
 from typing import Final, NamedTuple
 
-from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, ContactFields
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 Forces = tuple[float, float, float, float, float, float]
@@ -135,8 +135,10 @@ def followed(touch: PositionTrack, position: float) -> PositionTrack:
 
 def contact_of(
     gauging: Gauging, zero: Forces, touch: PositionTrack, gauges: Forces
-) -> tuple[PositionTrack, tuple[float, float, float, float, float, float, float, bool]]:
-    """Return the touch after a tick, and the fields of its `Contact`.
+) -> tuple[PositionTrack, ContactFields, float]:
+    """Return the touch after a tick, its contact, and where this tick alone has the finger.
+
+    The last is the centre of pressure along x in m; without contact the position that is held.
 
     Parameters
     ----------
@@ -161,39 +163,28 @@ def contact_of(
     Fn = s3 + s4 + s5 + s6
     touching, line, speed, age = touch
     if Fn < (release if touching else press):
-        return (False, line, speed, age), (Fx, Fy, Fn, 0.0, 0.0, line, 0.0, False)
-    position = (x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) / Fn
-    touch = followed(touch, position) if touching else first_of(position)
+        return (False, line, speed, age), (Fx, Fy, Fn, 0.0, 0.0, line, 0.0, False), line
+    centre = (x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) / Fn
+    touch = followed(touch, centre) if touching else first_of(centre)
     _, line, speed, _ = touch
     mu = sqrt(Fx * Fx + Fy * Fy) / Fn
     # Four gauges make up Fn: sig_n^2 = 4 sig^2.
     u_mu = sqrt(sigma2 * (1.0 + 4.0 * mu * mu)) / Fn
-    return touch, (Fx, Fy, Fn, mu, u_mu, line, speed, True)
+    return touch, (Fx, Fy, Fn, mu, u_mu, line, speed, True), centre
 
 
-def centre_of(gauging: Gauging, zero: Forces, gauges: Forces) -> tuple[float, float]:
-    """Return where a single tick has a finger that touches, and how unsure that is.
+def centre_uncertainty(gauging: Gauging, Fn: float) -> float:
+    """Return how unsure the centre of pressure of a tick is by its gauges, in m.
 
     Parameters
     ----------
-    gauging, zero, gauges
-        As for `contact_of`.
-
-    Returns
-    -------
-    position, uncertainty
-        Centre of pressure along x, and its standard uncertainty by the gauges, in m.
+    gauging
+        Calibration and thresholds.
+    Fn
+        Normal force in N, above 0.
     """
     _, _, _, _, x3, x4, x5, x6, sigma2, _, _ = gauging
-    _, _, s3, s4, s5, s6 = gauges
-    _, _, o3, o4, o5, o6 = zero
-    s3 -= o3
-    s4 -= o4
-    s5 -= o5
-    s6 -= o6
-    Fn = s3 + s4 + s5 + s6
-    variance = sigma2 * (x3 * x3 + x4 * x4 + x5 * x5 + x6 * x6)
-    return (x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) / Fn, sqrt(variance) / Fn
+    return sqrt(sigma2 * (x3 * x3 + x4 * x4 + x5 * x5 + x6 * x6)) / Fn
 
 
 class Nulls:

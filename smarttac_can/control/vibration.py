@@ -86,7 +86,7 @@ def allowed_amplitude(
     W, amplitude
         Vibration and its modulus in m.
     tracked
-        Whether the resonance is.
+        Whether the frequency follows the resonance.
     """
     if not 0.0 <= W_ref <= W_max:
         W_ref = 0.0 if W_ref < 0.0 else W_max

@@ -20,10 +20,10 @@ from smarttac_can.plant.friction import (
 )
 from smarttac_can.plant.parameters import TWO_PI, PlateParameters, resonance_at, stiffness_of
 from smarttac_can.plant.resonator import rate_in_frame, response, vibrate
-from smarttac_can.plant.sensors import Readings, Sensing, readings
+from smarttac_can.plant.sensors import Sensing, readings
 from smarttac_can.plant.skin import Skin, skin_of, skin_step, slide
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
-from smarttac_can.vocabulary.signals import TICK, Drive
+from smarttac_can.vocabulary.signals import TICK, Drive, MeasurementFields
 
 SUBSTEPS: Final = 4
 """Sub-steps of a tick, by the convergence test."""
@@ -198,7 +198,7 @@ def plate_step(
     drives: tuple[Drive, Drive],
     fingers: tuple[Finger, Finger],
     noise: Sequence[float],
-) -> tuple[PlateState, Readings]:
+) -> tuple[PlateState, MeasurementFields]:
     """Return the plate a tick later, and what its sensors report there.
 
     Parameters
@@ -216,7 +216,7 @@ def plate_step(
     return state, measured(plan, state, noise)
 
 
-def measured(plan: PlatePlan, state: PlateState, noise: Sequence[float]) -> Readings:
+def measured(plan: PlatePlan, state: PlateState, noise: Sequence[float]) -> MeasurementFields:
     """Return what the sensors report; the arguments are those of `plate_step`."""
     motion, Fn, _, moment, _, temperature, _ = state
     return readings(plan.sensing, noise, motion.W, temperature, (motion.Fx, Fn, moment))

@@ -6,10 +6,10 @@ from smarttac_can.plant.faults import SOUND, Failing, Fault, SensorFault, Slam, 
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.motion import PlatePlan, at_rest, coefficients, measured, plate_step
 from smarttac_can.plant.parameters import PlateParameters, require
-from smarttac_can.plant.sensors import Noise, Readings, Weight, loaded, sensing
+from smarttac_can.plant.sensors import Noise, Sensing, Weight, loaded, sensing
 from smarttac_can.plant.subjects import Subject
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
-from smarttac_can.vocabulary.signals import TICK, Drive, Measurement
+from smarttac_can.vocabulary.signals import TICK, Drive, Measurement, MeasurementFields
 
 VOLTAGE_MAX = 1e3
 """Largest voltage in V that the power stage takes [A]."""
@@ -60,12 +60,11 @@ class Plate:
         "_failing",
         "_finger",
         "_last",
+        "_measurement",
         "_noise",
         "_parameters",
         "_plan",
-        "_readings",
         "_seed",
-        "_sensing",
         "_sound",
         "_state",
         "_subject",
@@ -95,15 +94,14 @@ class Plate:
         self._sound = (parameters, finger, ambient)
         self._failing = failing
         self._noise = Noise(parameters.sensors, seed)
-        self._sensing = sensing(parameters.sensors)
-        self._plan = self._planned()
+        self._plan = self._planned(sensing(parameters.sensors))
         self._state = at_rest(ambient)
-        self._readings: Readings | None = None
+        self._measurement: MeasurementFields | None = None
         self._last: Drive | None = None
         self.tick = 0
         self.finger_state: FingerState = finger.at(0.0)
 
-    def _planned(self) -> PlatePlan:
+    def _planned(self, sensors: Sensing) -> PlatePlan:
         made = coefficients(
             self._parameters,
             self._subject,
@@ -111,7 +109,7 @@ class Plate:
             dead_time=self._dead_time,
             sound_f0=self._sound[0].resonator.f0,
         )
-        return PlatePlan(made, self._sensing)
+        return PlatePlan(made, sensors)
 
     @property
     def W(self) -> complex:
@@ -161,18 +159,17 @@ class Plate:
 
     def put(self, weight: Weight) -> None:
         """Put a weight on the plate instead of the one before; it is there at once."""
-        self._sensing = loaded(self._sound[0].sensors, weight)
-        self._plan = self._plan._replace(sensing=self._sensing)
-        self._readings = None
+        self._plan = self._plan._replace(sensing=loaded(self._parameters.sensors, weight))
+        self._measurement = None
 
     def sample(self) -> Measurement:
         """Return what the sensors report at the present tick, always the same for one tick."""
-        if self._readings is None:
-            self._readings = measured(
+        if self._measurement is None:
+            self._measurement = measured(
                 self._plan_at(self.tick), self._state, self._noise.at(self.tick)
             )
         # A named tuple's own constructor costs twice this.
-        measurement: Measurement = tuple.__new__(Measurement, self._readings)
+        measurement: Measurement = tuple.__new__(Measurement, self._measurement)
         if self._failing is None:
             return measurement
         return self._failing.measure(self.tick, measurement)
@@ -183,7 +180,8 @@ class Plate:
         if gains == SOUND:
             return self._plan
         gain_d, gain_q = gains
-        return self._plan._replace(sensing=self._sensing._replace(gain_d=gain_d, gain_q=gain_q))
+        sensors = self._plan.sensing._replace(gain_d=gain_d, gain_q=gain_q)
+        return self._plan._replace(sensing=sensors)
 
     def inject(self, fault: Fault) -> None:
         """Break something from the coming step on, instead of what was broken before.
@@ -210,8 +208,8 @@ class Plate:
             self._state = self._state._replace(temperature=self._ambient)
         elif kind in (FaultKind.RESONANCE_SHIFT, FaultKind.QUALITY):
             self._parameters = broken(self._parameters, fault)
-        self._plan = self._planned()
-        self._readings = None
+        self._plan = self._planned(self._plan.sensing)
+        self._measurement = None
 
     def step(self, old: Drive, new: Drive) -> None:
         """Advance by one tick, with the old drive for the dead time and then with the new one.
@@ -227,9 +225,12 @@ class Plate:
             _require_possible(old)
         tick = self.tick + 1
         finger_state = self._finger.at(tick * TICK)
-        plan = self._plan if self._failing is None else self._plan_at(tick)
-        self._state, self._readings = plate_step(
-            plan, self._state, (old, new), (self.finger_state, finger_state), self._noise.at(tick)
+        self._state, self._measurement = plate_step(
+            self._plan_at(tick),
+            self._state,
+            (old, new),
+            (self.finger_state, finger_state),
+            self._noise.at(tick),
         )
         self.finger_state = finger_state
         self.tick = tick

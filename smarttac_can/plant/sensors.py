@@ -11,6 +11,7 @@ from numpy.random import default_rng  # not in a run: its import loses a Ctrl-C
 from numpy.typing import NDArray
 
 from smarttac_can.plant.parameters import SensorParameters, require
+from smarttac_can.vocabulary.signals import MeasurementFields
 
 NOISE_BLOCK = 256
 """Ticks whose noise comes from a generator of their own."""
@@ -65,10 +66,6 @@ class Sensing(NamedTuple):
     """Of the direct axis of the pick-up, before its converter; 1 of a sound one."""
     gain_q: float
     """The same of the quadrature axis."""
-
-
-Readings = tuple[complex, tuple[float, float, float, float, float, float], float, int]
-"""The fields of a `Measurement`."""
 
 
 def sensing(parameters: SensorParameters) -> Sensing:
@@ -142,7 +139,7 @@ def readings(
     W: complex,
     temperature: float,
     forces: tuple[float, float, float],
-) -> Readings:
+) -> MeasurementFields:
     """Return what is reported in a tick.
 
     Parameters

@@ -15,8 +15,7 @@ from smarttac_can.control.step import ControlPlan, ControlState, control_step
 from smarttac_can.control.tribometer import Forces
 from smarttac_can.plant.finger import Pass, Path, smooth, stroke_at
 from smarttac_can.plant.motion import PlatePlan, PlateState, plate_step
-from smarttac_can.plant.sensors import Readings
-from smarttac_can.vocabulary.signals import TICK, Setpoint
+from smarttac_can.vocabulary.signals import TICK, MeasurementFields, Setpoint
 
 Floats = NDArray[np.float64]
 Table = Floats | Sequence[Sequence[float]]
@@ -48,7 +47,7 @@ class Loop(NamedTuple):
 
     tick: int
     plate: PlateState
-    readings: Readings
+    measurement: MeasurementFields
     controls: ControlState
 
 
@@ -101,23 +100,23 @@ def run(
     """
     plate_plan, path, passes, lifts = setup
     mode, setpoint = asked
-    first, plate, readings, controls = loop
+    first, plate, measurement, controls = loop
     s1 = s2 = s3 = s4 = s5 = s6 = 0.0
     number = _pass_at(passes, 0, first * TICK)
     finger = finger_at(path, passes, number, first * TICK, lifts)
     last = len(noise) - 1
     for tick in range(first, last):
         before = controls.drive
-        controls, controlled = control_step(plan, controls, mode, readings, setpoint)
+        controls, controlled = control_step(plan, controls, mode, measurement, setpoint)
         traces[tick, 0] = abs(plate.motion.Ft) / finger[1] if finger[1] > 0.0 else 0.0
         traces[tick, 1] = controlled.contact[3]
         traces[tick, 2] = 1.0 if controls.right else 0.0
         time = (tick + 1) * TICK
         number = _pass_at(passes, number, time)
         finger_next = finger_at(path, passes, number, time, lifts)
-        g1, g2, g3, g4, g5, g6 = readings[1]
+        g1, g2, g3, g4, g5, g6 = measurement[1]
         s1, s2, s3, s4, s5, s6 = s1 + g1, s2 + g2, s3 + g3, s4 + g4, s5 + g5, s6 + g6
-        plate, readings = plate_step(
+        plate, measurement = plate_step(
             plate_plan,
             plate,
             (before, controls.drive),
@@ -125,7 +124,7 @@ def run(
             noise[tick + 1],
         )
         finger = finger_next
-    return Loop(last, plate, readings, controls), (s1, s2, s3, s4, s5, s6)
+    return Loop(last, plate, measurement, controls), (s1, s2, s3, s4, s5, s6)
 
 
 def _pass_at(passes: Table, number: int, time: float) -> int:

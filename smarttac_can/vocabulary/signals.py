@@ -34,6 +34,10 @@ class Measurement(NamedTuple):
     """Bit mask of sensors at the end of their range: bits 0..5 for S1..S6, 6 for the pick-up."""
 
 
+MeasurementFields = tuple[complex, tuple[float, float, float, float, float, float], float, int]
+"""The fields of a `Measurement`: compiled steps hand on plain tuples."""
+
+
 class Contact(NamedTuple):
     """The finger as the tribometer sees it."""
 
@@ -53,6 +57,10 @@ class Contact(NamedTuple):
     """Filtered rate of change of position in m/s."""
     touching: bool
     """Whether Fn is above the contact force."""
+
+
+ContactFields = tuple[float, float, float, float, float, float, float, bool]
+"""The fields of a `Contact`."""
 
 
 class Setpoint(NamedTuple):

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from smarttac_can.control.finger_line import LONG, SHORT, Line, line_from, prolonged
+from smarttac_can.control.texture import LONG, SHORT, Line, line_from, prolonged
 from smarttac_can.vocabulary.signals import TICK
 
 NOISE = 0.24e-3

@@ -15,7 +15,7 @@ from smarttac_can.control.tribometer import (
     UNTOUCHED,
     Nulls,
     calibration,
-    centre_of,
+    centre_uncertainty,
     contact_of,
     first_of,
     followed,
@@ -37,7 +37,7 @@ class Instrument:
 
     def update(self, raw):
         self.nulls.add(raw)
-        self.touch, contact = contact_of(self.gauging, self.zero, self.touch, raw)
+        self.touch, contact, self.centre = contact_of(self.gauging, self.zero, self.touch, raw)
         return Contact(*contact)
 
 
@@ -212,7 +212,9 @@ def test_the_centre_of_a_tick_alone_is_as_unsure_as_it_is_spread():
             s + n + draw.gauss(0.0, SIGMA)
             for s, n in zip(gauges(0.2, 0.0, 0.8, 3e-3), NULLS, strict=True)
         ]
-        centres.append(centre_of(instrument.gauging, NULLS, tuple(noisy)))
+        contact = instrument.update(tuple(noisy))
+        unsure = centre_uncertainty(instrument.gauging, contact.Fn)
+        centres.append((instrument.centre, unsure))
     places, unsure = zip(*centres, strict=True)
     assert statistics.fmean(places) == pytest.approx(3e-3, abs=0.03e-3)
     assert unsure[0] == pytest.approx(0.30e-3, rel=0.03)

@@ -108,7 +108,7 @@ SABOTAGES: Final = (
     ),
     Sabotage(
         "an integrator does not begin at the drive", "control.step _preset",
-        "Loops(drive.voltage,", "Loops(0.0,",
+        "Loops(voltage,", "Loops(0.0,",
         "control voltage integrator",
         (("put", "Mode", 1), ("cycles", 5), ("put", "Mode", 3), *_RUN),
     ),

@@ -169,7 +169,7 @@ def _of_controllers(c: Any) -> State:
         "control touch": t._touch,
         "control line": outer._textured.line,
         "control slide": outer._textured.touch,
-        "control slide known": (outer._textured.touch or _Known(outer._textured._known)).known,
+        "control slide known": _known_of(outer._textured),
         "bound parameters": fields(c._parameters),
         "bound plate": fields(c._model),
         "bound gains": (inner._scheduled, inner._designed),
@@ -194,10 +194,9 @@ def _of_controllers(c: Any) -> State:
     return state
 
 
-class _Known(NamedTuple):
-    """What was learned of a finger that does not touch."""
-
-    known: Any
+def _known_of(law: Any) -> Any:
+    """Return what a law knows of a finger: of a touch that goes on, its state has it."""
+    return law._known if law.touch is None else law.touch.known
 
 
 def _of_texture(player: Any) -> Any:
@@ -205,7 +204,7 @@ def _of_texture(player: Any) -> Any:
 
 
 def _of_map(law: Any) -> tuple[Any, ...]:
-    return (law.touch or _Known(law._known)).known, law.touch
+    return _known_of(law), law.touch
 
 
 def of_any(node: Any) -> State:
