@@ -478,15 +478,22 @@ class VibrationWatch:
     def _expect(self, W: complex, amplitude: float, contact: Contact, time: float) -> None:
         """Bring the bound from below up to date, over a time in s."""
         Fn = contact.Fn if contact.Fn > 0.0 else 0.0
-        tau = self._tau
         damping = 1.0 + MOST_LOAD * contact_load(most_force(Fn))
-        share = 1.0
+        voltage = min(self._V_least, self._V_least_before)
+        driven = 0.0
+        # Without a voltage there may have been no drive yet, and so no frequency.
+        if voltage > 0.0:
+            share = self._least_share(W, amplitude, damping)
+            driven = self._gain * voltage * share / damping
+        self._least = driven + (self._least - driven) * exp(-time * damping / self._tau)
+
+    def _least_share(self, W: complex, amplitude: float, damping: float) -> float:
+        """Return which share of its vibration at resonance the plate has at least, 0..1."""
         if self.by_drive.identified:
-            share = self.by_drive.least_share(self._frequency, damping)
-        elif amplitude > _PHASE_FROM and W.real > _PHASE_MIN * amplitude:
-            share = W.real / amplitude
-        driven = self._gain * min(self._V_least, self._V_least_before) * share / damping
-        self._least = driven + (self._least - driven) * exp(-time * damping / tau)
+            return self.by_drive.least_share(self._frequency, damping)
+        if amplitude > _PHASE_FROM and W.real > _PHASE_MIN * amplitude:
+            return W.real / amplitude
+        return 1.0
 
     def _late_cycles(self) -> int:
         if not self._deadlines:

@@ -223,6 +223,24 @@ def identified(line: Line, node: StimulatorNode) -> None:
     assert line.write(node, "Controlword", 0) == 0
 
 
+@pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE])
+@pytest.mark.parametrize("gain", [200, 500])
+def test_it_is_one_too_in_a_run_that_begins_with_an_identified_plate(gain: int, mode: int) -> None:
+    line, node = driving(OPEN_LOOP)
+    assert line.write(node, "Controlword", 0) == 0
+    identified(line, node)
+    assert line.write(node, "Simulation.Start run", 1) == 0
+    assert node.od["Model.State"].value == DONE
+    assert line.write(node, "Setpoint.Voltage", 2000) == 0
+    line.sync(100)
+    line.run(node, mode)
+    line.sync(60)
+    lose_gain(line, node, PICKUP, gain)
+    assert most_um(line, node, 200) < 3.28
+    assert node.block.state is State.FAULT
+    assert node.od["Diagnosis.Code"].value == 0x5213
+
+
 @pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE])
 @pytest.mark.parametrize("law", [PI, PREDICTIVE])
 @pytest.mark.parametrize("dead_time", [0, 540, 999])
