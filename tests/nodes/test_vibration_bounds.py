@@ -300,6 +300,17 @@ def test_the_bound_from_below_of_an_unknown_plate_takes_the_phase_that_is_read(
     assert least_um(settled(watch_of(), um)) == pytest.approx(3.7183 * share, abs=2e-4)
 
 
+def test_the_bound_from_below_holds_for_less_than_a_volt() -> None:
+    assert least_um(settled(watch_of(), 0.04, volts=0.8)) == pytest.approx(0.02975, abs=1e-5)
+
+
+def test_before_the_first_drive_the_bound_from_below_is_0() -> None:
+    watch = identified()
+    for _ in range(3):
+        watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
+        assert least_um(watch) == 0.0
+
+
 @pytest.mark.parametrize("reads", [0j, 2.0 + 0j, turned(2.0, 60)])
 @pytest.mark.parametrize(
     ("hertz", "temperature", "Fn", "off"),
