@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import inf
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -62,7 +62,10 @@ class FaultCase(NamedTuple):
     """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
     up_to_N: float = inf
     """Force in N of a finger up to which it is sure to show: one that presses harder may explain it
-    by what it damps."""
+    by what it damps, or by friction."""
+    shows: Callable[[Rig], bool] | None = None
+    """Tells whether it can be noticed in a cycle, where that is a matter of chance; it takes as
+    many such cycles in a row as its bound."""
     hides_vibration: bool = False
     """Whether the pick-up is broken, so that the plate may vibrate too much until that is seen."""
 

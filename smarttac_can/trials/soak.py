@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Callable
+from math import inf
 from time import perf_counter
 from typing import Final
 
@@ -225,7 +226,7 @@ class Soak:
     def _wait(self, case: FaultCase) -> bool:
         """Let a fault have the time that it may take until 0 V; tell whether it could show."""
         rig, bound = self._rig, self._bound(case) + 1
-        if not case.needs_voltage:
+        if not case.needs_voltage and case.up_to_N == inf and case.shows is None:
             self._cycle(bound)
             return True
         shown = 0.0
@@ -233,13 +234,18 @@ class Soak:
             if shown >= bound or rig.state is not State.RUNNING:
                 return True
             self._cycle(1)
-            shown = shown + 1.0 if self._shows(case) else max(0.0, shown - _FORGOTTEN)
+            left = max(0.0, shown - _FORGOTTEN) if case.shows is None else 0.0
+            shown = shown + 1.0 if self._shows(case) else left
         return False
 
     def _shows(self, case: FaultCase) -> bool:
         """Tell whether a fault can be seen in this cycle."""
         rig = self._rig
-        return rig.stage.si_value >= _SHOWING_V and rig.plate_block.plate.Fn <= case.up_to_N
+        return (
+            (rig.stage.si_value >= _SHOWING_V or not case.needs_voltage)
+            and rig.plate_block.plate.Fn <= case.up_to_N
+            and (case.shows is None or case.shows(rig))
+        )
 
     def _mend(self, case: FaultCase) -> None:
         case.remove(self._rig)

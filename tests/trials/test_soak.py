@@ -6,6 +6,7 @@ import pytest
 
 from smarttac_can.od.cia import ERROR_FIELD
 from smarttac_can.trials import soak
+from smarttac_can.trials.fault_case import FaultCase
 from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.invariants import AFTERGLOW_CYCLES, UNDRIVEN_CYCLES, Invariants
 from smarttac_can.trials.rig import Rig
@@ -64,6 +65,50 @@ def test_a_weak_axis_is_looked_for_at_the_resonance(monkeypatch: pytest.MonkeyPa
         report = Soak(30_000, seed).run()
         assert report.faults["pick-up d at 0.05"]
         assert report.violations == []
+
+
+def test_a_lateral_gauge_that_is_off_may_be_friction_under_a_heavy_finger(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    only("S1 off in 4 of 5 cycles", Mode.OPEN_LOOP, monkeypatch)
+    report = Soak(30_000, 5).run()
+    assert report.faults["S1 off in 4 of 5 cycles"]
+    assert report.violations == []
+
+
+def case_of(name: str) -> FaultCase:
+    (case,) = (case for case in CASES if case.name == name)
+    assert case.shows is not None
+    return case
+
+
+def test_a_stage_that_is_stuck_at_what_it_is_told_obeys(rig: Rig) -> None:
+    case = case_of("power stage stuck")
+    assert not case.shows(rig)
+    rig.plate_block.told = rig.stage.si_value + 1.01
+    assert case.shows(rig)
+
+
+def test_a_corrupt_measurement_that_passes_its_check_is_answered(rig: Rig) -> None:
+    case = case_of("measurements corrupt")
+    assert not case.shows(rig)
+    case.inject(rig)
+    rig.cycle()
+    assert case.shows(rig)
+
+
+def test_what_shows_by_chance_has_to_show_in_a_row(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The deadline of 3 ms begins anew with each measurement that passes."""
+    shows = [True, True, True, False, True, True, True, True]
+    case = case_of("measurements corrupt")._replace(shows=lambda _: shows.pop(0))
+    soak = Soak(100, 1)
+    monkeypatch.setattr(soak, "_rig", rig)
+    monkeypatch.setattr(soak, "_cycle", lambda count: None)
+    assert case.bound == 3
+    assert soak._wait(case)
+    assert shows == []
 
 
 @pytest.mark.parametrize(
