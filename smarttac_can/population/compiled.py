@@ -32,7 +32,8 @@ def compiled(function: Function) -> Function:
     """Return a function of this package compiled, with all that it calls.
 
     It is compiled when it is first called, and releases the global lock: threads share the work.
-    What it calls becomes part of it: to hand on a step's tuples costs more than the step.
+    All that it calls is inlined: without that, copying the tuples of a step from function to
+    function takes a third of the time.
 
     Raises
     ------

@@ -32,6 +32,25 @@ RING_DOWN_CYCLES: Final = 3
 _PICKUPS: Final = (PICKUP, PICKUP_D, PICKUP_Q)
 
 
+Shows = Callable[[Rig], bool]
+"""Whether a fault can be noticed in a cycle."""
+
+
+def visible(volts: float = 20.0, up_to_N: float = inf) -> Shows:
+    """Return what tells whether a fault is sure to be noticed.
+
+    Parameters
+    ----------
+    volts
+        Voltage of the stage from which it is. By default the lowest at which any plate vibrates
+        enough to be judged; below it, as where a friction loop pauses, a fault is delayed.
+    up_to_N
+        Normal force in N up to which it is: a finger that presses harder may explain the fault by
+        what it damps, or by friction.
+    """
+    return lambda rig: rig.stage.si_value >= volts and rig.plate_block.plate.Fn <= up_to_N
+
+
 class FaultCase(NamedTuple):
     """One fault."""
 
@@ -58,14 +77,10 @@ class FaultCase(NamedTuple):
     """Whether the controllers themselves are replaced."""
     cut_off: bool = False
     """Whether what the stimulator says is lost with the bus."""
-    needs_voltage: bool = False
-    """Whether it shows under a voltage only, and a friction loop that pauses puts it off."""
-    up_to_N: float = inf
-    """Force in N of a finger up to which it is sure to show: one that presses harder may explain it
-    by what it damps, or by friction."""
-    shows: Callable[[Rig], bool] | None = None
-    """Tells whether it can be noticed in a cycle, where that is a matter of chance; it takes as
-    many such cycles in a row as its bound."""
+    shows: Shows | None = None
+    """Tells whether it can be noticed in a cycle; None if it can in each."""
+    adds_up: bool = True
+    """Whether cycles in which it shows add up, as in a leaky bucket; else they are in a row."""
     hides_vibration: bool = False
     """Whether the pick-up is broken, so that the plate may vibrate too much until that is seen."""
 

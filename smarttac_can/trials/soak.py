@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Callable
-from math import inf
 from time import perf_counter
 from typing import Final
 
@@ -19,14 +18,10 @@ from smarttac_can.trials.soak_report import SoakReport
 from smarttac_can.trials.soak_watch import SoakWatch
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import RESONANCE_CYCLES, Watchdog
+from smarttac_can.vocabulary.watchdogs import FORGOTTEN, RESONANCE_CYCLES, Watchdog
 
 CYCLES_PER_HOUR: Final = 3_600_000
 _READY_CYCLES: Final = 5
-_SHOWING_V: Final = 20.0
-"""Voltage from which any plate vibrates enough to be judged."""
-_FORGOTTEN: Final = 1 / 20
-"""Share of a faulty cycle that the watches forget in a cycle in which it does not show."""
 _PATIENCE_CYCLES: Final = 2000
 _MISSED: Final = 1 << Watchdog.HEARTBEAT
 _USED: Final = tuple(
@@ -226,7 +221,7 @@ class Soak:
     def _wait(self, case: FaultCase) -> bool:
         """Let a fault have the time that it may take until 0 V; tell whether it could show."""
         rig, bound = self._rig, self._bound(case) + 1
-        if not case.needs_voltage and case.up_to_N == inf and case.shows is None:
+        if case.shows is None:
             self._cycle(bound)
             return True
         shown = 0.0
@@ -234,18 +229,9 @@ class Soak:
             if shown >= bound or rig.state is not State.RUNNING:
                 return True
             self._cycle(1)
-            left = max(0.0, shown - _FORGOTTEN) if case.shows is None else 0.0
-            shown = shown + 1.0 if self._shows(case) else left
+            left = max(0.0, shown - 1 / FORGOTTEN) if case.adds_up else 0.0
+            shown = shown + 1.0 if case.shows(rig) else left
         return False
-
-    def _shows(self, case: FaultCase) -> bool:
-        """Tell whether a fault can be seen in this cycle."""
-        rig = self._rig
-        return (
-            (rig.stage.si_value >= _SHOWING_V or not case.needs_voltage)
-            and rig.plate_block.plate.Fn <= case.up_to_N
-            and (case.shows is None or case.shows(rig))
-        )
 
     def _mend(self, case: FaultCase) -> None:
         case.remove(self._rig)

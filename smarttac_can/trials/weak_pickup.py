@@ -6,7 +6,14 @@ from collections.abc import Mapping
 from math import inf
 from typing import Final
 
-from smarttac_can.trials.fault_case import REGULATED, RING_DOWN_CYCLES, TRACKED, FaultCase, broken
+from smarttac_can.trials.fault_case import (
+    REGULATED,
+    RING_DOWN_CYCLES,
+    TRACKED,
+    FaultCase,
+    broken,
+    visible,
+)
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.watchdogs import LACK_CYCLES, RESONANCE_CYCLES, Watchdog
@@ -32,7 +39,7 @@ def _weak(
     name = f"{_NAMES[sensor]} at {per_mille / _PER_MILLE:g}"
     return broken(
         name, LACK_BOUND, Watchdog.PICKUP, FaultKind.GAIN, sensor, per_mille,
-        modes=modes, needs_voltage=True, up_to_N=up_to_N, detunes=sensor == PICKUP_D,
+        modes=modes, shows=visible(up_to_N=up_to_N), detunes=sensor == PICKUP_D,
     )  # fmt: skip
 
 
@@ -41,7 +48,7 @@ def _detuned(per_mille: int, instead: Mapping[Mode, Watchdog]) -> FaultCase:
     return broken(
         f"pick-up d at {per_mille / _PER_MILLE:g}, tracked", RESONANCE_CYCLES + LACK_BOUND,
         Watchdog.RESONANCE, FaultKind.GAIN, PICKUP_D, per_mille,
-        modes=TRACKED, instead=instead, needs_voltage=True,
+        modes=TRACKED, instead=instead, shows=visible(),
         why="the lack has lasted before the wrong phase" if instead else "",
     )  # fmt: skip
 

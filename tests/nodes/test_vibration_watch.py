@@ -225,7 +225,9 @@ def identified(line: Line, node: StimulatorNode) -> None:
 
 @pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE])
 @pytest.mark.parametrize("gain", [200, 500])
-def test_it_is_one_too_in_a_run_that_begins_with_an_identified_plate(gain: int, mode: int) -> None:
+def test_a_weak_pickup_is_a_fault_in_a_run_that_begins_with_an_identified_plate(
+    gain: int, mode: int
+) -> None:
     line, node = driving(OPEN_LOOP)
     assert line.write(node, "Controlword", 0) == 0
     identified(line, node)
