@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BufferedWriter, FileIO, TextIOWrapper
 from pathlib import Path
 from typing import Any, TextIO
@@ -26,13 +26,13 @@ def result_file(path: Path) -> Iterator[TextIO]:
         return
     behind_links = path.resolve()
     part = behind_links.with_name(f"{behind_links.name}.part")
-    file = _opened(part, path)
     try:
-        with file:
+        with _opened(part, path) as file:
             yield file
         part.replace(behind_links)
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # why it could not be opened is the reason to tell
+            part.unlink()
 
 
 def _opened(path: Path, name: Path) -> TextIO:

@@ -1,18 +1,25 @@
 """Files for results on disks that are full, or nearly."""
 
+import contextlib
 import errno
+import gc
 import resource
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import pytest
 
 from smarttac_can.bench import Trace, read_csv, write_csv
+from smarttac_can.host import result_file as module
 from smarttac_can.host.file_errors import in_words
 from smarttac_can.host.result_file import result_file
 
+_INTERRUPTED = (module.__file__, contextlib.__file__)
 TRACE = Trace.from_rows("a", 0, [(k, *range(9)) for k in range(2000)])
 
 
@@ -27,6 +34,28 @@ def nearly_full() -> Iterator[None]:
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, ignored)
+
+
+@contextmanager
+def interrupted(instruction: int) -> Iterator[None]:
+    """Raise KeyboardInterrupt, as Ctrl-C does, at this instruction of what is run within."""
+    left, before = instruction, sys.gettrace()
+
+    def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any]:
+        nonlocal left
+        frame.f_trace_opcodes = frame.f_code.co_filename in _INTERRUPTED
+        if event == "opcode":
+            left -= 1
+            if left < 0:
+                sys.settrace(None)
+                raise KeyboardInterrupt
+        return trace
+
+    sys.settrace(trace)
+    try:
+        yield
+    finally:
+        sys.settrace(before)
 
 
 def test_a_file_that_fails_leaves_the_old_one(tmp_path: Path) -> None:
@@ -45,6 +74,29 @@ def test_what_is_written_as_it_is_closed(tmp_path: Path) -> None:
         file.write("x" * 5000)
     assert told.value.filename == str(path)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
+def test_an_interrupt_at_any_instruction_leaves_no_half_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+
+    def ended(instruction: int) -> bool:
+        try:
+            with interrupted(instruction), ExitStack() as stack:
+                stack.enter_context(result_file(path)).write("new")
+        except KeyboardInterrupt:
+            return False
+        return True
+
+    instruction = 0
+    while not ended(instruction):
+        gc.collect(1)  # as a process does that ends: what the traceback kept alive is closed
+        left = {file.name: file.read_text() for file in tmp_path.iterdir()}
+        assert left in ({}, {"t.csv": "new"}), instruction
+        path.unlink(missing_ok=True)
+        instruction += 1
+    assert instruction > 100
+    assert path.read_text() == "new"
 
 
 def test_a_device_is_written_itself() -> None:
