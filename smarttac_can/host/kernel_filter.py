@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import socket
 import struct
 import sys
 from collections.abc import Iterable
-from contextlib import suppress
 from typing import Final
 
 import can
@@ -65,8 +63,7 @@ def hear_only(bus: can.BusABC, can_ids: Iterable[int] | None, own: bytes = b"") 
         ]
         bus.set_filters(None if wanted is None else filters)
     elif isinstance(bus, UdpMulticastBus) and sys.platform == "linux":
-        with socket.socket(fileno=os.dup(bus.fileno())) as same, suppress(OSError):
-            _attach(same, _program(wanted, own))
+        _attach(bus, _program(wanted, own))
 
 
 def hold_more(bus: can.BusABC) -> None:
@@ -76,10 +73,8 @@ def hold_more(bus: can.BusABC) -> None:
     default holds some 70 ms of a loop on udp_multicast. Privileged processes may have more.
     """
     if isinstance(bus, SocketcanBus | UdpMulticastBus) and sys.platform == "linux":
-        with socket.socket(fileno=os.dup(bus.fileno())) as same:
-            for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):
-                with suppress(OSError):
-                    same.setsockopt(socket.SOL_SOCKET, option, _MOST_HELD)
+        for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):
+            _set(bus, option, struct.pack("@i", _MOST_HELD))
 
 
 def _program(can_ids: list[int] | None, own: bytes) -> list[tuple[int, int, int, int]]:
@@ -133,8 +128,15 @@ def _is_own(channel: int, own: bytes) -> list[tuple[int, int, int, int]]:
     return [*rows, (_RETURN, 0, 0, 0)]
 
 
-def _attach(same: socket.socket, program: list[tuple[int, int, int, int]]) -> None:
+def _attach(bus: can.BusABC, program: list[tuple[int, int, int, int]]) -> None:
     code = b"".join(struct.pack("=HBBI", *row) for row in program)
     buffer = ctypes.create_string_buffer(code)
-    head = struct.pack("@HP", len(program), ctypes.addressof(buffer))
-    same.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, head)
+    _set(bus, _SO_ATTACH_FILTER, struct.pack("@HP", len(program), ctypes.addressof(buffer)))
+
+
+def _set(bus: can.BusABC, option: int, value: bytes) -> None:
+    """Set an option of the bus's socket where the system can.
+
+    By its descriptor: a second socket object would stay open when a signal comes as it is made.
+    """
+    ctypes.CDLL(None).setsockopt(bus.fileno(), socket.SOL_SOCKET, option, value, len(value))

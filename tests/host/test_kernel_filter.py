@@ -7,15 +7,18 @@ import socket
 import sys
 from collections.abc import Iterable
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import can
 import msgpack
 import pytest
 from conftest import GUARD_S
+from interrupts import interrupted
 from test_can_socket import KernelFilters
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.host import kernel_filter
 from smarttac_can.host.can_socket import open_socket
 from smarttac_can.host.kernel_filter import hear_only, hold_more
 
@@ -157,3 +160,26 @@ def test_the_kernel_holds_more(multicast: dict[str, Any]) -> None:
 def test_another_bus_holds_what_it_holds(virtual: dict[str, Any]) -> None:
     with can.Bus(**virtual) as bus:
         hold_more(bus)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
+def test_an_interrupt_at_any_instruction_leaves_no_socket(multicast: dict[str, Any]) -> None:
+    def opened() -> list[str]:
+        return sorted(file.name for file in Path("/proc/self/fd").iterdir())
+
+    def ended(instruction: int) -> bool:
+        try:
+            with interrupted(instruction, kernel_filter, socket):
+                hear_only(bus, (0x101,))
+                hold_more(bus)
+        except KeyboardInterrupt:
+            return False
+        return True
+
+    instruction = 0
+    with can.Bus(**multicast) as bus:
+        before = opened()
+        while not ended(instruction):
+            assert opened() == before, instruction
+            instruction += 1
+    assert instruction > 100

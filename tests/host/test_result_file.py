@@ -5,21 +5,18 @@ import errno
 import gc
 import resource
 import signal
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 import pytest
+from interrupts import interrupted
 
 from smarttac_can.bench import Trace, read_csv, write_csv
 from smarttac_can.host import result_file as module
 from smarttac_can.host.file_errors import in_words
 from smarttac_can.host.result_file import result_file
 
-_INTERRUPTED = (module.__file__, contextlib.__file__)
 TRACE = Trace.from_rows("a", 0, [(k, *range(9)) for k in range(2000)])
 
 
@@ -34,28 +31,6 @@ def nearly_full() -> Iterator[None]:
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, ignored)
-
-
-@contextmanager
-def interrupted(instruction: int) -> Iterator[None]:
-    """Raise KeyboardInterrupt, as Ctrl-C does, at this instruction of what is run within."""
-    left, before = instruction, sys.gettrace()
-
-    def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any]:
-        nonlocal left
-        frame.f_trace_opcodes = frame.f_code.co_filename in _INTERRUPTED
-        if event == "opcode":
-            left -= 1
-            if left < 0:
-                sys.settrace(None)
-                raise KeyboardInterrupt
-        return trace
-
-    sys.settrace(trace)
-    try:
-        yield
-    finally:
-        sys.settrace(before)
 
 
 def test_a_file_that_fails_leaves_the_old_one(tmp_path: Path) -> None:
@@ -82,7 +57,7 @@ def test_an_interrupt_at_any_instruction_leaves_no_half_of_a_file(tmp_path: Path
 
     def ended(instruction: int) -> bool:
         try:
-            with interrupted(instruction), ExitStack() as stack:
+            with interrupted(instruction, module, contextlib), ExitStack() as stack:
                 stack.enter_context(result_file(path)).write("new")
         except KeyboardInterrupt:
             return False
