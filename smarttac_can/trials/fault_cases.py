@@ -207,7 +207,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
     broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES, Watchdog.RESONANCE,
             FaultKind.RESONANCE_SHIFT, 1, -1500, modes=TRACKED, shows=visible()),
     broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, Watchdog.PICKUP,
-            FaultKind.RESONANCE_SHIFT, 1, -9000, shows=visible()),
+            FaultKind.RESONANCE_SHIFT, 1, -9000, shows=visible(), adds_up=False),
     FaultCase("vibration above its limit", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
               act.limit_amplitude(100), act.limit_amplitude(3200),
               REGULATED, shows=visible(), through_loop=True),

@@ -111,6 +111,17 @@ def test_what_shows_by_chance_has_to_show_in_a_row(
     assert shows == []
 
 
+def test_a_cracked_plate_is_silent_in_a_row(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law that pulses looks like it at the end of each pulse, so the count begins anew there."""
+    shows = [True] * 13 + [False] + [True] * 14
+    case = case_of("plate cracked")._replace(shows=lambda _: shows.pop(0))
+    soak = Soak(100, 1)
+    monkeypatch.setattr(soak, "_rig", rig)
+    monkeypatch.setattr(soak, "_cycle", lambda count: None)
+    assert soak._wait(case)
+    assert shows == []
+
+
 @pytest.mark.parametrize(
     ("name", "tripped", "complaint"),
     [
