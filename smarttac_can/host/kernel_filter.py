@@ -74,7 +74,7 @@ def hold_more(bus: can.BusABC) -> None:
     """
     if isinstance(bus, SocketcanBus | UdpMulticastBus) and sys.platform == "linux":
         for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):
-            _set(bus, option, struct.pack("@i", _MOST_HELD))
+            _set_option(bus, option, struct.pack("@i", _MOST_HELD))
 
 
 def _program(can_ids: list[int] | None, own: bytes) -> list[tuple[int, int, int, int]]:
@@ -131,12 +131,13 @@ def _is_own(channel: int, own: bytes) -> list[tuple[int, int, int, int]]:
 def _attach(bus: can.BusABC, program: list[tuple[int, int, int, int]]) -> None:
     code = b"".join(struct.pack("=HBBI", *row) for row in program)
     buffer = ctypes.create_string_buffer(code)
-    _set(bus, _SO_ATTACH_FILTER, struct.pack("@HP", len(program), ctypes.addressof(buffer)))
+    _set_option(bus, _SO_ATTACH_FILTER, struct.pack("@HP", len(program), ctypes.addressof(buffer)))
 
 
-def _set(bus: can.BusABC, option: int, value: bytes) -> None:
+def _set_option(bus: can.BusABC, option: int, value: bytes) -> None:
     """Set an option of the bus's socket where the system can.
 
-    By its descriptor: a second socket object would stay open when a signal comes as it is made.
+    It is set by the descriptor. A second socket object of it would stay open if a signal came
+    between its making and the block that closes it.
     """
     ctypes.CDLL(None).setsockopt(bus.fileno(), socket.SOL_SOCKET, option, value, len(value))

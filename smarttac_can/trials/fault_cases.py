@@ -66,9 +66,10 @@ _LOOP: Final = (
 
 
 _NO_FRICTION_N: Final = 0.4
-"""Normal force in N up to which an error of 1.7 N at a lateral gauge cannot be friction. The limit
-is there twice the normal force and 0.2 N, which is 1 N. Friction may cancel 0.7 N of the error, a
-COF of 1.75; that of the simulated fingers is lower."""
+"""Normal force in N up to which an error of 1.7 N at a lateral gauge cannot be friction.
+
+A lateral force may be twice the normal force and 0.2 N: 1 N at 0.4 N. For the error to hide,
+friction would have to cancel 0.7 N of it, by a COF of 1.75; no simulated finger has that."""
 
 
 def _nmt(

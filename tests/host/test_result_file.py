@@ -1,4 +1,4 @@
-"""Files for results on disks that are full, or nearly."""
+"""Files for results that cannot be written to the end: a full disk, or an interrupt."""
 
 import contextlib
 import errno
