@@ -16,8 +16,8 @@ from smarttac_can.host.eds_files import read_eds
 from smarttac_can.nodes import drive_sender
 from smarttac_can.nodes.hard_caps import AMPLITUDE_TRIP_MAX
 from smarttac_can.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
-from smarttac_can.nodes.loop_period import deadlines
-from smarttac_can.nodes.master_watch import NOT_OPERATIONAL_US
+from smarttac_can.nodes.loop_time import deadlines
+from smarttac_can.nodes.commander import NOT_OPERATIONAL_US
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import table

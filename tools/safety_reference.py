@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from smarttac_can.nodes.stage_state import STAGE_TRANSITIONS, StageEvent, StageState
-from smarttac_can.nodes.state_machine import TRANSITIONS, Guard
+from smarttac_can.nodes.states import (
+    STAGE_TRANSITIONS,
+    TRANSITIONS,
+    Guard,
+    StageEvent,
+    StageState,
+)
 from smarttac_can.nodes.stricter import OF_PLATE, OF_STIMULATOR, Place, Table
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.od.object_reference import table
@@ -140,7 +145,7 @@ def safety() -> str:
     lines = [
         "# States and watchdogs",
         "",
-        "Made by `tools/reference.py` from `smarttac_can/nodes/state_machine.py` and "
+        "Made by `tools/reference.py` from `smarttac_can/nodes/states.py` and "
         "`smarttac_can/vocabulary/watchdogs.py`: change those. "
         "[Safety](../explanation/safety.md) says why it is so.",
         "",

@@ -41,10 +41,9 @@ from smarttac_can.od.cia import (
     RPDO_COMMUNICATION,
     TPDO_IDS,
 )
-from smarttac_can.vocabulary.levels import level
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import Status, known_state
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, level, watchdogs_in
 
 _HEARTBEATS_WAITED: Final = 1.5
 _LONGEST_WATCH_S: Final = 2.0

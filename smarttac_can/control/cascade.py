@@ -157,12 +157,21 @@ class Cascade:
 
         The same parameters change nothing.
         """
-        if parameters == self.parameters:
-            return
-        if self.mode is _IDENTIFY:
+        self.swap(
+            parameters,
+            self.model,
+            control_plan(parameters, self.model, self._plan.zero, self._plan.texture),
+        )
+
+    def swap(self, parameters: CascadeParameters, model: PlateModel, plan: ControlPlan) -> None:
+        """Replace all that the controllers go by with a plan that was built of it, without a bump.
+
+        Other parameters end an identification.
+        """
+        if parameters != self.parameters and self.mode is _IDENTIFY:
             self._turn_off("identification: parameters were changed")
-        self.parameters = parameters
-        self._swap(self._planned())
+        self.parameters, self.model = parameters, model
+        self._swap(plan)
 
     def _planned(self) -> ControlPlan:
         return control_plan(self.parameters, self.model, self._plan.zero, self._plan.texture)

@@ -1,22 +1,40 @@
-"""The loop over the bus: which measurement of a plate node is answered, and what is watched."""
+"""The loop over the bus: which measurement of a plate node is answered, and what is supervised.
+
+SYNC is the tick of the plate. Three things are compared with it: device time (`SyncWatch`), the
+measurements that follow it (`SourceWatch`), and the ticks that are answered (`LateAnswers`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
+from smarttac_can.device.collision import GONE_AFTER_US
 from smarttac_can.device.device import Device
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.late_answers import LateAnswers
-from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
-from smarttac_can.nodes.loop_period import deadlines, shortest_ms
+from smarttac_can.nodes.loop_time import Deadline
 from smarttac_can.nodes.pairing import Pairing
-from smarttac_can.nodes.source_watch import SourceWatch
-from smarttac_can.nodes.sync_watch import SyncWatch
-from smarttac_can.nodes.watching import Watching
+from smarttac_can.nodes.plate_block import TICK_MASK
+from smarttac_can.od.cia import SYNC_COUNTER
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.signals import TICK_US
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import (
+    SYNC_DRIFT_WINDOW,
+    Watchdog,
+    sync_drift_tolerance,
+    sync_tolerance,
+    sync_window,
+)
+
+Observe = Callable[[Watchdog, bool], None]
+"""Takes a watchdog, and whether its fault comes or goes."""
+BACKLOG: Final = 1000
+"""Measurements that may have waited in queues and come late: those of a second."""
+TOLD: Final = 20
+"""Over how many drives it is told how many were late."""
+_HALF: Final = TICK_MASK // 2
+_LAST: Final = (1 << TOLD) - 1
 
 
 class BusLoop:
@@ -31,8 +49,10 @@ class BusLoop:
         Object dictionary of ``stimulator.eds``.
     clock
         Device time.
-    trip, settle
-        Called with a watchdog whose fault comes or goes.
+    deadline
+        That of the loop.
+    observe
+        Called with a watchdog whose fault comes, or goes.
     unanswered
         Called when the deadline is over.
 
@@ -48,21 +68,22 @@ class BusLoop:
         self,
         od: ObjectDictionary,
         clock: Clock,
-        trip: Callable[[Watchdog], None],
-        settle: Callable[[Watchdog], None],
+        deadline: Deadline,
+        observe: Observe,
         unanswered: Callable[[], None],
     ) -> None:
         self._clock = clock
-        self._settle = settle
-        self._deadlines = deadlines(od, MEASUREMENT_RPDOS)
-        watching = Watching(od, clock, lambda: shortest_ms(self._deadlines), trip, settle)
-        self._sync = SyncWatch(watching)
-        self.source = SourceWatch(watching)
+        self._deadline = deadline
+        self._observe = observe
+        self._sync = SyncWatch(od, clock, deadline, observe)
+        self.source = SourceWatch(od, clock, deadline, observe)
         self._unanswered = clock.timer(unanswered)
-        self._pairing = Pairing(od, lambda: trip(Watchdog.MEASUREMENT), self.source.strange)
+        self._pairing = Pairing(
+            od, lambda: observe(Watchdog.MEASUREMENT, True), self.source.strange
+        )
         self._missed = od["Cycle.Missed deadlines"]
         self._tick = od["Plate input.Tick"]
-        self.late_answers = LateAnswers(watching.deadline_ms)
+        self.late_answers = LateAnswers(deadline)
 
     def start_run(self) -> None:
         """Accept any tick as the next one."""
@@ -75,7 +96,7 @@ class BusLoop:
         self.late_answers.restart()
         self._sync.restart()
         self.source.restart()
-        self._settle(Watchdog.MEASUREMENT)
+        self._observe(Watchdog.MEASUREMENT, False)
 
     def sync(self, device: Device) -> None:
         """Look at when the SYNC comes, at its counter, and whose it is."""
@@ -96,8 +117,8 @@ class BusLoop:
     def answer(self) -> bool:
         """Take note that the measurement gets its drive; tell whether that is late."""
         self._pairing.answered()
-        self._unanswered.start(shortest_ms(self._deadlines) * TICK_US)
-        self._settle(Watchdog.MEASUREMENT)
+        self._unanswered.start(self._deadline.ms * TICK_US)
+        self._observe(Watchdog.MEASUREMENT, False)
         return self.late_answers.late(self._tick.value)
 
     @property
@@ -107,19 +128,354 @@ class BusLoop:
 
     def on_write(self, entry: Entry, value: int) -> None:
         """Follow a write to one of the deadlines, also within one."""
-        if entry in self._deadlines:
-            shortest = min(value, *(e.value for e in self._deadlines if e is not entry))
-            self._unanswered.follow(shortest * TICK_US)
+        ms = self._deadline.with_write(entry, value)
+        if ms is not None:
+            self._unanswered.follow(ms * TICK_US)
 
     def overdue(self) -> None:
         """Look whether the deadline is over now."""
         if self._unanswered.due <= self._clock.now:
             self._unanswered.fire()
 
-    def levels(self) -> tuple[float, float, float, float]:
-        """How near to a fault, 1.0, measurements, SYNC, its regularity and the source are."""
-        return (
-            max(self._clock.share((self._unanswered,), TICK_US), self._pairing.level),
-            *self._sync.levels(TICK_US),
-            self.source.level,
-        )
+    def levels(self) -> dict[Watchdog, float]:
+        """Return how near a fault, 1.0, each of its watchdogs is at the end of this tick."""
+        lost, irregular = self._sync.levels(TICK_US)
+        unanswered = self._clock.share((self._unanswered,), TICK_US)
+        return {
+            Watchdog.MEASUREMENT: max(unanswered, self._pairing.level),
+            Watchdog.SYNC_LOST: lost,
+            Watchdog.SYNC_IRREGULAR: irregular,
+            Watchdog.DOUBLE: self.source.level,
+        }
+
+
+class _Window:
+    """SYNCs that come in a stretch of device time.
+
+    Parameters
+    ----------
+    clock
+        Device time.
+    judge
+        Called at its end with how many SYNCs came, and how many should have.
+    tolerance
+        Returns for a deadline how many too many or too few are no fault.
+
+    Attributes
+    ----------
+    count
+        How many came.
+    deadline_ms
+        Deadline of the loop when it began: another one is for the next.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        judge: Callable[[int, int], None],
+        tolerance: Callable[[int], int],
+    ) -> None:
+        self._clock = clock
+        self._tolerance = tolerance
+        self._judge = judge
+        self._timer = clock.timer(self._end)
+        self.count = self.deadline_ms = 0
+        self._begun = 0
+
+    @property
+    def open(self) -> bool:
+        """Whether it counts."""
+        return self._timer.running
+
+    def begin(self, periods: int, deadline_ms: int) -> None:
+        """Count anew for so many periods."""
+        self.count = 0
+        self.deadline_ms = deadline_ms
+        self._begun = self._clock.now
+        self._timer.start(periods * TICK_US)
+
+    def level(self, ahead: int) -> float:
+        """How near to a fault, 1.0, too many or too few are if it ends ``ahead`` us from now."""
+        if not self.open:
+            return 0.0
+        off = self.count - (self._clock.now + ahead - self._begun) // TICK_US
+        return abs(off) / (self._tolerance(self.deadline_ms) + 1) if off else 0.0
+
+    def stop(self) -> None:
+        """Count no more."""
+        self._timer.stop()
+        self.count = 0
+
+    def _end(self) -> None:
+        self._judge(self.count, (self._clock.now - self._begun) // TICK_US)
+
+
+class SyncWatch:
+    """Compares SYNC with device time, from the first SYNC on.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    clock
+        Device time.
+    deadline
+        That of the loop.
+    observe
+        Called with a watchdog whose fault comes, or goes.
+    """
+
+    def __init__(
+        self, od: ObjectDictionary, clock: Clock, deadline: Deadline, observe: Observe
+    ) -> None:
+        self._clock = clock
+        self._deadline = deadline
+        self._observe = observe
+        self._overflow = od.entry(SYNC_COUNTER)
+        self._silence = clock.timer(self._on_silence)
+        self._window = _Window(clock, self._judge, sync_tolerance)
+        self._long = _Window(clock, self._judge_drift, sync_drift_tolerance)
+        self.restart()
+
+    def restart(self) -> None:
+        """Wait for a first SYNC."""
+        self._silence.stop()
+        self._window.stop()
+        self._long.stop()
+        self._counter = 0
+        self._drifts = False
+        self._observe(Watchdog.SYNC_LOST, False)
+        self._observe(Watchdog.SYNC_IRREGULAR, False)
+
+    def produced(self) -> None:
+        """Watch nobody: the node has taken over SYNC."""
+        if self._window.open:
+            self.restart()
+
+    def heard(self, counter: int) -> None:
+        """Take a SYNC of another node with its counter, 0 where it has none."""
+        deadline_ms = self._deadline.ms
+        window = self._window
+        if not window.open:
+            window.begin(sync_window(deadline_ms), deadline_ms)
+        if not self._long.open:
+            self._long.begin(SYNC_DRIFT_WINDOW, deadline_ms)
+        window.count += 1
+        self._long.count += 1
+        most = sync_window(window.deadline_ms) + sync_tolerance(window.deadline_ms)
+        if window.count > most:
+            # At once, also where device time stands still and no window ends.
+            self._irregular()
+        self._silence.start(deadline_ms * TICK_US)
+        self._observe(Watchdog.SYNC_LOST, False)
+        before, self._counter = self._counter, counter
+        if before and counter and counter != before % self._overflow.value + 1:
+            self._observe(Watchdog.SYNC_COUNTER, True)
+
+    def levels(self, ahead: int) -> tuple[float, float]:
+        """How near to a fault, 1.0, silence and irregularity of SYNC are ``ahead`` us from now."""
+        silence = self._clock.share((self._silence,), ahead)
+        return silence, max(self._window.level(ahead), self._long.level(ahead))
+
+    def _on_silence(self) -> None:
+        self._forget_drift()
+        self._observe(Watchdog.SYNC_LOST, True)
+
+    def _irregular(self) -> None:
+        self._forget_drift()
+        self._observe(Watchdog.SYNC_IRREGULAR, True)
+
+    def _forget_drift(self) -> None:
+        """Count anew: what is lost or comes at once is no matter of the clock."""
+        self._long.stop()
+        self._drifts = False
+
+    def _judge(self, count: int, periods: int) -> None:
+        if abs(count - periods) > sync_tolerance(self._window.deadline_ms):
+            self._irregular()
+        elif not self._drifts:
+            self._observe(Watchdog.SYNC_IRREGULAR, False)
+        deadline_ms = self._deadline.ms
+        self._window.begin(sync_window(deadline_ms), deadline_ms)
+
+    def _judge_drift(self, count: int, periods: int) -> None:
+        self._drifts = abs(count - periods) > sync_drift_tolerance(self._long.deadline_ms)
+        if self._drifts:
+            self._observe(Watchdog.SYNC_IRREGULAR, True)
+        self._long.begin(SYNC_DRIFT_WINDOW, self._deadline.ms)
+
+
+class SourceWatch:
+    """Grants one answer a SYNC, and trips when there is another source of a frame of the loop.
+
+    Parameters
+    ----------
+    od, clock, observe
+        As for `SyncWatch`.
+    deadline
+        That of the loop; so many SYNCs may wait for their measurement.
+
+    Notes
+    -----
+    A SYNC that the plate has heard and this node has not leaves a measurement more than SYNCs.
+    `SyncWatch` lets one less than the deadline pass in its window; so does this, in as many SYNCs.
+    """
+
+    def __init__(
+        self, od: ObjectDictionary, clock: Clock, deadline: Deadline, observe: Observe
+    ) -> None:
+        self._clock = clock
+        self._deadline = deadline
+        self._observe = observe
+        self._surplus = od["Cycle.Surplus measurements"]
+        self._quiet = self._clock.timer(self._on_quiet)
+        self._collision = False
+        self._owed = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Wait for a first SYNC; what waits in queues may come later still."""
+        self._credits = self._heard = 0
+        self._begin_window()
+
+    def forget(self) -> None:
+        """Forget what was noticed."""
+        self._quiet.stop()
+        self._collision = False
+        self._observe(Watchdog.DOUBLE, False)
+
+    def sync(self) -> None:
+        """Take a SYNC that is the tick of the plate: it has one measurement.
+
+        What came while SYNC was lost is no sign of another source, nor is what comes late.
+        """
+        deadline_ms = self._deadline.ms
+        before, self._heard = self._heard, self._clock.now
+        if self._heard - before > deadline_ms * TICK_US:
+            self._begin_window()
+        self._credits = min(self._credits + 1, deadline_ms)
+        self._owed = min(self._owed + 1, BACKLOG)
+        self._syncs += 1
+        if self._strange > sync_tolerance(deadline_ms):
+            self.told()
+        if self._syncs >= sync_window(deadline_ms):
+            if self._measured == self._syncs:
+                self._owed = 0
+                self._credits = min(self._credits, 1)
+            self._begin_window()
+
+    def may_answer(self) -> bool:
+        """Take a measurement, and tell whether it is that of a SYNC; it is counted if not.
+
+        On a bus of sockets it may overtake its SYNC: after a first SYNC one answer may be
+        ahead.
+        """
+        self._measured += 1
+        late = self._owed > 0
+        if late:
+            self._owed -= 1
+        if self._credits > 0 or (self._credits == 0 and self._heard):
+            self._credits -= 1
+            return True
+        self._surplus.count()
+        if not late:
+            self.strange()
+        return False
+
+    def strange(self) -> None:
+        """Take note of a measurement that is not that of a SYNC, or of no one tick."""
+        self._strange += 1
+
+    @property
+    def level(self) -> float:
+        """How near measurements that are not those of a SYNC are to a fault, of 1.0."""
+        return self._strange / (sync_tolerance(self._deadline.ms) + 1)
+
+    def told(self) -> None:
+        """Take note that the plate has noticed another source of its frames."""
+        self._quiet.start(GONE_AFTER_US)
+        self._observe(Watchdog.DOUBLE, True)
+
+    def collide(self, heard: bool) -> None:
+        """Take note that an identifier of this node is another one's too, or no more."""
+        self._collision = heard
+        if heard:
+            self._observe(Watchdog.DOUBLE, True)
+        elif not self._quiet.running:
+            self._observe(Watchdog.DOUBLE, False)
+
+    def _begin_window(self) -> None:
+        self._syncs = self._measured = self._strange = 0
+
+    def _on_quiet(self) -> None:
+        if not self._collision:
+            self._observe(Watchdog.DOUBLE, False)
+
+
+class LateAnswers:
+    """Compares SYNCs with the ticks of the plate, which counts them.
+
+    How many SYNCs the stimulator is ahead, of 256, is least where an answer is in time. One more is
+    a SYNC between the measurement and its drive: the next cycle of the plate begins without it.
+
+    Parameters
+    ----------
+    deadline
+        That of the loop.
+
+    Notes
+    -----
+    A SYNC that the plate has not heard makes all answers look late, and so does a loop that never
+    is in time, whose voltage the deadline of the plate ends: after as many of them that is the new
+    least. One that overtook its SYNC looks early; two among the last `TOLD` are the new least. What
+    waits in a queue of this node is not seen.
+    """
+
+    __slots__ = ("_ahead", "_deadline", "_early", "_history", "_in_a_row", "_syncs")
+
+    def __init__(self, deadline: Deadline) -> None:
+        self._deadline = deadline
+        self._syncs = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Take the next answer for one in time, and forget those before."""
+        self._ahead: int | None = None
+        self._in_a_row = self._early = self._history = 0
+
+    def sync(self) -> None:
+        """Take a SYNC that is the tick of the plate."""
+        self._syncs = self._syncs + 1 & TICK_MASK
+
+    def late(self, tick: int) -> bool:
+        """Take the answer to a tick, 0..255, which is about to go out; tell whether it is late."""
+        late = self._is_late(self._syncs - tick & TICK_MASK)
+        self._history = (self._history << 1 | late) & _LAST
+        return late
+
+    def told(self) -> str:
+        """Say how many of the last answers were late; nothing if none was."""
+        late = self._history.bit_count()
+        return f"{late} of the last {TOLD} drives late" if late else ""
+
+    def _is_late(self, ahead: int) -> bool:
+        if self._ahead is None:
+            self._ahead = ahead
+        more = ahead - self._ahead & TICK_MASK
+        early = more > _HALF
+        self._early = (self._early << 1 | early) & _LAST
+        if more == 0:
+            self._in_a_row = 0
+        elif early:
+            if self._early.bit_count() > 1:
+                self._take_for_least(ahead)
+        else:
+            self._in_a_row += 1
+            if self._in_a_row <= self._deadline.ms:
+                return True
+            self._take_for_least(ahead)
+        return False
+
+    def _take_for_least(self, ahead: int) -> None:
+        self._ahead = ahead
+        self._in_a_row = self._early = 0

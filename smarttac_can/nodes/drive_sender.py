@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.nodes.frame_check import FrameCheck
-from smarttac_can.nodes.lapses import Lapses
 from smarttac_can.nodes.loop_frames import LATCHED, received_drive
+from smarttac_can.nodes.watches import full_bucket, leaked
 from smarttac_can.od.dictionary import ObjectDictionary
 
 WRONG_MAX: Final = 3
-"""Drives with a wrong check in a row that disturb; for those now and then see `Lapses`."""
+"""Drives with a wrong check in a row that disturb; those now and then fill a leaky bucket."""
+_FULL: Final = full_bucket(WRONG_MAX)
 _NOBODY: Final = 0
 _NEVER: Final = -1
 
@@ -38,13 +39,12 @@ class DriveSender:
         self._check = FrameCheck(received_drive(od))
         self._voltage = od["Drive.Voltage"]
         self._corrupt = od["Cycle.Corrupt drives"]
-        self._wrong = Lapses()
         self.forget()
 
     def forget(self) -> None:
         """Work with whoever comes first."""
         self._node_id = _NOBODY
-        self._wrong.clear()
+        self._wrong = 0
         self._undisturbed = True
         self.disturbed = False
         self.latched = False
@@ -52,13 +52,13 @@ class DriveSender:
     def follow(self) -> None:
         """Begin a cycle; one without a wrong check makes up for some of those before."""
         if self._undisturbed:
-            self.disturbed = self._wrong.count(False, WRONG_MAX)
+            self._count(False)
         self._undisturbed = True
 
     @property
     def level(self) -> float:
         """How near wrong checks are to a bar; 1.0 or more while they bar."""
-        return self._wrong.share(WRONG_MAX)
+        return self._wrong / _FULL
 
     def sound(self, session: int) -> bool:
         """Whether the drive in the object dictionary is this sender's; a wrong one is counted."""
@@ -78,5 +78,9 @@ class DriveSender:
             return True
         self._corrupt.count()
         self._undisturbed = False
-        self.disturbed = self._wrong.count(True, WRONG_MAX)
+        self._count(True)
         return False
+
+    def _count(self, wrong: bool) -> None:
+        self._wrong = leaked(self._wrong, _FULL, wrong)
+        self.disturbed = self._wrong >= _FULL

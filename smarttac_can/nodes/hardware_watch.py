@@ -6,9 +6,9 @@ from typing import Final
 
 from smarttac_can.device.device import Device
 from smarttac_can.nodes.front_end import STAGE_TOLERANCE
-from smarttac_can.nodes.lapses import Lapses
 from smarttac_can.nodes.loop_frames import PLATE_RPDOS
 from smarttac_can.nodes.stricter import LONGER, OTHER, Rule
+from smarttac_can.nodes.watches import full_bucket, leaked
 from smarttac_can.od.cia import (
     PDO_COB_ID,
     PDO_EVENT,
@@ -22,8 +22,9 @@ from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.fault_codes import FaultCode
 
 READ_BACK_CYCLES: Final = 3
-"""Cycles in a row with a wrong reading that are a fault; for those now and then see `Lapses`. Two
-more pass before, at most: a reading may be a cycle old, and so may what it is compared with."""
+"""Cycles in a row with a wrong reading that are a fault; those now and then fill a leaky bucket.
+Two more pass before, at most: a reading may be a cycle old, and so may what it is compared with."""
+_FULL: Final = full_bucket(READ_BACK_CYCLES)
 
 
 class HardwareWatch:
@@ -61,7 +62,7 @@ class HardwareWatch:
         self.cause: FaultCode | None = None
         self._told = (0.0, 0.0)
         self._wrong = False
-        self._wrong_cycles = Lapses()
+        self._wrong_cycles = 0
 
     def configure(self) -> None:
         """Look up what is mapped; for when PDOs have changed, or the NMT state has."""
@@ -76,7 +77,7 @@ class HardwareWatch:
         self.reads_back = self._read_back in self._inputs
         if not self.reads_back:
             self._wrong = False
-            self._wrong_cycles.clear()
+            self._wrong_cycles = 0
         self._rules = dict(rule for number in self.sources for rule in self._of_rpdo(number))
         self.look()
 
@@ -100,7 +101,7 @@ class HardwareWatch:
     def cycle(self, told: float) -> None:
         """Count a cycle of the loop at whose end the stage was told a voltage in V."""
         self._told = (told, self._told[0])
-        self._wrong_cycles.count(self._wrong, READ_BACK_CYCLES)
+        self._wrong_cycles = leaked(self._wrong_cycles, _FULL, self._wrong)
         self.look()
 
     def look(self) -> None:
@@ -110,7 +111,7 @@ class HardwareWatch:
         self.cause = None
         if not (heard and enabled):
             self.cause = FaultCode.NOT_ENABLED
-        elif self._wrong_cycles.share(READ_BACK_CYCLES) >= 1.0:
+        elif self._wrong_cycles >= _FULL:
             self.cause = FaultCode.STAGE
 
     def require(self, entry: Entry, value: int, *, in_use: bool) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.nodes.settings import keep_model, plate_model
+from smarttac_can.nodes.plans import keep_model, plate_model
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.states import IdentificationState
 
 
@@ -24,25 +25,30 @@ class ModelSheet:
         self._progress = od["Model.Progress"]
 
     def follow(self, cascade: Cascade) -> bool:
-        """Show how far an identification is; keep its model at its end, and tell of that."""
+        """Show how far an identification is, and keep its model at its end.
+
+        Returns
+        -------
+        bool
+            Whether the model is another one, or is believed for another reason.
+        """
         identification = cascade.identification
         if identification is None:
             return False
         self._progress.value = int(100.0 * identification.progress)
-        self._state.value = int(identification.state)
+        before, self._state.value = self._state.value, int(identification.state)
         if identification.model is None:
-            return False
+            return bool(self._state.value != before)
         keep_model(self._od, cascade.model)
-        self._put_in_force(cascade)
+        cascade.adopt(plate_model(self._od))
+        self._show_quality(cascade.model)
         return True
 
-    def take_written(self, cascade: Cascade) -> None:
-        """Put a model in force that was written: another one than before is not identified."""
-        if plate_model(self._od) != cascade.model:
-            self._state.value = int(IdentificationState.IDLE)
-            self._put_in_force(cascade)
+    def show_written(self, model: PlateModel) -> None:
+        """Show a model that was written: another one than before is not identified."""
+        self._state.value = int(IdentificationState.IDLE)
+        self._show_quality(model)
 
-    def _put_in_force(self, cascade: Cascade) -> None:
-        """Let the cascade adopt the model, and show how narrow its resonance is."""
-        cascade.adopt(plate_model(self._od))
-        self._quality.value = self._quality.quantise(cascade.model.quality)
+    def _show_quality(self, model: PlateModel) -> None:
+        """Show how narrow the resonance is."""
+        self._quality.value = self._quality.quantise(model.quality)

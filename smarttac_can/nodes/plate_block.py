@@ -8,7 +8,7 @@ from typing import Final
 from smarttac_can.nodes.front_end import STAGE_TOLERANCE, FrontEnd
 from smarttac_can.nodes.hard_caps import PLATE_CAPS, require_caps
 from smarttac_can.nodes.simulated_plate import SimulatedPlate
-from smarttac_can.nodes.stage_state import StageEvent, StageState, follow
+from smarttac_can.nodes.states import StageEvent, StageState, stage_after
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.scaling import Quantiser
@@ -217,7 +217,7 @@ class PlateBlock:
         self._show_stage()
 
     def _follow(self, event: StageEvent) -> None:
-        self.state = follow(self.state, event)
+        self.state = stage_after(self.state, event)
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object by name, as an SDO write does.

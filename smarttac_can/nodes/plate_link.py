@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
-from smarttac_can.nodes.loop_period import set_deadline
+from smarttac_can.nodes.loop_time import set_deadline
 from smarttac_can.od.cia import (
     COB_SYNC_PRODUCER,
     HEARTBEAT_CONSUMER,

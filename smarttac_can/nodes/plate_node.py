@@ -16,21 +16,19 @@ from smarttac_can.nodes.drive_sender import DriveSender
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.hardware_watch import HardwareWatch
 from smarttac_can.nodes.loop_frames import DRIVE_RPDO, MEASUREMENT_TPDOS, sent_measurement
-from smarttac_can.nodes.loop_period import LoopPeriod, deadlines, set_deadline
-from smarttac_can.nodes.missed_time import MissedTime
+from smarttac_can.nodes.loop_time import LoopPeriod, MissedTime, deadlines, set_deadline
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
 from smarttac_can.nodes.plate_link import plate_serial
-from smarttac_can.nodes.stage_state import StageState
+from smarttac_can.nodes.states import StageState
 from smarttac_can.nodes.stricter import OF_PLATE, Stricter
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.levels import level
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import TICK_US
-from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS
+from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, level
 
 
 class PlateNode(Application):

@@ -5,37 +5,41 @@ from __future__ import annotations
 from typing import Any, Final
 
 from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.tribometer import Forces
 from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
 from smarttac_can.nodes.drive_output import DriveOutput
 from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps, require_choices
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
-from smarttac_can.nodes.loop_period import deadlines
-from smarttac_can.nodes.loop_watchdogs import WATCHED
+from smarttac_can.nodes.loop_time import Deadline
 from smarttac_can.nodes.model_sheet import ModelSheet
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_inside import PlateInside
-from smarttac_can.nodes.read_back import ReadBack
-from smarttac_can.nodes.settings import (
+from smarttac_can.nodes.plans import (
     CALIBRATION,
     DESIGN,
     GAUGE_ZERO,
     MODEL,
     TEXTURE,
-    cascade_parameters,
+    UNTARED,
+    Plans,
+    Present,
+    build_plans,
     plate_model,
-    with_change,
 )
-from smarttac_can.nodes.state_machine import Event
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_inside import PlateInside
+from smarttac_can.nodes.read_back import ReadBack
+from smarttac_can.nodes.states import Event
 from smarttac_can.nodes.stricter import OF_STIMULATOR, Stricter
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.nodes.taring import Taring
 from smarttac_can.nodes.texture_slots import TextureSlots
+from smarttac_can.nodes.watches import full_counts
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN
-from smarttac_can.vocabulary.signals import Drive
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, Drive
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.textures import TABLES
 from smarttac_can.vocabulary.watchdogs import Watchdog
@@ -75,6 +79,8 @@ class StimulatorBlock:
         The controllers, for tests and reports.
     supervisor
         State machine and faults, to look at; what changes them is here.
+    deadline
+        That of the loop with a plate node.
     """
 
     def __init__(self, od: ObjectDictionary, plate: PlateBlock | None = None) -> None:
@@ -93,7 +99,9 @@ class StimulatorBlock:
         self._model_sheet = ModelSheet(od)
         self._stricter = Stricter(od, OF_STIMULATOR)
         self._textures = TextureSlots(od)
-        self.supervisor = Supervisor(od, deadlines(od, MEASUREMENT_RPDOS) if plate is None else ())
+        self.deadline = Deadline(od, MEASUREMENT_RPDOS)
+        self._plans = self._built(plate_model(od), UNTARED)
+        self.supervisor = Supervisor(od, self._plans.watch)
         self._taring = Taring(od, self.supervisor)
         self._shown: State | None = None
         self._hint = ""
@@ -109,7 +117,7 @@ class StimulatorBlock:
         if self._inside is not None:
             self._inside.power_on()
         self.supervisor.restart()
-        self.supervisor.watchdogs.reset()
+        self.supervisor.rest()
         self._shown = None
         self.start_run()
 
@@ -122,13 +130,13 @@ class StimulatorBlock:
         supervisor = self.supervisor
         if self._inside is not None:
             self._inside.start_run()
-            supervisor.watchdogs.reset()
-        self._parameters = cascade_parameters(self.od)
-        self.cascade = Cascade(self._parameters, plate_model(self.od))
-        self._taring.begin(self.cascade)
+            supervisor.rest()
         self._textures.reload()
-        self.cascade.play(self._textures.chosen())
-        supervisor.watchdogs.configure()
+        self._plans = plans = self._built(plate_model(self.od), UNTARED)
+        self.cascade = Cascade(plans.parameters, plans.model)
+        self.cascade.play(plans.control.texture)
+        self._taring.begin(self.cascade)
+        supervisor.plan = plans.watch
         self._changed: set[str] = set()
         self._begun = False
         self._read_back.reset()
@@ -157,10 +165,9 @@ class StimulatorBlock:
         asked = self.cascade.update(measured.si, self._setpoints.read())
         mode, asked = self._begin_at_zero(mode, asked)
         self._taring.tare_when_due(self.cascade)
-        drive = self.supervisor.permit(asked, measured, mode, self.cascade)
+        drive = self.supervisor.permit(asked, measured, mode, self.cascade, late=late)
         if drive.voltage and self._hint:
             self._withdraw_hint()
-        self.supervisor.watchdogs.vibration.note_drive(drive, late=late)
         self._follow()
         self.cascade.realised(drive)
         self._outbox.write(drive, measured.tick)
@@ -170,7 +177,7 @@ class StimulatorBlock:
     def _prepare(self) -> int:
         """Take over new parameters and the mode; return the mode of this cycle."""
         if self._changed:
-            self._reconfigure()
+            self._take_plans()
         running = self.supervisor.state is _RUNNING
         mode = int(self._mode.value) if running else int(Mode.OFF)
         if mode != self.cascade.mode:
@@ -236,21 +243,19 @@ class StimulatorBlock:
         """Keep the model of an identification, and show a mode that the cascade has left."""
         cascade = self.cascade
         if mode == _IDENTIFY and self._model_sheet.follow(cascade):
-            self.supervisor.watchdogs.configure()
+            self._plans = self._built(cascade.model, cascade.zero)
+            self.supervisor.plan = self._plans.watch
         if mode != cascade.mode:
             # The cascade has left it by itself.
             self._mode.value = int(cascade.mode)
             if cascade.reason and not self.supervisor.latched:
                 self._message.value = cascade.reason
 
-    def trip(self, watchdog: Watchdog) -> None:
-        """Take note of a fault between two cycles."""
-        self.supervisor.trip(watchdog)
+    def observe(self, watchdog: Watchdog, present: bool) -> None:
+        """Take a fault that comes, or goes, between two cycles; what is latched stays so."""
+        bit = 1 << watchdog
+        self.supervisor.observe(bit if present else 0, bit)
         self._follow()
-
-    def settle(self, watchdog: Watchdog) -> None:
-        """Take note that a fault is gone; it stays latched."""
-        self.supervisor.settle(watchdog)
 
     def enter(self) -> None:
         """Follow NMT into OPERATIONAL."""
@@ -332,20 +337,39 @@ class StimulatorBlock:
                     AbortCode.STATE,
                     f"{entry.name} stays {entry.value}: it would hide a force that is a fault",
                 )
-            # Worked out here, between two cycles; the next one only takes it over.
-            self._parameters = with_change(self._parameters, self.od, entry, value)
+            cascade = self.cascade
+            self._plans = self._built(cascade.model, cascade.zero, entry, value)
             self._changed.add(record)
         self.supervisor.accept(entry.name)
 
-    def _reconfigure(self) -> None:
-        """Take over what depends on the records that were written."""
+    def follow_deadline(self) -> None:
+        """Follow another deadline of the loop, by which late drives are excused."""
+        self.deadline.configure()
+        full = full_counts(self._deadline_ms)
+        self._plans = self._plans._replace(watch=self._plans.watch._replace(full=full))
+        self.supervisor.plan = self.supervisor.plan._replace(full=full)
+
+    @property
+    def _deadline_ms(self) -> int:
+        return self.deadline.ms if self._inside is None else SHORT_DEADLINE_MS
+
+    def _built(
+        self, model: PlateModel, zero: Forces, entry: Entry | None = None, value: Any = 0
+    ) -> Plans:
+        """Build the plans, as they are after a write to an entry if there is one."""
+        texture = self._textures.chosen(entry, value)
+        present = Present(model, zero, texture, self._deadline_ms)
+        return build_plans(self.od, present, entry, value)
+
+    def _take_plans(self) -> None:
+        """Put the plans in force that writes since the last cycle have asked for."""
         changed, self._changed = self._changed, set()
-        if not changed.isdisjoint(WATCHED):
-            self.supervisor.watchdogs.configure()
-        if MODEL in changed:
-            self._model_sheet.take_written(self.cascade)
+        plans, cascade = self._plans, self.cascade
+        self.supervisor.plan = plans.watch
+        if plans.model != cascade.model:
+            self._model_sheet.show_written(plans.model)
+        cascade.swap(plans.parameters, plans.model, plans.control)
         if not changed.isdisjoint(_TEXTURES):
-            self.cascade.play(self._textures.chosen())
-        self.cascade.configure(self._parameters)
+            cascade.play(plans.control.texture)
         if GAUGE_ZERO in changed:
-            self._taring.restore(self.cascade)
+            self._taring.restore(cascade)

@@ -12,24 +12,28 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.arming_watch import SETPOINT_RPDOS, ArmingWatch
 from smarttac_can.nodes.bus_loop import BusLoop
+from smarttac_can.nodes.commander import SETPOINT_RPDOS, Commander
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
-from smarttac_can.nodes.loop_period import LoopPeriod
-from smarttac_can.nodes.master_watch import MasterWatch
-from smarttac_can.nodes.missed_time import TICKS, MissedTime
+from smarttac_can.nodes.loop_time import TICKS, LoopPeriod, MissedTime
+from smarttac_can.nodes.plans import mend_settings
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_link import expect_plate, links_to_plate
 from smarttac_can.nodes.publishing import Publishing
-from smarttac_can.nodes.settings import mend_settings
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.watches import levels
 from smarttac_can.od.cia import HEARTBEAT_CONSUMER, Abort, AbortCode, EmergencyCode, ErrorRegister
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import START_RUN
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import OF_LATE_DRIVES, REPORTED_BY_PLATE, Watchdog
+from smarttac_can.vocabulary.watchdogs import (
+    COUNTED,
+    OF_LATE_DRIVES,
+    REPORTED_BY_PLATE,
+    Watchdog,
+)
 
 _PERCENT: Final = 100
 _LINKING: Final = (NMTState.RESET_COMMUNICATION, NMTState.OPERATIONAL)
@@ -88,9 +92,8 @@ class StimulatorNode(Application):
         if plate_node_id:
             expect_plate(od, plate_node_id, deadline_ms)
         self.clock = clock = Clock()
-        settle = self.block.settle
-        self._loop = BusLoop(od, clock, self._trip, settle, self._on_unanswered)
-        self._masters = MasterWatch(clock, plate_node_id, self._trip, settle)
+        self._supervisor = self.block.supervisor
+        self._loop = BusLoop(od, clock, self.block.deadline, self._observe, self._on_unanswered)
         self._missed_time = MissedTime(clock)
         self._ticker = clock.timer(self._tick)
         self.device = Device(
@@ -98,15 +101,16 @@ class StimulatorNode(Application):
             emergencies_of=plate_node_id,
         )  # fmt: skip
         self._period = LoopPeriod(self.device)
-        self._arming = ArmingWatch(self.device, plate_node_id, lockstep)
-        self.block.supervisor.advice = self._arming.advice
-        self.block.supervisor.details = self._details
-        self._publishing = Publishing(self.device, self.block.supervisor)
+        self._commander = Commander(self.device, plate_node_id, self._observe, lockstep=lockstep)
+        self._supervisor.advice = self._commander.advice
+        self._supervisor.details = self._details
+        self._publishing = Publishing(self.device, self._supervisor)
         self._tell = self._publishing.tell
         self._publish = self._publishing.cycle
         self._unfit = False
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_max = od["Limit.Missed ticks"]
+        self._temperature = od["Plate input.Temperature"]
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
         self.start = self.device.start
@@ -126,17 +130,17 @@ class StimulatorNode(Application):
 
     def bus_off(self) -> list[Frame]:
         """Take note that the CAN controller went bus-off."""
-        self._trip(Watchdog.BUS_OFF)
+        self._observe(Watchdog.BUS_OFF, True)
         return self.device.bus_off()
 
     def bus_recovered(self) -> list[Frame]:
         """Take note that the bus is there again."""
-        self.block.settle(Watchdog.BUS_OFF)
+        self._observe(Watchdog.BUS_OFF, False)
         return self.device.bus_recovered()
 
     def transmit_failed(self) -> list[Frame]:
         """Take note that a frame could not be sent, the transmit queue being full."""
-        self._trip(Watchdog.TRANSMIT_QUEUE)
+        self._observe(Watchdog.TRANSMIT_QUEUE, True)
         return self.device.take()
 
     def levels(self) -> tuple[float, ...]:
@@ -144,26 +148,15 @@ class StimulatorNode(Application):
 
         It costs nothing unless asked, after a cycle: no cycle works for it.
         """
-        loop = self.block.supervisor.watchdogs
-        voltage, temperature, *forces_and_sensors = loop.levels(self.block.cascade)
-        amplitude, pickup, resonance, unseen = loop.vibration.levels()
-        measurement, *sync, source = self._loop.levels()
+        s = self._supervisor
+        temperature = self._temperature.value * self._temperature.si
         missed = self._missed_time.missed * _PERCENT / (self._missed_max.value * TICKS)
-        return (
-            max(self.device.silence(TICK_US), self._masters.rest()),
-            measurement,
-            self.device.lateness(SETPOINT_RPDOS, TICK_US),
-            *sync,
-            voltage,
-            amplitude,
-            temperature,
-            *forces_and_sensors,
-            pickup,
-            resonance,
-            source,
-            unseen,
-            missed,
-        )
+        shares = levels(s.plan, s.watch, s.in_force, self.block.cascade.contact, temperature)
+        shares |= self._loop.levels()
+        shares[Watchdog.HEARTBEAT] = max(self.device.silence(TICK_US), self._commander.rest())
+        shares[Watchdog.SETPOINT] = self.device.lateness(SETPOINT_RPDOS, TICK_US)
+        shares[Watchdog.MISSED_TIME] = missed
+        return tuple([shares[watchdog] for watchdog in COUNTED])
 
     def shutdown(self) -> list[Frame]:
         """Leave the plate at 0 V, and tell the bus."""
@@ -186,15 +179,16 @@ class StimulatorNode(Application):
         elif state in _LINKING and self._plate_node_id:
             for entry, value in links_to_plate(self.od, self._plate_node_id, self._produce_sync):
                 self.device.put(entry, value)
+        self.on_parameters()
         block = self.block
         if state is NMTState.OPERATIONAL:
             block.enter()
         else:
             block.leave()
             self._loop.leave()
-            self._masters.leave()
+            self._commander.leave()
         if state in _RESETS:
-            self._masters.restart()
+            self._commander.restart()
             self._loop.source.forget()
             self._publishing.hold()
         else:
@@ -215,11 +209,11 @@ class StimulatorNode(Application):
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Stop when a watched node falls silent."""
-        self._masters.silent(node_id, lost)
+        self._commander.silent(node_id, lost)
 
     def on_heartbeat(self, node_id: int, state: int) -> None:
         """Stop when a watched node starts anew, or is OPERATIONAL no more."""
-        self._masters.heard(node_id, state)
+        self._commander.heard(node_id, state)
 
     def on_emergency(self, code: int) -> None:
         """Stop when the plate has gone to 0 V without being told, or is not alone."""
@@ -227,26 +221,26 @@ class StimulatorNode(Application):
         if watchdog is Watchdog.DOUBLE:
             self._loop.source.told()
         elif watchdog is not None:
-            self._trip(watchdog)
+            self._observe(watchdog, True)
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Stop when the master's set-points stay away; measurements have a watch of their own."""
         if number not in MEASUREMENT_RPDOS:
-            self._masters.late(number, late)
+            self._commander.late(number, late)
 
     def on_rpdo(self, number: int) -> None:
         """Obey a controlword; answer a measurement that is complete."""
         if number not in MEASUREMENT_RPDOS:
             if self.device.carries(number, self._controlword):
                 before = self.block.state
-                self.block.note_watch(self._arming.kept)
+                self.block.note_watch(self._commander.kept)
                 self.block.take_controlword()
                 self._tell()
                 self._show_change(before)
             return
         if self._plate_node_id and self._loop.take(number):
             if not self._period.agrees():
-                self._trip(Watchdog.MEASUREMENT)
+                self._observe(Watchdog.MEASUREMENT, True)
                 return
             self.block.cycle(late=self._loop.answer())
             self._judge_time()
@@ -262,7 +256,7 @@ class StimulatorNode(Application):
         Abort
             STATE in these states.
         """
-        if self.block.supervisor.sharp:
+        if self._supervisor.sharp:
             raise Abort(
                 AbortCode.STATE, "parameters are not stored or restored while armed: disarm first"
             )
@@ -276,19 +270,24 @@ class StimulatorNode(Application):
             )
         before = self.block.state
         if entry is self._controlword:
-            self.block.note_watch(self._arming.kept)
+            self.block.note_watch(self._commander.kept)
         self.block.on_write(entry, value)
         self._loop.on_write(entry, value)
         if entry.index == HEARTBEAT_CONSUMER:
-            self._masters.rewatch(entry.value, value)
+            self._commander.rewatch(entry.value, value)
         self._tell()
         self._show_change(before)
         if entry.name == START_RUN:
             self._loop.start_run()
 
+    def on_parameters(self) -> None:
+        """Follow another deadline of the loop."""
+        if self._plate_node_id:
+            self.block.follow_deadline()
+
     def on_refused(self, name: str, reason: str) -> None:
         """Have the Message say why."""
-        self.block.supervisor.refuse(name, reason)
+        self._supervisor.refuse(name, reason)
 
     def _judge_time(self) -> None:
         """Stop if too much of a second of the run had no cycle."""
@@ -297,7 +296,7 @@ class StimulatorNode(Application):
             self._missed.count(missed)
         running = self.block.state is State.RUNNING
         if running and missed * _PERCENT > self._missed_max.value * TICKS:
-            self.block.trip(Watchdog.MISSED_TIME)
+            self.block.observe(Watchdog.MISSED_TIME, True)
 
     def _details(self, watchdog: Watchdog) -> str:
         """Say what the text of a fault leaves open."""
@@ -307,8 +306,8 @@ class StimulatorNode(Application):
 
     def _on_unanswered(self) -> None:
         self.block.fall_silent()
-        if self.block.supervisor.live:
-            self._trip(Watchdog.MEASUREMENT)
+        if self._supervisor.live:
+            self._observe(Watchdog.MEASUREMENT, True)
 
     def _tick(self) -> None:
         """Have a cycle with the plate inside; those that were slept through are counted."""
@@ -328,9 +327,11 @@ class StimulatorNode(Application):
         if before in (State.RUNNING, State.FAULT) and self._plate_node_id:
             self._publishing.drive(self._loop.session)
 
-    def _trip(self, watchdog: Watchdog) -> None:
-        """Trip a watchdog between two cycles: the plate node is told at once."""
+    def _observe(self, watchdog: Watchdog, present: bool) -> None:
+        """Take a fault that comes, or goes, between two cycles: the plate node is told at once."""
+        if not (present or self._supervisor.present >> watchdog & 1):
+            return
         before = self.block.state
-        self.block.trip(watchdog)
+        self.block.observe(watchdog, present)
         self._tell()
         self._show_change(before)

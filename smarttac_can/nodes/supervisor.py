@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from smarttac_can.control.cascade import Cascade
+from smarttac_can.nodes.bounds import UNDRIVEN, InForce, put_out
 from smarttac_can.nodes.cycle_input import Measured
 from smarttac_can.nodes.fault_memory import FaultMemory
-from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
-from smarttac_can.nodes.state_machine import Event, Guard, StateMachine
+from smarttac_can.nodes.states import Event, Guard, StateMachine
+from smarttac_can.nodes.watches import Seen, WatchPlan, WatchState, at_rest, watch_step
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import TARE, UNWATCHED
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import CONTROL_MASK, State
@@ -27,9 +26,11 @@ from smarttac_can.vocabulary.watchdogs import (
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _ARMED: Final = State.ARMED
 _RUNNING: Final = State.RUNNING
-_IDENTIFY: Final = Mode.IDENTIFY
 _SHARP: Final = (_ARMED, _RUNNING)
 _CONTROLWORD: Final = "Controlword"
+_PRESENT: Final = CYCLIC | sum(1 << w for w, row in WATCHDOGS.items() if row.lasting)
+"""Bits of the faults that are present until it is seen, or told, that they are gone."""
+_TOLD: Final = sum(1 << watchdog for watchdog, row in WATCHDOGS.items() if row.told)
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
@@ -42,15 +43,19 @@ class Supervisor:
     ----------
     od
         Object dictionary of ``stimulator.eds``.
-    deadlines
-        As for `LoopWatchdogs`.
+    plan
+        What the watchdogs judge by at first.
 
     Attributes
     ----------
     machine
         The state machine.
-    watchdogs
-        Those that look at every cycle.
+    plan
+        What the watchdogs judge by; whoever replaces it does so between two cycles.
+    watch
+        The watchdogs after the last cycle.
+    in_force
+        The drives that may be in force until the next one.
     memory
         The newest faults.
     operational
@@ -70,9 +75,10 @@ class Supervisor:
         Faults as bits, 1 << `Watchdog`.
     """
 
-    def __init__(self, od: ObjectDictionary, deadlines: Sequence[Entry]) -> None:
+    def __init__(self, od: ObjectDictionary, plan: WatchPlan) -> None:
         self.machine = StateMachine()
-        self.watchdogs = LoopWatchdogs(od, deadlines)
+        self.plan = plan
+        self.rest()
         self.memory = FaultMemory(od)
         self._controlword = od[_CONTROLWORD]
         self._ignored = od["Cycle.Ignored controlwords"]
@@ -124,6 +130,11 @@ class Supervisor:
             self._latch(Watchdog.NMT, "reset node")
         self._publish()
 
+    def rest(self) -> None:
+        """Have the watchdogs forget what they saw: the plate is at rest."""
+        self.watch: WatchState = at_rest(self.plan)
+        self.in_force: InForce = UNDRIVEN
+
     def command(self, word: int) -> None:
         """Obey a controlword.
 
@@ -157,7 +168,9 @@ class Supervisor:
             self._ignored.count()
             self.refuse(_CONTROLWORD, self._why_not(word))
 
-    def permit(self, asked: Drive, measured: Measured, mode: int, cascade: Cascade) -> Drive:
+    def permit(
+        self, asked: Drive, measured: Measured, mode: int, cascade: Cascade, *, late: bool
+    ) -> Drive:
         """Look at a cycle, and return the drive that may go out: 0 V unless it is RUNNING.
 
         Parameters
@@ -170,40 +183,49 @@ class Supervisor:
             Mode in which they were asked.
         cascade
             The controllers after the cycle.
+        late
+            Whether the plate gets the drive too late for the cycle that begins with that
+            measurement.
         """
-        watchdogs = self.watchdogs
-        faults = watchdogs.look(measured, mode, cascade)
-        faults |= watchdogs.judge(asked, cascade.parameters)
-        if mode not in (cascade.mode, _IDENTIFY):
-            # The cascade leaves a mode by itself at the end of an identification, or in doubt.
-            faults |= 1 << Watchdog.CONTROLLER
-        self._observe(faults)
-        if self.machine.state is _RUNNING:
-            return watchdogs.vibration.by_drive.allowed(asked)
-        return Drive(0.0, self._safe_frequency(asked.frequency, cascade))
+        plan = self.plan
+        seen = (
+            measured, mode, cascade.mode, asked, cascade.contact, cascade.zero, cascade.tared,
+            self.in_force,
+        )  # fmt: skip
+        self.watch, faults = watch_step(plan, self.watch, tuple.__new__(Seen, seen))
+        self.live = True
+        self.observe(faults, CYCLIC)
+        if self.machine.state is not _RUNNING:
+            asked = Drive(0.0, self._safe_frequency(asked.frequency))
+        self.in_force, drive = put_out(plan.bound, self.watch.vibration, self.in_force, asked, late)
+        return drive
 
-    def trip(self, watchdog: Watchdog) -> None:
-        """Take note of a fault; it is latched if the device is armed, running or in FAULT."""
-        bit = 1 << watchdog
-        row = WATCHDOGS[watchdog]
-        if row.lasting:
-            self.present |= bit
-        if row.told and not self.latched:
-            self._message.value = row.text
+    def observe(self, faults: int, watchdogs: int) -> None:
+        """Take which faults of some watchdogs are present, as bits: the one way to a trip.
+
+        A fault is latched if the device is armed or running; one between two cycles is so in FAULT,
+        too. What is gone lets the device be READY with the next cycle.
+        """
+        before = self.present
+        self.present = present = before & ~watchdogs | faults & _PRESENT
         state = self.machine.state
-        if state in _SHARP:
-            self._fault(bit)
-        elif state is State.FAULT:
-            self._latch(watchdog)
-        self.prepare()
-
-    def settle(self, watchdog: Watchdog) -> None:
-        """Take note that a fault is gone; it stays latched."""
-        if self.present & 1 << watchdog:
-            self.present &= ~(1 << watchdog)
-            self._present_entry.value = self.present
-            if not self.latched and self._message.value == WATCHDOGS[watchdog].text:
-                self._clear_message()
+        if faults & _TOLD and not self.latched:
+            self._message.value = next(
+                WATCHDOGS[w].text for w in watchdogs_in(faults) if WATCHDOGS[w].told
+            )
+        if faults and state in _SHARP:
+            self._fault(faults)
+        elif faults & ~CYCLIC and state is State.FAULT:
+            self._latch_all(faults & ~CYCLIC)
+        elif state < _ARMED and (faults or watchdogs & CYCLIC):
+            self.prepare()
+        if present != before:
+            self._present_entry.value = present
+            gone = before & ~present & _TOLD
+            if gone and not self.latched:
+                texts = [WATCHDOGS[watchdog].text for watchdog in watchdogs_in(gone)]
+                if self._message.value in texts:
+                    self._clear_message()
 
     def handle(self, event: Event) -> None:
         """Make the transition for an event, if the table has one; leaving FAULT clears it."""
@@ -232,7 +254,7 @@ class Supervisor:
         self.operational = False
         self.live = False
         if self.machine.state is State.RUNNING:
-            self.trip(Watchdog.NMT)
+            self.observe(1 << Watchdog.NMT, 1 << Watchdog.NMT)
         self.handle(Event.LEAVE)
 
     def enter(self) -> None:
@@ -263,23 +285,10 @@ class Supervisor:
                 self.handle(Event.PREPARED if prepared else Event.UNPREPARED)
         self._present_entry.value = self.present
 
-    def _observe(self, faults: int) -> None:
-        """Take the faults that the cyclic watchdogs see in this cycle, as bits."""
-        self.live = True
-        before = self.present
-        self.present = present = before & ~CYCLIC | faults
-        state = self.machine.state
-        if faults and state in _SHARP:
-            self._fault(faults)
-        elif state < _ARMED:
-            self.prepare()
-        if present != before:
-            self._present_entry.value = present
-
-    def _safe_frequency(self, frequency: float, cascade: Cascade) -> float:
+    def _safe_frequency(self, frequency: float) -> float:
         """Keep a frequency within the limits; for any other take the one put out last."""
-        p = cascade.parameters
-        return frequency if p.f_min <= frequency <= p.f_max else self._frequency.si_value
+        plan = self.plan
+        return frequency if plan.f_min <= frequency <= plan.f_max else self._frequency.si_value
 
     def _holds(self) -> Guard:
         watched = Guard.WATCHED if self.watched else Guard.NONE
@@ -320,6 +329,9 @@ class Supervisor:
 
     def _fault(self, bits: int) -> None:
         self.handle(Event.FAULT)
+        self._latch_all(bits)
+
+    def _latch_all(self, bits: int) -> None:
         for watchdog in watchdogs_in(bits):
             self._latch(watchdog)
 

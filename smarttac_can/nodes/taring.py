@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.null_window import NullWindow
-from smarttac_can.nodes.settings import GAUGE_ZERO
+from smarttac_can.nodes.plans import GAUGE_ZERO
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from smarttac_can.control.texture import NO_TEXTURE, Texture, texture_of
-from smarttac_can.nodes.settings import TEXTURE
+from smarttac_can.nodes.plans import TEXTURE
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
@@ -42,9 +42,13 @@ class TextureSlots:
                 self._tables[entry] = None
                 entry.value = entry.default
 
-    def chosen(self) -> Texture:
-        """Return what is in the chosen slot; `NO_TEXTURE` if it is empty."""
-        table = self._tables[self._entries[self._slot.value - 1]]
+    def chosen(self, written: Entry | None = None, raw: Any = None) -> Texture:
+        """Return what is in the slot that is chosen, after a write if one is given.
+
+        `NO_TEXTURE` if it is empty.
+        """
+        slot = raw if written is self._slot else self._slot.value
+        table = self._tables[self._entries[slot - 1]]
         return NO_TEXTURE if table is None else texture_of(table)
 
     def on_write(self, entry: Entry, value: Any) -> None:

@@ -7,8 +7,8 @@ from typing import Final
 
 from smarttac_can.trials.fault_row import mode_name
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.levels import COUNTED, PLATE_COUNTED
 from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.watchdogs import COUNTED, PLATE_COUNTED
 
 Table = dict[str, dict[str, float]]
 """Largest levels by watch and mode; 1.0 is a fault, or 0 V at the plate."""
@@ -70,7 +70,7 @@ class Margins:
     def __init__(self, rig: Rig) -> None:
         self._stimulator = rig.stimulator
         self._plate = rig.plate
-        self._vibration = rig.stimulator.block.supervisor.watchdogs.vibration
+        self._supervisor = rig.stimulator.block.supervisor
         self._amplitude_trip = rig.od["Limit.Amplitude trip"]
         self._bound_trip = rig.od["Limit.Amplitude by drive"]
         self._mode = rig.od["Mode"]
@@ -84,7 +84,7 @@ class Margins:
             *self._stimulator.levels(),
             *self._plate.levels(),
             abs(self._plate.block.plate.W) / (trip.value * trip.si),
-            self._vibration.by_drive.size / (most.value * most.si),
+            abs(self._supervisor.watch.vibration.most) / (most.value * most.si),
         )
         _raise(self._run, self._mode.value, levels)
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Final
+
 from smarttac_can.vocabulary.named_number import NamedNumber
 
 
@@ -47,3 +50,10 @@ class VibrationLaw(NamedNumber):
     """The same two, designed for the plate under the finger that presses now."""
     PREDICTIVE = 2
     """One step of a plate that is learned from tick to tick, through its dead time."""
+
+
+LAWS: Final[Mapping[str, type[Law] | type[VibrationLaw]]] = {
+    "Friction law": Law,
+    "Controller.Vibration law": VibrationLaw,
+}
+"""Objects that choose a law, and what there is."""

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import Enum, IntEnum
+from math import inf
 from typing import Final, NamedTuple
 
 from smarttac_can.od.cia import ErrorRegister
 from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.modes import Mode
 
+ALL_MODES: Final = tuple(Mode)
+TRACKING_MODES: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
+"""Those that track the resonance."""
+JUDGED_MODES: Final = tuple(mode for mode in Mode if mode not in (Mode.OFF, Mode.IDENTIFY))
+"""Those in which a vibration may lack: in the others there is no voltage, or no model yet."""
 FORGOTTEN: Final = 20
 """Sound cycles that make up for a faulty one, where a watchdog forgets slowly."""
 STUCK_WITHIN: Final = 2
@@ -83,8 +90,33 @@ class Watchdog(IntEnum):
     NOT_ENABLED = 26
 
 
+class Way(Enum):
+    """How a watchdog counts, and how it forgets."""
+
+    ONCE = "no count: once is enough"
+    SLOWLY = f"slowly: {FORGOTTEN} sound cycles make up for a faulty one"
+    """A leaky bucket, `nodes.watches.leaked`: spread faulty cycles add up to a fault, too."""
+    IN_A_ROW = "at once"
+    WINDOW = "with each window"
+    TIME_OUT = "at once: the timer starts anew, as what is late has come"
+
+
+class Count(NamedTuple):
+    """One count of faulty cycles; a watchdog may have several."""
+
+    what: str
+    """What is faulty."""
+    way: Way
+    cycles: int
+    """Faulty cycles in a row that are a fault, 1 or more."""
+    waits: bool = False
+    """Whether these are as many more as the deadline of the loop is above 3 ms."""
+    modes: tuple[Mode, ...] = ALL_MODES
+    """Modes in which it counts; it forgets all in others."""
+
+
 class WatchdogRow(NamedTuple):
-    """What a watchdog reports, how soon it trips, and why so."""
+    """What a watchdog looks at, how it counts and forgets, what it reports, and why so."""
 
     text: str
     """What has happened; the Message of the fault."""
@@ -95,14 +127,24 @@ class WatchdogRow(NamedTuple):
     """Cycles from the first faulty one to 0 V; a name where an object sets it."""
     why: str
     """Why that many."""
-    forgets: str
-    """What a sound cycle or frame does to the count; where it ends it, why nothing adds up."""
+    way: Way
+    rule: str = ""
+    """What differs from that way, and why so; it goes on behind its text."""
     limit: str = ""
     """Object that holds the limit."""
+    looks_at: str = ""
+    """What is supervised, and in which states or modes if not in all."""
+    counts: tuple[Count, ...] = ()
+    """Those that are stepped in every cycle."""
     lasting: bool = True
     """Whether the fault stays present until something better comes, and bars the reset."""
     told: bool = False
     """Whether the Message says so while nothing is latched, too: somebody has to mend it."""
+
+    @property
+    def forgets(self) -> str:
+        """What a sound cycle or frame does to the count."""
+        return self.way.value + self.rule
 
 
 _COMMUNICATION: Final = ErrorRegister.COMMUNICATION
@@ -110,16 +152,12 @@ _MANUFACTURER: Final = ErrorRegister.MANUFACTURER
 _DEADLINE: Final = "event timer of RPDO 5 to 7"
 _AT_ONCE: Final = "acted on where it is noticed"
 _ONE_SAMPLE: Final = "one sample is enough: its noise is far below the limit"
-_NO_COUNT: Final = "no count: once is enough"
-_TIMER: Final = "at once: the timer starts anew, as what is late has come"
-_SLOWLY: Final = f"slowly: {FORGOTTEN} sound cycles make up for a faulty one"
-"""A leaky bucket, `nodes.lapses.Lapses`: faulty cycles that are spread add up to a fault, too."""
-
 WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.NMT: WatchdogRow(
         "NMT left OPERATIONAL while running",
         FaultCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE,
-        _NO_COUNT,
+        Way.ONCE,
+        looks_at="NMT while running",
         lasting=False,
     ),
     Watchdog.HEARTBEAT: WatchdogRow(
@@ -127,31 +165,36 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
         "the consumer time; at once when the node boots again, 1 s and a heartbeat after one that "
         "was OPERATIONAL left it; the plate is watched with 2 s, two heartbeats, beside its PDOs",
-        _TIMER,
-        "Consumer heartbeat time",
+        Way.TIME_OUT,
+        limit="Consumer heartbeat time",
+        looks_at="heartbeats and boot-ups of watched nodes, life guarding",
     ),
     Watchdog.MEASUREMENT: WatchdogRow(
         "the measurements of the plate are late",
         FaultCode.MEASUREMENT_LOST, _COMMUNICATION, _DEADLINE,
         "the shortest of the three; see the deadline of the loop",
-        "at once: the timer starts anew, as what is late has come. Unusable measurements have to "
-        "be in a row: CAN may deliver a frame twice, and a doubled PDO looks like an incomplete "
-        "measurement. Spread ones are ticks without a cycle, bit 24",
+        Way.TIME_OUT,
+        ". Unusable measurements have to be in a row: CAN may deliver a frame twice, and a doubled "
+        "PDO looks like an incomplete measurement. Spread ones are ticks without a cycle, bit 24",
         _DEADLINE,
+        looks_at="how long ago a measurement was answered, in OPERATIONAL; measurements that "
+        "are incomplete, corrupt or of another tick",
     ),
     Watchdog.SETPOINT: WatchdogRow(
         "a set-point PDO is late",
         FaultCode.SETPOINT_LOST, _COMMUNICATION, "event timer of RPDO 1 to 4",
         "what the master asks for; off by default",
-        _TIMER,
-        "event timer of RPDO 1 to 4",
+        Way.TIME_OUT,
+        limit="event timer of RPDO 1 to 4",
+        looks_at="RPDO 1 to 4 with an event timer",
     ),
     Watchdog.SYNC_LOST: WatchdogRow(
         "SYNC is lost",
         FaultCode.SYNC_LOST, _COMMUNICATION, _DEADLINE,
         "without SYNC there are no measurements",
-        _TIMER,
-        _DEADLINE,
+        Way.TIME_OUT,
+        limit=_DEADLINE,
+        looks_at="SYNC of another node, from the first on",
     ),
     Watchdog.SYNC_IRREGULAR: WatchdogRow(
         "SYNC is irregular",
@@ -160,79 +203,97 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "few: at 3 ms 6 to 10 in 8 are right; the window in which it begins may end too early to "
         "tell. A drift is counted over 1000 periods, with 10 and the deadline too many or too few: "
         "2000 cycles",
-        "with each window: what the short one lets pass adds up in the long one, to 1.3 % at 3 ms",
+        Way.WINDOW,
+        ": what the short one lets pass adds up in the long one, to 1.3 % at 3 ms",
         _DEADLINE,
+        looks_at="SYNC of another node against device time",
     ),
     Watchdog.SYNC_COUNTER: WatchdogRow(
         "the SYNC counter has jumped",
         FaultCode.SYNC_COUNTER, _COMMUNICATION, 1, _AT_ONCE,
-        _NO_COUNT,
+        Way.ONCE,
+        looks_at="the counter in SYNC",
         lasting=False,
     ),
     Watchdog.BUS_OFF: WatchdogRow(
         "the CAN controller is bus-off",
         FaultCode.BUS_OFF, _COMMUNICATION, 1, _AT_ONCE,
-        _NO_COUNT,
+        Way.ONCE,
+        looks_at="the CAN controller",
     ),
     Watchdog.TRANSMIT_QUEUE: WatchdogRow(
         "the transmit queue is full",
         FaultCode.TRANSMIT_QUEUE, _COMMUNICATION, 1, _AT_ONCE,
-        _NO_COUNT,
+        Way.ONCE,
+        looks_at="the transmit queue",
         lasting=False,
     ),
     Watchdog.VOLTAGE: WatchdogRow(
         "the controllers ask for more than the voltage limit",
         FaultCode.VOLTAGE, ErrorRegister.VOLTAGE, 1,
         "checked before the drive goes out",
-        _NO_COUNT,
-        "Limit.Voltage",
+        Way.ONCE,
+        limit="Limit.Voltage",
+        looks_at="the drive that the controllers ask for, and what the plate reports",
     ),
     Watchdog.AMPLITUDE: WatchdogRow(
         "the vibration is above its limit",
         FaultCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
         "a finger that lifts lets the amplitude overshoot for less than the 5 ms the loop takes",
-        _SLOWLY,
-        "Limit.Amplitude trip",
+        Way.SLOWLY,
+        limit="Limit.Amplitude trip",
+        looks_at="amplitude of the pick-up",
+        counts=(Count("amplitude", Way.SLOWLY, AMPLITUDE_CYCLES),),
     ),
     Watchdog.TEMPERATURE: WatchdogRow(
         "the plate is too hot",
         FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE, 1, _ONE_SAMPLE,
-        _NO_COUNT,
-        "Limit.Temperature",
+        Way.ONCE,
+        limit="Limit.Temperature",
+        looks_at="the thermometer, and what the plate reports",
     ),
     Watchdog.NORMAL_FORCE: WatchdogRow(
         "the normal force is above its limit",
         FaultCode.NORMAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE,
-        _NO_COUNT,
-        "Limit.Normal force",
+        Way.ONCE,
+        limit="Limit.Normal force",
+        looks_at="normal force, once tared",
     ),
     Watchdog.LATERAL_FORCE: WatchdogRow(
         "the lateral force is above its limit",
         FaultCode.LATERAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE,
-        _NO_COUNT,
-        "Limit.Lateral force",
+        Way.ONCE,
+        limit="Limit.Lateral force",
+        looks_at="size of the lateral force, once tared",
     ),
     Watchdog.SATURATED: WatchdogRow(
         "a sensor is at the end of its range",
         FaultCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
         "a single sample may be a disturbance",
-        _SLOWLY,
+        Way.SLOWLY,
+        looks_at="the bits of sensors at their end",
+        counts=(Count("saturated", Way.SLOWLY, SATURATED_CYCLES),),
     ),
     Watchdog.STUCK: WatchdogRow(
         "a sensor is stuck",
         FaultCode.SENSOR_STUCK, _MANUFACTURER, STUCK_THERMOMETER_CYCLES,
         f"{STUCK_GAUGE_CYCLES} samples of gauge or pick-up within {STUCK_WITHIN} counts of the "
         f"first, {STUCK_THERMOMETER_CYCLES} equal ones of the thermometer: see the false alarms",
-        "at once: noise repeats single samples of a sound sensor, which would add up. One that "
+        Way.IN_A_ROW,
+        ": noise repeats single samples of a sound sensor, which would add up. One that "
         f"sticks for less shows samples at most {STUCK_GAUGE_CYCLES - 1} ms old, the thermometer "
         f"{STUCK_THERMOMETER_CYCLES - 1} ms",
+        looks_at="the counts of each sensor",
     ),
     Watchdog.GAUGES: WatchdogRow(
         "the gauges contradict each other",
         FaultCode.GAUGES_IMPLAUSIBLE, _MANUFACTURER, GAUGE_CYCLES,
         "a finger that arrives or leaves may do so between two samples",
-        _SLOWLY,
-        "Limit.Gauge mismatch",
+        Way.SLOWLY,
+        limit="Limit.Gauge mismatch",
+        looks_at="S3 to S6 against each other and the size of the plate, the lateral force "
+        "against the normal one; once tared",
+        counts=(Count("gauges", Way.SLOWLY, GAUGE_CYCLES),),
     ),
     Watchdog.PICKUP: WatchdogRow(
         "the vibration does not follow from the voltage",
@@ -240,36 +301,51 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
         "than any finger explains: 20 cycles, until its force is felt as well; with a plate node "
         "as many more as its deadline is above 3 ms",
-        f"{_SLOWLY}. None at all has to be in a row, as the end of each pulse under a finger may "
+        Way.SLOWLY,
+        ". None at all has to be in a row, as the end of each pulse under a finger may "
         "look like it",
         "Model",
+        looks_at="amplitude of the pick-up against drive, model and normal force; what is lacking "
+        "not in the modes off and identify",
+        counts=(
+            Count("excess", Way.SLOWLY, EXCESS_CYCLES, waits=True),
+            Count("silent", Way.IN_A_ROW, SILENT_CYCLES, waits=True),
+            Count("lack", Way.SLOWLY, LACK_CYCLES, waits=True, modes=JUDGED_MODES),
+        ),
     ),
     Watchdog.RESONANCE: WatchdogRow(
         "the resonance is lost",
         FaultCode.RESONANCE, _MANUFACTURER, RESONANCE_CYCLES,
         "from the end of its range the loop takes 50 ms to the resonance; cycles with a vibration "
         "count",
-        f"{_SLOWLY}. Cycles without a vibration do not count; a mode that does not track the "
+        Way.SLOWLY,
+        ". Cycles without a vibration do not count; a mode that does not track the "
         "resonance forgets all",
+        looks_at="phase of the pick-up, in the modes that track the resonance",
+        counts=(Count("resonance", Way.SLOWLY, RESONANCE_CYCLES, modes=TRACKING_MODES),),
     ),
     Watchdog.CONTROLLER: WatchdogRow(
         "the controllers gave no finite drive",
         FaultCode.CONTROLLER, _MANUFACTURER, 1, "checked before the drive goes out",
-        _NO_COUNT,
+        Way.ONCE,
+        looks_at="the drive that the controllers ask for, and whether they left their mode",
         lasting=False,
     ),
     Watchdog.CALIBRATION: WatchdogRow(
         "the calibration is missing or that of another plate",
         FaultCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
-        _NO_COUNT,
-        "Calibration.Plate serial number",
+        Way.ONCE,
+        limit="Calibration.Plate serial number",
+        looks_at="serial number of the plate against the calibration, and whether that tells "
+        "both axes apart",
     ),
     Watchdog.PLATE: WatchdogRow(
         "the plate went to 0 V by itself: its drives were late",
         FaultCode.DRIVE_LOST, _COMMUNICATION, 1,
         "the plate says so, by 8253h, in the cycle after it did",
-        _NO_COUNT,
-        "event timer of the plate's RPDO 1",
+        Way.ONCE,
+        limit="event timer of the plate's RPDO 1",
+        looks_at="emergency messages of the plate",
         lasting=False,
     ),
     Watchdog.DOUBLE: WatchdogRow(
@@ -279,9 +355,11 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "one frame is enough, and the plate tells of its own; without a plate that tells, as many "
         "measurements beyond one a SYNC as the deadline has ms, in twice as many SYNCs and 2: one "
         "less is what SYNCs that were not heard may leave. Present until 3 s without",
-        "with each window: one less is what SYNCs that were not heard may leave in each. A "
+        Way.WINDOW,
+        ": one less is what SYNCs that were not heard may leave in each. A "
         "measurement that a window lets pass is not answered",
         _DEADLINE,
+        looks_at="identifiers of this node, emergency messages of the plate, measurements a SYNC",
         told=True,
     ),
     Watchdog.UNSEEN: WatchdogRow(
@@ -289,16 +367,20 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
         "drives in time are cut to what stays within it; what was sent before a late one may be in "
         "force for longer; with a plate node as many more as its deadline is above 3 ms",
-        _SLOWLY,
-        "Limit.Amplitude by drive",
+        Way.SLOWLY,
+        limit="Limit.Amplitude by drive",
+        looks_at="drives, model, thermometer and normal force; nothing of the pick-up",
+        counts=(Count("unseen", Way.SLOWLY, UNSEEN_CYCLES, waits=True),),
     ),
     Watchdog.MISSED_TIME: WatchdogRow(
         "too many ticks of a second had no cycle",
         FaultCode.MISSED_TIME, _MANUFACTURER, 2000,
         "judged at the end of each second of a run; the one in which it begins may end too early "
         "to tell",
-        "with each second: the limit is a share of it",
+        Way.WINDOW,
+        ": a second, of which the limit is a share",
         "Limit.Missed ticks",
+        looks_at="cycles against device time, while running",
         lasting=False,
     ),
     Watchdog.STAGE: WatchdogRow(
@@ -306,7 +388,9 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.STAGE, ErrorRegister.VOLTAGE, 1,
         "the plate says so, by 3311h, in the cycle in which it sees it: at once in the simulated "
         "stage and a front end's, within 5 cycles where hardware reads the stage back",
-        f"{_SLOWLY}, where hardware reads the stage back; elsewhere no count",
+        Way.SLOWLY,
+        ", where hardware reads the stage back; elsewhere no count",
+        looks_at="emergency messages of the plate",
         lasting=False,
     ),
     Watchdog.NOT_ENABLED: WatchdogRow(
@@ -315,9 +399,11 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the plate says so, by 9010h: when its Enable goes while it drives, when the event timer "
         "of that RPDO is over, and when a voltage is asked for without; with a front end also when "
         "it had no measurement in time for 2 cycles in a row, or anything that is wrong",
-        "at once: the timer starts anew, as what is late has come. Cycles of a front end without a "
+        Way.TIME_OUT,
+        ". Cycles of a front end without a "
         "measurement have to be in a row: spread ones are ticks without a cycle, bit 24",
         "event timer of the plate's RPDO 2",
+        looks_at="emergency messages of the plate",
         lasting=False,
     ),
 }  # fmt: skip
@@ -362,3 +448,35 @@ CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _E
 def watchdogs_in(bits: int) -> list[Watchdog]:
     """List the watchdogs whose bits are set, in the order of their numbers."""
     return [watchdog for watchdog in Watchdog if bits >> watchdog & 1]
+
+
+COUNTED: Final = (
+    Watchdog.HEARTBEAT,
+    Watchdog.MEASUREMENT,
+    Watchdog.SETPOINT,
+    Watchdog.SYNC_LOST,
+    Watchdog.SYNC_IRREGULAR,
+    Watchdog.VOLTAGE,
+    Watchdog.AMPLITUDE,
+    Watchdog.TEMPERATURE,
+    Watchdog.NORMAL_FORCE,
+    Watchdog.LATERAL_FORCE,
+    Watchdog.SATURATED,
+    Watchdog.STUCK,
+    Watchdog.GAUGES,
+    Watchdog.PICKUP,
+    Watchdog.RESONANCE,
+    Watchdog.DOUBLE,
+    Watchdog.UNSEEN,
+    Watchdog.MISSED_TIME,
+)
+"""Those that measure or count, so that it can be told how near a fault is; others are events."""
+PLATE_COUNTED: Final = ("deadline", "wrong checks", "temperature", "voltage")
+"""What the plate watches itself, where the same holds."""
+
+
+def level(value: float, limit: float) -> float:
+    """Return how near a value is to its limit, 1.0; any value above 0 is beyond a limit of 0."""
+    if limit:
+        return value / limit
+    return inf if value > 0 else 0.0

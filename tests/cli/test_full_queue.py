@@ -16,7 +16,7 @@ from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.host.runner import run_node
 from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stage_state import StageState
+from smarttac_can.nodes.states import StageState
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.modes import Mode

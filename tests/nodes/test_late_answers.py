@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smarttac_can.nodes.late_answers import LateAnswers
+from smarttac_can.nodes.bus_loop import LateAnswers
 
 
 class Queue:

@@ -8,7 +8,7 @@ from line import START, Line, plate_inside
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.master_watch import MasterWatch
+from smarttac_can.nodes.commander import MasterWatch
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State

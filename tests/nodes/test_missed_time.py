@@ -10,7 +10,7 @@ from smarttac_can.bench.simulation import PLATE_ID, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.timer import Clock
 from smarttac_can.master import requests
-from smarttac_can.nodes.missed_time import MissedTime
+from smarttac_can.nodes.loop_time import MissedTime
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State

@@ -8,7 +8,7 @@ import pytest
 
 from smarttac_can.bench.simulation import plate_od
 from smarttac_can.nodes.plate_block import PlateBlock, Taken
-from smarttac_can.nodes.stage_state import StageState
+from smarttac_can.nodes.states import StageState
 from smarttac_can.vocabulary.signals import Drive, Measurement
 
 V20 = 2000

@@ -10,7 +10,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control import design
 from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.settings import (
+from smarttac_can.nodes.plans import (
     DESIGN,
     cascade_parameters,
     keep_model,

@@ -6,7 +6,7 @@ import pytest
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.source_watch import SourceWatch
+from smarttac_can.nodes.bus_loop import SourceWatch
 from smarttac_can.nodes.watching import Watching
 from smarttac_can.vocabulary.watchdogs import Watchdog
 

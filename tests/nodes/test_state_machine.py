@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from line import PREOP, RESET, RESET_COMMUNICATION, START, STOP, Line, both_nodes, plate_inside
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.nodes.state_machine import TRANSITIONS, Event, Guard, StateMachine
+from smarttac_can.nodes.states import TRANSITIONS, Event, Guard, StateMachine
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.states import CONTROL_MASK, State
 

@@ -153,28 +153,28 @@ SABOTAGES: Final = (
         "frames", (),
     ),
     Sabotage(
-        "a late answer counts twice", "nodes.late_answers LateAnswers._is_late",
+        "a late answer counts twice", "nodes.bus_loop LateAnswers._is_late",
         "self._in_a_row += 1", "self._in_a_row += 2",
         "bus late", (("disturb", "DELAY", "measurement", 3), ("cycles", 3)),
         Setting(lockstep=True),
     ),
     Sabotage(
-        "a SYNC is owed two answers", "nodes.source_watch SourceWatch.sync",
+        "a SYNC is owed two answers", "nodes.bus_loop SourceWatch.sync",
         "min(self._credits + 1, deadline_ms)", "min(self._credits + 2, deadline_ms)",
         "bus credits", (),
     ),
     Sabotage(
-        "a window of SYNC begins a tick later", "nodes.sync_watch _Window.begin",
+        "a window of SYNC begins a tick later", "nodes.bus_loop _Window.begin",
         "self._begun = self._clock.now", "self._begun = self._clock.now + 1",
         "bus sync", (),
     ),
     Sabotage(
-        "who was seen is remembered over a reset", "nodes.master_watch MasterWatch.restart",
+        "who was seen is remembered over a reset", "nodes.commander MasterWatch.restart",
         "self._seen.clear()", "pass",
         "masters seen", (("nmt", 0x82, 32),),
     ),
     Sabotage(
-        "a cycle that was missed is not", "nodes.missed_time MissedTime.cycle",
+        "a cycle that was missed is not", "nodes.loop_time MissedTime.cycle",
         "self._cycles += 1", "self._cycles += 2",
         "missed time", (),
     ),

@@ -25,6 +25,12 @@ class Readers(NamedTuple):
     of_controllers: Callable[[Any], State]
     of_simulated: Callable[[Any], State]
     """Of a simulated plate."""
+    of_watches: Callable[[Any], State]
+    """Of a supervisor."""
+    of_commander: Callable[[Any], State]
+    """Of a stimulator node."""
+    of_counts: Callable[[Any], State]
+    """Of a plate node."""
 
 
 @lru_cache(maxsize=256)
@@ -35,18 +41,19 @@ def fields(frozen: Any) -> tuple[Any, ...]:
 
 def of_stimulator(node: Any, readers: Readers | None = None) -> State:
     """Return what a stimulator node knows beside its object dictionary."""
+    readers = readers or READERS
     state = _of_supervisor(node.block.supervisor)
-    state |= _of_watches(node.block.supervisor.watchdogs)
+    state |= readers.of_watches(node.block.supervisor)
     state |= _of_bus(node._loop)
     # A fault of the matrix puts a broken cascade around the sound one.
     cascade = getattr(node.block.cascade, "cascade", node.block.cascade)
-    state |= (readers or READERS).of_controllers(cascade)
-    block, masters = node.block, node._masters
+    state |= readers.of_controllers(cascade)
+    state |= readers.of_commander(node)
+    block = node.block
     state |= {
         "shown state": block._shown,
         "begun at 0 V": block._begun,
         "changed records": sorted(block._changed),
-        "next parameters": fields(block._parameters),
         "hint": block._hint,
         "textures": [table is not None for table in block._textures._tables.values()],
         "tare awaited": block._taring._awaited,
@@ -55,10 +62,6 @@ def of_stimulator(node: Any, readers: Readers | None = None) -> State:
         "time": node.clock.now,
         "nmt": node.device.nmt_state,
         "unfit": node._unfit,
-        "masters late": sorted(masters._late),
-        "masters gone": sorted(masters._gone),
-        "masters seen": sorted(masters._seen),
-        "masters resting": masters._resting,
         "period reported": node._period._reported,
         "due tick": node._ticker.due,
         "missed ticks": node._ticker.missed,
@@ -86,7 +89,19 @@ def _of_supervisor(s: Any) -> State:
     }
 
 
-def _of_watches(w: Any) -> State:
+def _of_masters(node: Any) -> State:
+    masters = node._masters
+    return {
+        "masters late": sorted(masters._late),
+        "masters gone": sorted(masters._gone),
+        "masters seen": sorted(masters._seen),
+        "masters resting": masters._resting,
+        "next parameters": fields(node.block._parameters),
+    }
+
+
+def _of_watches(supervisor: Any) -> State:
+    w = supervisor.watchdogs
     v = w.vibration
     return {
         "watch saturated": w._saturated._level,
@@ -252,6 +267,7 @@ def of_plate(node: Any, readers: Readers | None = None) -> State:
     """Return what a plate node knows beside its object dictionary."""
     sender, hardware = node._sender, node._hardware
     state = of_plate_block(node.block, readers)
+    state |= (readers or READERS).of_counts(node)
     state |= _of_missed_time(node._missed_time)
     state |= {
         "time": node.clock.now,
@@ -265,8 +281,6 @@ def of_plate(node: Any, readers: Readers | None = None) -> State:
         "sender": (sender._node_id, getattr(sender, "_once_in", None)),
         "sender latched": sender.latched,
         "sender disturbed": (sender.disturbed, sender._undisturbed),
-        "watch wrong checks": sender._wrong._level,
-        "watch read-back": (hardware._wrong, hardware._wrong_cycles._level),
         "hardware": (hardware.cause, hardware.sources, hardware.reads_back, hardware._told),
         "hardware rules": [entry.name for entry in (*hardware._inputs, *hardware._rules)],
     }
@@ -317,5 +331,13 @@ def _of_simulated(plate: Any) -> State:
     }
 
 
-READERS: Final = Readers(_of_controllers, _of_simulated)
+def _of_counts(node: Any) -> State:
+    sender, hardware = node._sender, node._hardware
+    return {
+        "watch wrong checks": sender._wrong._level,
+        "watch read-back": (hardware._wrong, hardware._wrong_cycles._level),
+    }
+
+
+READERS: Final = Readers(_of_controllers, _of_simulated, _of_watches, _of_masters, _of_counts)
 """Of the old tree."""

@@ -94,4 +94,60 @@ def _of_simulated(plate: Any) -> State:
     }
 
 
-_READERS = Readers(_of_controllers, _of_simulated)
+def _of_watches(s: Any) -> State:
+    plan, now, drives = s.plan, s.watch, s.in_force
+    bound, vibration = plan.bound, now.vibration
+    amplitude, saturated, gauges, excess, silent, lack, resonance, unseen = now.counts
+    drive = drives.drive
+    return {
+        "watch saturated": saturated,
+        "watch gauges": gauges,
+        "watch gauges, zero": now.zero,
+        "watch stuck": (list(now.rests), list(now.rests_at)),
+        "watch tick": now.tick,
+        "watch amplitude": amplitude,
+        "watch excess": excess,
+        "watch silent": silent,
+        "watch lack": lack,
+        "watch resonance": resonance,
+        "watch unseen": unseen,
+        "watch vibration, most": (vibration.E, vibration.most),
+        "watch vibration, least": (vibration.E_least, vibration.least),
+        "watch voltage": (
+            drive.voltage, drives.most, drives.most_before, drives.least, drives.least_before,
+        ),
+        "watch voltage held": (drives.held_most, drives.held_least, drives.late),
+        "watch frequency": (drive.frequency, drives.turning),
+        "bound finger": (vibration.damping, vibration.touching),
+        "bound resonance": (vibration.low, vibration.high),
+        "bound drive now": (tuple(drives.response), drives.most, tuple(drives.held)),
+        "bound serial": plan.serial,
+        "bound temperature": plan.temperature_max,
+        "bound forces": (plan.Fn_max, plan.Ft_max, plan.mismatch),
+        "bound vibration": (plan.W_trip, bound.limit, bound.bare_limit),
+        "bound model": (
+            bound.gain, bound.most_gain, bound.tau, bound.believed_tau, bound.decay,
+        ),
+    }  # fmt: skip
+
+
+def _of_commander(node: Any) -> State:
+    commander = node._commander
+    return {
+        "masters late": sorted(commander._late),
+        "masters gone": sorted(commander._gone),
+        "masters seen": sorted(commander._seen),
+        "masters resting": commander._resting,
+        "next parameters": fields(node.block._plans.parameters),
+    }
+
+
+def _of_counts(node: Any) -> State:
+    hardware = node._hardware
+    return {
+        "watch wrong checks": node._sender._wrong,
+        "watch read-back": (hardware._wrong, hardware._wrong_cycles),
+    }
+
+
+_READERS = Readers(_of_controllers, _of_simulated, _of_watches, _of_commander, _of_counts)

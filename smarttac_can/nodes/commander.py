@@ -1,13 +1,15 @@
-"""Who watches over a run from outside: nodes whose heartbeat is watched, and set-points in time."""
+"""The nodes that command a stimulator: whether they are supervised, and whether they are lost."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
 
+from smarttac_can.device.device import Device
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.timer import Clock
+from smarttac_can.nodes.loop_time import deadlines
 from smarttac_can.nodes.stricter import watched_node
+from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 NOT_OPERATIONAL_US: Final = 1_000_000
@@ -15,10 +17,12 @@ NOT_OPERATIONAL_US: Final = 1_000_000
 PRE-OPERATIONAL for less, and a bench that is killed is missed as late."""
 
 _UP: Final = -1
+SETPOINT_RPDOS: Final = (1, 2, 3, 4)
+_TABLE: Final = "Consumer heartbeat time"
 
 
-class MasterWatch:
-    """The watchdogs of heartbeats and set-points.
+class Commander:
+    """The watchdogs of heartbeats and set-points, and whether one of them is armed.
 
     A watched node is gone when its heartbeat stays away, at once when it boots again, and when it
     has been OPERATIONAL but is so no more for `NOT_OPERATIONAL_US`. One that never was need not be:
@@ -26,43 +30,52 @@ class MasterWatch:
 
     Parameters
     ----------
-    clock
-        Device time.
+    device
+        That of the stimulator.
     plate
         Node-ID of the plate node, 0 for none. It is no master, and has watchdogs of its own: only
         its silence counts.
-    trip, settle
-        Called with a watchdog whose fault comes or goes.
+    observe
+        Called with a watchdog whose fault comes, or goes.
+    lockstep
+        Whether the master's SYNC is the only clock: nothing happens without the master then.
     """
 
     def __init__(
         self,
-        clock: Clock,
+        device: Device,
         plate: int,
-        trip: Callable[[Watchdog], None],
-        settle: Callable[[Watchdog], None],
+        observe: Callable[[Watchdog, bool], None],
+        *,
+        lockstep: bool,
     ) -> None:
-        self._clock = clock
+        self._device = device
+        self._clock = device.clock
         self._plate = plate
-        self._trip = trip
-        self._settle = settle
+        self._observe = observe
+        self._lockstep = lockstep
         self._late: set[int] = set()
         self._gone: set[int] = set()
         self._seen: set[int] = set()
         self._resting: dict[int, int] = {}
         """Since when nodes that were OPERATIONAL are so no more; `_UP` for one that is."""
+        od = device.od
+        self._watches = [e for s, e in od.objects[HEARTBEAT_CONSUMER].entries.items() if s]
+        self._deadlines = deadlines(od, SETPOINT_RPDOS)
+        self._guarding = od.entry(GUARD_TIME), od.entry(LIFE_TIME_FACTOR)
+        self._heartbeat = od.entry(HEARTBEAT_PRODUCER)
 
     def restart(self) -> None:
         """Begin anew: nobody was seen yet."""
         self._gone.clear()
         self._seen.clear()
         self._resting.clear()
-        self._settle(Watchdog.HEARTBEAT)
+        self._observe(Watchdog.HEARTBEAT, False)
 
     def leave(self) -> None:
         """Follow NMT out of OPERATIONAL: deadlines start anew with the first PDO."""
         self._late.clear()
-        self._settle(Watchdog.SETPOINT)
+        self._observe(Watchdog.SETPOINT, False)
 
     def rewatch(self, before: int, after: int) -> None:
         """Follow a write to the heartbeat consumer: another watch is a new one."""
@@ -110,18 +123,53 @@ class MasterWatch:
         """Take note that set-points are late, or late no more."""
         if late:
             self._late.add(rpdo)
-            self._trip(Watchdog.SETPOINT)
+            self._observe(Watchdog.SETPOINT, True)
             return
         self._late.discard(rpdo)
         if not self._late:
-            self._settle(Watchdog.SETPOINT)
+            self._observe(Watchdog.SETPOINT, False)
 
     def _lose(self, node_id: int) -> None:
         if node_id not in self._gone:
             self._gone.add(node_id)
-            self._trip(Watchdog.HEARTBEAT)
+            self._observe(Watchdog.HEARTBEAT, True)
 
     def _back(self, node_id: int) -> None:
         self._gone.discard(node_id)
         if not self._gone:
-            self._settle(Watchdog.HEARTBEAT)
+            self._observe(Watchdog.HEARTBEAT, False)
+
+    @property
+    def kept(self) -> bool:
+        """Whether who drives would be missed."""
+        device = self._device
+        return (
+            self._lockstep
+            or device.guarded
+            or bool(device.watched_in_time - {self._plate})
+            or any(device.in_time(number) for number in SETPOINT_RPDOS)
+        )
+
+    def advice(self) -> str:
+        """Say what the watches wait for that are set, or how to set one."""
+        return ", or ".join(self._set_but_silent()) or (
+            f"enter your heartbeat in {_TABLE} and send it, or set Drive unwatched to 1"
+        )
+
+    def _set_but_silent(self) -> Iterator[str]:
+        """Yield what each watch waits for that is set: its first sign of life."""
+        nodes = [watched_node(entry.value) for entry in self._watches]
+        if masters := [f"{node}" for node in nodes if node not in (0, self._plate)]:
+            which = " or ".join(masters)
+            full = all(entry.value for entry in self._watches)
+            taken = "; its entries are all taken: write 0 to one for another" if full else ""
+            silent = f"entered in {_TABLE} but not heard yet{taken}"
+            yield f"send the heartbeat of node {which}, {silent}"
+        for number, deadline in zip(SETPOINT_RPDOS, self._deadlines, strict=True):
+            if deadline.value:
+                yield f"send RPDO {number}, which has a deadline but has not come yet"
+        if all(entry.value for entry in self._guarding):
+            if self._heartbeat.value:
+                yield "set Producer heartbeat time to 0: life guarding rests beside a heartbeat"
+            else:
+                yield "guard this node: its life time is set, but no remote frame has come yet"

@@ -1,4 +1,22 @@
-"""The states of the stimulator: who may drive, and what it takes to get there."""
+"""The states of both nodes: who may drive the stimulator, and what the power stage takes.
+
+The stimulator, whose commands are those of the controlword::
+
+                 prepared            arm              run
+    NOT_READY <-----------> READY ---------> ARMED <--------> RUNNING
+        ^      unprepared     ^  <--------- |     stop         |
+        |                     |    disarm   |                  |
+        | reset, or NMT left  | disarm      | quick stop       | quick stop
+        |                     +--------- QUICK_STOP <----------+
+        |                     | reset       | a watchdog       | a watchdog
+        +-------------------- FAULT <-------+------------------+
+
+The power stage of the plate, which has a voltage IN_USE only::
+
+    WAITING, TRIPPED --- 0 V ---> FREE --- voltage ---> IN_USE --- bar ---> TRIPPED
+        ^                          |  <-- switch off ----- |
+        +------ 0 V in FAULT, bar -+----- 0 V in FAULT ----+
+"""
 
 from __future__ import annotations
 
@@ -171,3 +189,55 @@ class StateMachine:
             return Event.STOP
         # Not one word from rest to RUNNING: arm comes first.
         return _RISING.get((asked, rising & _COMMANDS), Event.ILLEGAL)
+
+
+class StageState(Enum):
+    """States of the power stage; only the last has a voltage."""
+
+    WAITING = "at 0 V until a drive of 0 V has come, as at the beginning"
+    TRIPPED = "the same, after it went to 0 V by itself while it was in use"
+    FREE = "at 0 V, takes a voltage"
+    IN_USE = "has taken a voltage, and since then whatever the drives say"
+
+
+class StageEvent(Enum):
+    """What moves it from state to state."""
+
+    ZERO = "a drive of 0 V from a stimulator that is not in FAULT"
+    LATCHED = "a drive of 0 V from a stimulator in FAULT"
+    VOLTAGE = "a drive with a voltage that counts"
+    SWITCH_OFF = "told to switch off"
+    BAR = "goes to 0 V by itself: see the watchdogs of the plate"
+    START_RUN = "start run"
+
+
+class StageTransition(NamedTuple):
+    """One row of the table."""
+
+    state: StageState
+    event: StageEvent
+    next: StageState
+
+
+STAGE_TRANSITIONS: Final = (
+    StageTransition(StageState.WAITING, StageEvent.ZERO, StageState.FREE),
+    StageTransition(StageState.TRIPPED, StageEvent.ZERO, StageState.FREE),
+    StageTransition(StageState.FREE, StageEvent.LATCHED, StageState.WAITING),
+    StageTransition(StageState.IN_USE, StageEvent.LATCHED, StageState.WAITING),
+    StageTransition(StageState.FREE, StageEvent.VOLTAGE, StageState.IN_USE),
+    StageTransition(StageState.IN_USE, StageEvent.SWITCH_OFF, StageState.FREE),
+    StageTransition(StageState.FREE, StageEvent.BAR, StageState.WAITING),
+    StageTransition(StageState.IN_USE, StageEvent.BAR, StageState.TRIPPED),
+    *(
+        StageTransition(state, StageEvent.START_RUN, StageState.WAITING)
+        for state in StageState
+        if state is not StageState.WAITING
+    ),
+)
+"""Every transition there is; any other event changes nothing."""
+_STAGE_NEXT: Final = {(row.state, row.event): row.next for row in STAGE_TRANSITIONS}
+
+
+def stage_after(state: StageState, event: StageEvent) -> StageState:
+    """Return the state after an event; the same if the table has no transition for it."""
+    return _STAGE_NEXT.get((state, event), state)

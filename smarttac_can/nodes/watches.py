@@ -1,0 +1,401 @@
+"""The watchdogs that look at every cycle of the loop.
+
+`watch_step` looks at a measurement and at the drive that is to answer it. It steps the counts in
+the table `WATCHDOGS` and returns the faults that are present, one bit for each watchdog. A count
+forgets in one of two ways:
+
+* **Slowly**: a leaky bucket. A faulty cycle adds `FORGOTTEN`, a sound one takes 1 away. So many in
+  a row are a fault, and so are fewer that come again and again: of any n cycles without a fault,
+  fewer than ``(most FORGOTTEN + n)/(FORGOTTEN + 1)`` were faulty.
+* **At once**: only faulty cycles in a row are a fault.
+
+A cycle in which nobody can tell is neither faulty nor sound: the count stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import hypot, isfinite
+from typing import Final, NamedTuple
+
+from smarttac_can.control.tribometer import DETERMINANT_MIN, Forces
+from smarttac_can.control.vibration import AMPLITUDE_MIN
+from smarttac_can.nodes.bounds import (
+    BoundPlan,
+    InForce,
+    Vibration,
+    bound_plan,
+    exceeded,
+    follow,
+    still,
+)
+from smarttac_can.nodes.cycle_input import SENSORS, Measured
+from smarttac_can.nodes.plate_block import TICK_MASK
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, Contact, Drive
+from smarttac_can.vocabulary.watchdogs import (
+    FORGOTTEN,
+    STUCK_GAUGE_CYCLES,
+    STUCK_THERMOMETER_CYCLES,
+    STUCK_WITHIN,
+    WATCHDOGS,
+    Watchdog,
+    Way,
+    level,
+)
+
+_PLATE_END: Final = 0.038
+"""End of the plate in m from its middle: a finger presses no farther out."""
+_FRICTION_MAX: Final = 2.0
+"""Largest Ft/Fn a finger can have; that of a wet one is near 1.5."""
+_EXCESS: Final = 1.5
+"""Largest ratio of the vibration to that of the model: fingers and detuning only lower it."""
+_EXCESS_UNIDENTIFIED: Final = 3.0
+"""Largest such ratio while the model is still to be identified."""
+_EXCESS_OFFSET: Final = 100e-9
+"""Vibration in m that needs no voltage: noise, and the tail of one that dies down."""
+_LACK: Final = 0.8
+"""Lowest ratio of the vibration to the least that model, phase and finger allow."""
+_SILENCE: Final = 0.05
+"""Lowest ratio of the vibration to that of the model; 0.2 at the ends of the frequency range."""
+_LOOKED_FOR: Final = 200e-9
+"""Vibration of the model in m from which its absence is looked for."""
+_GAP_MAX: Final = TICK_MASK // 2
+"""Most ticks between two measurements: more are a step back, as where a plate starts anew."""
+_NO_PLATE: Final = 0
+_OPEN_LOOP: Final = int(Mode.OPEN_LOOP)
+"""The mode in which the frequency may hop; a loop that hunts in frequency is no excuse."""
+_IDENTIFY: Final = int(Mode.IDENTIFY)
+
+_COUNTS: Final = [(watchdog, count) for watchdog, row in WATCHDOGS.items() for count in row.counts]
+_PLACES: Final = {count.what: place for place, (_, count) in enumerate(_COUNTS)}
+_STEPS: Final = [
+    (1 << place, 1 << watchdog, FORGOTTEN if count.way is Way.SLOWLY else 0)
+    for place, (watchdog, count) in enumerate(_COUNTS)
+]
+"""Of each count: its bit, that of its watchdog, and what a faulty cycle adds to a leaky bucket, 0
+for one in a row."""
+_ELSEWHERE: Final = [
+    sum(1 << place for place, (_, count) in enumerate(_COUNTS) if mode not in count.modes)
+    for mode in Mode
+]
+"""By mode the bits of the counts that are not of that mode."""
+_AMPLITUDE: Final = 1 << _PLACES["amplitude"]
+_SATURATED: Final = 1 << _PLACES["saturated"]
+_GAUGES: Final = 1 << _PLACES["gauges"]
+_EXCESSIVE: Final = 1 << _PLACES["excess"]
+_SILENT: Final = 1 << _PLACES["silent"]
+_LACKING: Final = 1 << _PLACES["lack"]
+_RESONANCE: Final = 1 << _PLACES["resonance"]
+_UNSEEN: Final = 1 << _PLACES["unseen"]
+
+_THERMOMETER: Final = SENSORS.index("Temperature")
+_WITHIN: Final = [0 if name == "Temperature" else STUCK_WITHIN for name in SENSORS]
+_VOLTAGE: Final = 1 << Watchdog.VOLTAGE
+_CONTROLLER: Final = 1 << Watchdog.CONTROLLER
+_HOT: Final = 1 << Watchdog.TEMPERATURE
+_NORMAL: Final = 1 << Watchdog.NORMAL_FORCE
+_LATERAL: Final = 1 << Watchdog.LATERAL_FORCE
+_STUCK: Final = 1 << Watchdog.STUCK
+_CONTRADICTED: Final = 1 << Watchdog.GAUGES
+_CALIBRATION: Final = 1 << Watchdog.CALIBRATION
+
+
+class WatchPlan(NamedTuple):
+    """What the watchdogs judge by, in SI units; it follows from parameters."""
+
+    bound: BoundPlan
+    W_trip: float
+    """Limit of the amplitude that is read."""
+    V_max: float
+    f_min: float
+    f_max: float
+    temperature_max: float
+    Fn_max: float
+    Ft_max: float
+    mismatch: float
+    """By how much gauges may contradict each other, in N."""
+    gauge_positions: tuple[float, float, float, float]
+    """Of S3 to S6 along x in m."""
+    serial: int
+    """Serial number of the plate that the calibration is for; 0 for none."""
+    full: tuple[int, ...]
+    """At how much each count is a fault."""
+
+
+class Seen(NamedTuple):
+    """What the watchdogs look at in a cycle."""
+
+    measured: Measured
+    mode: int
+    """Mode in which the controllers were asked."""
+    left_in: int
+    """Mode after it: the controllers leave one by themselves in doubt."""
+    asked: Drive
+    """What they ask for."""
+    contact: Contact
+    zero: Forces
+    """Zero of the gauges in N."""
+    tared: bool
+    """Whether there is one."""
+    in_force: InForce
+    """The drives since the measurement before."""
+
+
+class WatchState(NamedTuple):
+    """The watchdogs after a cycle."""
+
+    tick: int
+    """Of the plate, 0..255."""
+    vibration: Vibration
+    counts: tuple[int, ...]
+    """In the order of the table."""
+    rests_at: tuple[int, ...]
+    """Sample of each sensor from which on it rests, in counts of its converter."""
+    rests: tuple[int, ...]
+    """For how many samples it has."""
+    zero: tuple[float, ...]
+    """Zero of the gauges; empty before the first."""
+
+
+def watch_plan(
+    si: Callable[[str], float], *, identified: bool, deadline_ms: int = SHORT_DEADLINE_MS
+) -> WatchPlan:
+    """Return what the watchdogs judge by.
+
+    Parameters
+    ----------
+    si
+        Returns the value of an object of ``stimulator.eds`` in SI units.
+    identified
+        Whether the model is that of an identification.
+    deadline_ms
+        Shortest event timer of the measurements that come over a bus. By as much as it is above
+        3 ms a drive may be late, and what the vibration should follow from is not in force.
+    """
+    positions = [si(f"Calibration.Position of S{number}") for number in range(3, 7)]
+    (xx, xy), (yx, yy) = [
+        [si(f"Calibration.{axis} from {sensor}") for sensor in ("S1", "S2")]
+        for axis in ("Fx", "Fy")
+    ]
+    told_apart = abs(xx * yy - xy * yx) >= DETERMINANT_MIN
+    x3, x4, x5, x6 = positions
+    return WatchPlan(
+        bound=bound_plan(si, identified=identified),
+        W_trip=si("Limit.Amplitude trip"),
+        V_max=si("Limit.Voltage"),
+        f_min=si("Limit.Lowest frequency"),
+        f_max=si("Limit.Highest frequency"),
+        temperature_max=si("Limit.Temperature"),
+        Fn_max=si("Limit.Normal force"),
+        Ft_max=si("Limit.Lateral force"),
+        mismatch=si("Limit.Gauge mismatch"),
+        gauge_positions=(x3, x4, x5, x6),
+        # By a calibration that mixes the axes up a lateral force may read as none.
+        serial=int(si("Calibration.Plate serial number")) if told_apart else _NO_PLATE,
+        full=full_counts(deadline_ms),
+    )
+
+
+def full_counts(deadline_ms: int) -> tuple[int, ...]:
+    """Return at how much each count is a fault under a deadline of the loop."""
+    late = max(0, deadline_ms - SHORT_DEADLINE_MS)
+    cycles = [count.cycles + late * count.waits for _, count in _COUNTS]
+    return tuple(
+        [full_bucket(n) if step else n for n, (_, _, step) in zip(cycles, _STEPS, strict=True)]
+    )
+
+
+def at_rest(plan: WatchPlan) -> WatchState:
+    """Return watchdogs that have seen nothing: the plate is at rest, and tick 0 is next."""
+    nothing = (0,) * len(SENSORS)
+    return WatchState(TICK_MASK, still(plan.bound), (0,) * len(_COUNTS), nothing, nothing, ())
+
+
+def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchState, int]:
+    """Look at a cycle.
+
+    Returns
+    -------
+    tuple
+        The state, and the faults that are present, as bits, 1 << `Watchdog`.
+    """
+    tick, vibration, counts, rests_at, rests, zero = before
+    measured, mode, left_in, asked, contact, offsets, tared, in_force = seen
+    measurement = measured.si
+    W, gauges, _, saturation = measurement
+    # A measurement that is lost or passed over is time for the vibration all the same.
+    ticks = measured.tick - tick & TICK_MASK
+    if ticks > _GAP_MAX:
+        ticks = 1
+    vibration = follow(plan.bound, vibration, in_force, measurement, contact, ticks)
+    amplitude = abs(W)
+    was_at, rests_at = rests_at, _resting(measured.counts, rests_at)
+    rests = tuple(
+        [
+            rest + 1 if at == was else 1
+            for rest, at, was in zip(rests, rests_at, was_at, strict=True)
+        ]
+    )
+    faults = _of_drive(plan, asked) | _of_sensors(plan, measured, rests)
+    if mode not in (left_in, _IDENTIFY):
+        # An identification ends by itself.
+        faults |= _CONTROLLER
+    faulty = _of_vibration(plan, vibration, W, amplitude, mode)
+    if saturation:
+        faulty |= _SATURATED
+    cleared = _ELSEWHERE[mode]
+    held = cleared | _undecided(vibration, in_force, amplitude, mode)
+    if tared:
+        Fn, Ft = contact.Fn, hypot(contact.Fx, contact.Fy)
+        faults |= (_NORMAL if Fn > plan.Fn_max else 0) | (_LATERAL if Ft > plan.Ft_max else 0)
+        if _odd(plan, gauges, offsets, Fn, Ft):
+            faulty |= _GAUGES
+        if offsets != zero:
+            # What contradicted each other was the old zero.
+            zero = offsets
+            cleared |= _GAUGES
+    else:
+        held |= _GAUGES
+    if faulty & ~held or any(counts):
+        counts, tripped = _counted(plan.full, counts, faulty, held, cleared)
+        faults |= tripped if tared else tripped & ~_CONTRADICTED
+    state = (measured.tick, vibration, counts, rests_at, rests, zero)
+    return tuple.__new__(WatchState, state), faults
+
+
+def levels(
+    plan: WatchPlan, state: WatchState, in_force: InForce, contact: Contact, temperature: float
+) -> dict[Watchdog, float]:
+    """Return how near a fault each of these watchdogs is after a cycle, 1.0 where it is there."""
+    shares: dict[Watchdog, float] = {}
+    for (watchdog, _), count, full in zip(_COUNTS, state.counts, plan.full, strict=True):
+        shares[watchdog] = max(shares.get(watchdog, 0.0), count / full)
+    stuck = max(
+        rest / (STUCK_THERMOMETER_CYCLES if at == _THERMOMETER else STUCK_GAUGE_CYCLES)
+        for at, rest in enumerate(state.rests)
+    )
+    return shares | {
+        Watchdog.VOLTAGE: level(in_force.drive.voltage, plan.V_max),
+        Watchdog.TEMPERATURE: level(temperature, plan.temperature_max),
+        Watchdog.NORMAL_FORCE: contact.Fn / plan.Fn_max,
+        Watchdog.LATERAL_FORCE: hypot(contact.Fx, contact.Fy) / plan.Ft_max,
+        Watchdog.STUCK: stuck,
+    }
+
+
+def full_bucket(most: int) -> int:
+    """Return the level of a leaky bucket at which so many faulty cycles in a row are a fault."""
+    return most * FORGOTTEN
+
+
+def leaked(bucket: int, full: int, faulty: bool) -> int:
+    """Return the level of a leaky bucket after a cycle; from `full` on it is a fault."""
+    if faulty:
+        # The end lets a fault that is gone be forgotten within as many sound cycles.
+        return min(bucket + FORGOTTEN, full + FORGOTTEN)
+    return bucket - 1 if bucket else 0
+
+
+def _counted(
+    full: tuple[int, ...], counts: tuple[int, ...], faulty: int, held: int, cleared: int
+) -> tuple[tuple[int, ...], int]:
+    """Step all counts; return them, and the bits of the watchdogs of those that are full."""
+    stepped = []
+    tripped = 0
+    for (bit, watchdog, slowly), most, before in zip(_STEPS, full, counts, strict=True):
+        count = 0 if cleared & bit else before
+        if not held & bit:
+            if slowly:
+                count = leaked(count, most, bool(faulty & bit))
+            else:
+                count = count + 1 if faulty & bit else 0
+        stepped.append(count)
+        if count >= most:
+            tripped |= watchdog
+    return tuple(stepped), tripped
+
+
+def _resting(sensors: tuple[int, ...], rests_at: tuple[int, ...]) -> tuple[int, ...]:
+    """Return where each sensor rests, although noise moves the samples of a sound one.
+
+    In a row: noise repeats single samples of a sound sensor, which would add up.
+    """
+    return tuple(
+        [
+            at if -within <= value - at <= within else value
+            for value, at, within in zip(sensors, rests_at, _WITHIN, strict=True)
+        ]
+    )
+
+
+def _of_sensors(plan: WatchPlan, measured: Measured, rests: tuple[int, ...]) -> int:
+    """Look at all that is no count: the plate, its temperature, and sensors that rest."""
+    faults = 0
+    serial = measured.serial
+    if serial != plan.serial or serial == _NO_PLATE:
+        faults = _CALIBRATION
+    if measured.si.temperature > plan.temperature_max:
+        faults |= _HOT
+    if rests[_THERMOMETER] >= STUCK_THERMOMETER_CYCLES or (
+        max(rests[:_THERMOMETER]) >= STUCK_GAUGE_CYCLES
+    ):
+        faults |= _STUCK
+    return faults
+
+
+def _undecided(vibration: Vibration, in_force: InForce, amplitude: float, mode: int) -> int:
+    """Return the counts of which nobody can tell in this cycle."""
+    # Without a vibration nobody knows: a friction loop that pauses hides nothing.
+    held = 0 if amplitude > AMPLITUDE_MIN else _RESONANCE
+    # A loop that is led astray hunts: what is lacking comes and goes with the phase.
+    turns = in_force.turning and mode == _OPEN_LOOP
+    return held if vibration.least > _LOOKED_FOR and not turns else held | _LACKING
+
+
+def _of_drive(plan: WatchPlan, asked: Drive) -> int:
+    """Look at a drive before it goes out."""
+    voltage, frequency = asked
+    if not (isfinite(voltage) and voltage >= 0.0 and plan.f_min <= frequency <= plan.f_max):
+        return _CONTROLLER
+    return _VOLTAGE if voltage > plan.V_max else 0
+
+
+def _of_vibration(
+    plan: WatchPlan, vibration: Vibration, W: complex, amplitude: float, mode: int
+) -> int:
+    """Compare what the pick-up reads with its limit and with the model."""
+    faulty = _UNSEEN if exceeded(plan.bound, vibration) else 0
+    if amplitude > plan.W_trip:
+        faulty |= _AMPLITUDE
+    most = _EXCESS_UNIDENTIFIED if mode == _IDENTIFY else _EXCESS
+    if amplitude > most * vibration.E + _EXCESS_OFFSET:
+        faulty |= _EXCESSIVE
+    # In a row: a pulse that ends dies away sooner than E under a finger, each time it comes.
+    if vibration.E_least > _LOOKED_FOR and amplitude < _SILENCE * vibration.E_least:
+        faulty |= _SILENT
+    if amplitude < _LACK * vibration.least:
+        faulty |= _LACKING
+    if abs(W.imag) > W.real:
+        faulty |= _RESONANCE
+    return faulty
+
+
+def _odd(plan: WatchPlan, gauges: Forces, zero: Forces, Fn: float, Ft: float) -> bool:
+    """Tell whether the gauges contradict each other."""
+    _, _, o3, o4, o5, o6 = zero
+    _, _, s3, s4, s5, s6 = gauges
+    s3 -= o3
+    s4 -= o4
+    s5 -= o5
+    s6 -= o6
+    x3, x4, x5, x6 = plan.gauge_positions
+    mismatch = plan.mismatch
+    load = Fn if Fn > 0.0 else 0.0
+    # A rigid plate rests on its diagonals alike, wherever the finger is.
+    return (
+        abs(s3 - s4 - s5 + s6) > mismatch
+        or abs(x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) > _PLATE_END * (load + mismatch)
+        or Fn < -mismatch
+        or Ft > _FRICTION_MAX * load + mismatch
+    )
