@@ -757,7 +757,7 @@ def test_identify_hides_no_fault_behind_its_model(percent: int) -> None:
     def trip(progress: int) -> None:
         done.append(progress)
         if progress >= percent:
-            block.trip(Watchdog.HEARTBEAT)
+            block.observe(Watchdog.HEARTBEAT, True)
 
     with Stimulator.simulate("local") as bench:
         bench.run(0.07)
@@ -1011,7 +1011,7 @@ def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
 
         def trip_and_write(name: str, raw: int) -> None:
             if (name, raw) == before:
-                link._block.trip(Watchdog.HEARTBEAT)  # type: ignore[attr-defined]
+                link._block.observe(Watchdog.HEARTBEAT, True)  # type: ignore[attr-defined]
             write(name, raw)
 
         with monkeypatch.context() as patch:

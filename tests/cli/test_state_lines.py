@@ -84,7 +84,7 @@ def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
     assert stimulator.block.state is State.ARMED
     assert stimulator.od["Message"].value == ""
     stimulator.od["Limit.Temperature"].value = 0
-    stimulator.block.supervisor.watchdogs.configure()
+    stimulator.block.start_run()
     node.advance(1000)
     assert said[1:] == ["stimulator 32 fault 4210h: the plate is too hot"]
 

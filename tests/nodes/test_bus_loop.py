@@ -11,7 +11,8 @@ from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.bus_loop import BusLoop
 from smarttac_can.nodes.frame_check import FrameCheck
-from smarttac_can.nodes.loop_frames import received_measurement
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, received_measurement
+from smarttac_can.nodes.loop_time import Deadline
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 FIRST, SECOND, LAST = 5, 6, 7
@@ -28,10 +29,12 @@ class Loop:
         self.deadlines = [self.od.entry(index, 5) for index in (0x1404, 0x1405, 0x1406)]
         for entry in self.deadlines:
             entry.value = 3
-        self.loop = BusLoop(
-            self.od, self.clock, self.faults.add, self.faults.discard, self._unanswered
-        )
+        self.deadline = Deadline(self.od, MEASUREMENT_RPDOS)
+        self.loop = BusLoop(self.od, self.clock, self.deadline, self._observe, self._unanswered)
         FrameCheck(received_measurement(self.od)).write()
+
+    def _observe(self, watchdog: Watchdog, present: bool) -> None:
+        (self.faults.add if present else self.faults.discard)(watchdog)
 
     def _unanswered(self) -> None:
         self.unanswered += 1
@@ -47,6 +50,7 @@ class Loop:
         """Write a deadline."""
         self.loop.on_write(self.deadlines[at], milliseconds)
         self.deadlines[at].value = milliseconds
+        self.deadline.configure()
 
     def over_after(self) -> int:
         """Milliseconds until the deadline is over."""

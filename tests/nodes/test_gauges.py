@@ -24,7 +24,8 @@ GRATING = TextureTable(
     Axis.POSITION, repeats=True, start=0, step=100_000, values=(3000,) * 10 + (4000,) * 10
 )
 NONE = Fault(FaultKind.NONE, 1, 0)
-GAUGES_LEVEL = 6
+GAUGES = 2
+"""Place of their count."""
 
 
 def driven(
@@ -150,13 +151,13 @@ def test_taps_and_strokes_do_not_come_near_a_contradiction(seed: int) -> None:
         Finger__Motion=RECORDED,
         Friction_law=draw.randrange(2),
     )
-    watchdogs = block.supervisor.watchdogs
+    supervisor = block.supervisor
     mismatch = block.od["Limit.Gauge mismatch"].si_value
     worst = pulled = level = 0.0
     for _ in range(1150):
         block.tick()
         contact = block.cascade.contact
-        level = max(level, watchdogs.levels(block.cascade)[GAUGES_LEVEL])
+        level = max(level, supervisor.watch.counts[GAUGES] / (5 * 20))
         worst = max(worst, -contact.Fn)
         load = max(contact.Fn, 0.0)
         pulled = max(pulled, math.hypot(contact.Fx, contact.Fy) - 2.0 * load)

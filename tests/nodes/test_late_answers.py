@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +15,7 @@ class Queue:
     """Ticks of a plate that hears all SYNCs but those told, and a stimulator that answers them."""
 
     def __init__(self, first: int = 0, before: int = 0, deadline_ms: int = 20) -> None:
-        self.answers = LateAnswers(lambda: deadline_ms)
+        self.answers = LateAnswers(SimpleNamespace(ms=deadline_ms))  # type: ignore[arg-type]
         for _ in range(before):
             self.answers.sync()
         self.tick = first

@@ -14,10 +14,9 @@ from smarttac_can.trials.fault_acts import calm, disturb, limit_amplitude, lose
 from smarttac_can.trials.fault_cases import DRIVE, MEASUREMENTS
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, FaultKind
-from smarttac_can.vocabulary.watchdogs import COUNTED, PLATE_COUNTED, level
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import COUNTED, PLATE_COUNTED, Watchdog, level
 
 LOSE_MEASUREMENTS = disturb(FrameFault.LOSS, *MEASUREMENTS)
 

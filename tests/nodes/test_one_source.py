@@ -26,9 +26,8 @@ from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.vocabulary.watchdogs import COUNTED
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import COUNTED, Watchdog
 
 STATE = 0x08000022
 COLLISION = bytes.fromhex("50 81")

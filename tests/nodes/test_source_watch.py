@@ -7,7 +7,8 @@ import pytest
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.bus_loop import SourceWatch
-from smarttac_can.nodes.watching import Watching
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
+from smarttac_can.nodes.loop_time import Deadline, set_deadline
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 THIRD = pytest.approx(1 / 3, rel=1e-12)
@@ -21,9 +22,13 @@ class Watch:
         self.clock = Clock()
         self.tripped: set[Watchdog] = set()
         self.od = stimulator_od()
+        set_deadline(self.od, MEASUREMENT_RPDOS, 3)
         self.source = SourceWatch(
-            Watching(self.od, self.clock, lambda: 3, self.tripped.add, self.tripped.discard)
+            self.od, self.clock, Deadline(self.od, MEASUREMENT_RPDOS), self._observe
         )
+
+    def _observe(self, watchdog: Watchdog, present: bool) -> None:
+        (self.tripped.add if present else self.tripped.discard)(watchdog)
 
     def sync(self, count: int = 1, *, answers: int = 0, us: int = 1000) -> None:
         """Let time pass to a SYNC, so many times, and have so many measurements after each."""

@@ -89,7 +89,7 @@ def test_zeros_and_calibration_stay_while_a_force_is_latched_and_present(
 ) -> None:
     (raw,) = loop.shown(name)
     assert loop.write("Controlword", 1) == 0
-    loop.block.trip(Watchdog.NORMAL_FORCE)
+    loop.block.observe(Watchdog.NORMAL_FORCE, True)
     assert loop.block.state is State.FAULT
     assert loop.write(name, raw + 1) == STATE
     assert loop.write(name, raw) == 0, "what was read may be written back"

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import pytest
+from one_watch import LIFTED, UNTARED, plan_of
 
 from smarttac_can.bench.simulation import PLATE_ID, stimulator_od
+from smarttac_can.nodes import supervisor
+from smarttac_can.nodes.bounds import InForce
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import Abort
@@ -29,14 +33,8 @@ class Loop:
 
     def __init__(self, state: State = State.READY) -> None:
         self.od = stimulator_od()
-        self.supervisor = Supervisor(self.od, ())
-        stand_in: Any = SimpleNamespace(
-            look=lambda _measured, _mode, _cascade: self.faults,
-            judge=lambda _asked, _parameters: 0,
-            vibration=SimpleNamespace(by_drive=SimpleNamespace(allowed=self.cut)),
-        )
-        self.supervisor.watchdogs = stand_in
-        self.faults = 0
+        plan = plan_of(self.od)._replace(f_min=LOWEST, f_max=HIGHEST)
+        self.supervisor = Supervisor(self.od, plan)
         self.supervisor.note_zero()
         self.cycle()
         words = {State.ARMED: (ARM,), State.RUNNING: (ARM, ARM | RUN)}
@@ -44,22 +42,32 @@ class Loop:
             self.supervisor.command(word)
         assert self.supervisor.state is state
 
-    def cut(self, drive: Drive) -> Drive:
-        """Cut a drive to 30 V, as the bound of the vibration may."""
-        return drive._replace(voltage=min(drive.voltage, 30.0))
-
     def cycle(
         self,
         faults: int = 0,
         asked: Drive = ASKED,
         mode: Mode = Mode.OPEN_LOOP,
-        left_in: Mode = Mode.OPEN_LOOP,
     ) -> Drive:
-        self.faults = faults
-        parameters = SimpleNamespace(f_min=LOWEST, f_max=HIGHEST)
-        cascade: Any = SimpleNamespace(mode=left_in, parameters=parameters)
+        """Have the watchdogs see these faults, and the bound of the vibration cut to 30 V."""
+        cascade: Any = SimpleNamespace(mode=mode, contact=LIFTED, zero=UNTARED, tared=True)
         measured: Any = None
-        return self.supervisor.permit(asked, measured, mode, cascade)
+
+        def put_out(
+            _plan: object, _vibration: object, in_force: InForce, drive: Drive, _late: bool
+        ) -> tuple[InForce, Drive]:
+            return in_force, drive._replace(voltage=min(drive.voltage, 30.0))
+
+        with (
+            patch.object(supervisor, "watch_step", lambda _plan, state, _seen: (state, faults)),
+            patch.object(supervisor, "put_out", put_out),
+        ):
+            return self.supervisor.permit(asked, measured, mode, cascade, late=False)
+
+    def come(self, watchdog: Watchdog) -> None:
+        self.supervisor.observe(1 << watchdog, 1 << watchdog)
+
+    def go(self, watchdog: Watchdog) -> None:
+        self.supervisor.observe(0, 1 << watchdog)
 
     @property
     def shown(self) -> tuple[int, int, int]:
@@ -131,34 +139,16 @@ def test_at_0_v_a_frequency_beyond_its_limits_is_the_last_one(
     assert loop.cycle(asked=Drive(20.0, frequency)) == Drive(0.0, sent)
 
 
-@pytest.mark.parametrize(
-    ("mode", "left_in", "latched"),
-    [
-        (Mode.OPEN_LOOP, Mode.OPEN_LOOP, 0),
-        (Mode.AMPLITUDE, Mode.OFF, CONTROLLER),
-        (Mode.IDENTIFY, Mode.OFF, 0),
-    ],
-)
-def test_controllers_that_leave_their_mode_are_a_fault_but_at_the_end_of_an_identification(
-    mode: Mode, left_in: Mode, latched: int
-) -> None:
-    loop = Loop(State.RUNNING)
-    loop.cycle(mode=mode, left_in=left_in)
-    assert loop.supervisor.latched == latched
-    loop.cycle()
-    assert loop.shown == (0x6100 if latched else 0, 0, latched)
-
-
 def test_a_fault_when_ready_is_present_and_not_latched() -> None:
     loop = Loop()
     loop.cycle(STUCK)
     assert (loop.supervisor.state, loop.shown) == (State.NOT_READY, (0, STUCK, 0))
     loop.cycle()
     assert (loop.supervisor.state, loop.shown) == (State.READY, (0, 0, 0))
-    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.come(Watchdog.BUS_OFF)
     assert (loop.supervisor.state, loop.shown) == (State.NOT_READY, (0, BUS_OFF, 0))
     assert loop.message == ""
-    loop.supervisor.settle(Watchdog.BUS_OFF)
+    loop.go(Watchdog.BUS_OFF)
     assert loop.shown == (0, 0, 0)
     loop.cycle()
     assert loop.supervisor.state is State.READY
@@ -168,10 +158,10 @@ def test_a_fault_when_ready_is_present_and_not_latched() -> None:
 def test_a_fault_when_sharp_is_latched_and_what_follows_is_added(state: State) -> None:
     loop = Loop(state)
     assert loop.supervisor.sharp
-    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.come(Watchdog.BUS_OFF)
     assert not loop.supervisor.sharp
     assert (loop.supervisor.state, loop.shown) == (State.FAULT, (0x8141, BUS_OFF, BUS_OFF))
-    loop.supervisor.trip(Watchdog.HEARTBEAT)
+    loop.come(Watchdog.HEARTBEAT)
     assert loop.shown == (0x8141, BUS_OFF | HEARTBEAT, BUS_OFF | HEARTBEAT)
     assert loop.message == BUS_OFF_TEXT, "that of the first"
     assert len(loop.supervisor.memory.lines) == 1
@@ -184,12 +174,12 @@ def test_a_fault_when_sharp_is_latched_and_what_follows_is_added(state: State) -
 def test_a_fault_is_reset_when_none_that_is_latched_is_present() -> None:
     loop = Loop(State.RUNNING)
     command = loop.supervisor.command
-    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.come(Watchdog.BUS_OFF)
     command(0)
     assert loop.shown == (0x8141, BUS_OFF, BUS_OFF), "to disarm resets nothing"
     with pytest.raises(Abort):
         command(FAULT_RESET)
-    loop.supervisor.settle(Watchdog.BUS_OFF)
+    loop.go(Watchdog.BUS_OFF)
     assert loop.message == BUS_OFF_TEXT, "until it is reset"
     command(FAULT_RESET)
     assert (loop.supervisor.state, loop.shown) == (State.READY, (0, 0, 0))
@@ -198,7 +188,7 @@ def test_a_fault_is_reset_when_none_that_is_latched_is_present() -> None:
 
 def test_a_fault_that_came_later_and_is_present_leaves_it_not_ready() -> None:
     loop = Loop(State.RUNNING)
-    loop.supervisor.trip(Watchdog.NMT)
+    loop.come(Watchdog.NMT)
     loop.cycle(STUCK)
     loop.supervisor.command(0)
     loop.supervisor.command(FAULT_RESET)
@@ -207,22 +197,22 @@ def test_a_fault_that_came_later_and_is_present_leaves_it_not_ready() -> None:
 
 def test_somebody_who_has_to_mend_it_is_told_of_a_fault_that_is_not_latched() -> None:
     loop = Loop()
-    loop.supervisor.trip(Watchdog.DOUBLE)
+    loop.come(Watchdog.DOUBLE)
     assert loop.message.startswith("another node sends with an identifier")
-    loop.supervisor.settle(Watchdog.DOUBLE)
+    loop.go(Watchdog.DOUBLE)
     assert loop.message == ""
 
 
 def test_a_message_about_something_else_stays() -> None:
     loop = Loop()
-    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.come(Watchdog.BUS_OFF)
     loop.od["Message"].value = "about something else"
-    loop.supervisor.settle(Watchdog.BUS_OFF)
+    loop.go(Watchdog.BUS_OFF)
     loop.cycle()
     loop.supervisor.command(ARM)
     assert loop.message == "about something else"
-    loop.supervisor.trip(Watchdog.BUS_OFF)
-    loop.supervisor.trip(Watchdog.DOUBLE)
+    loop.come(Watchdog.BUS_OFF)
+    loop.come(Watchdog.DOUBLE)
     assert loop.message == BUS_OFF_TEXT
 
 
@@ -230,7 +220,7 @@ def test_a_message_about_something_else_stays() -> None:
 def test_a_new_run_takes_a_message_away_but_not_that_of_a_latched_fault(latched: bool) -> None:
     loop = Loop(State.ARMED)
     if latched:
-        loop.supervisor.trip(Watchdog.BUS_OFF)
+        loop.come(Watchdog.BUS_OFF)
     else:
         loop.od["Message"].value = "about something else"
     loop.supervisor.start_run(tared=False)
@@ -271,7 +261,7 @@ def test_to_leave_operational_or_restart_out_of_running_is_a_fault(
 
 def test_a_restart_forgets_what_was_latched_and_the_last_word() -> None:
     loop = Loop(State.ARMED)
-    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.come(Watchdog.BUS_OFF)
     loop.supervisor.restart()
     assert (loop.supervisor.state, loop.shown) == (State.NOT_READY, (0, 0, 0))
     loop.cycle()
@@ -362,12 +352,12 @@ def test_a_refusal_is_told_until_its_record_takes_a_write() -> None:
 
 def test_a_latched_fault_and_what_somebody_has_to_mend_outlast_a_refusal() -> None:
     loop = Loop(State.ARMED)
-    loop.supervisor.trip(Watchdog.BUS_OFF)
+    loop.come(Watchdog.BUS_OFF)
     loop.supervisor.refuse("Mode", "none")
     loop.supervisor.accept("Mode")
     assert loop.message == BUS_OFF_TEXT
     loop = Loop()
-    loop.supervisor.trip(Watchdog.DOUBLE)
+    loop.come(Watchdog.DOUBLE)
     told = loop.message
     loop.supervisor.refuse("Mode", "none")
     assert loop.message == "none"

@@ -5,7 +5,8 @@ import pytest
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.bus_loop import SyncWatch
-from smarttac_can.nodes.watching import Watching
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
+from smarttac_can.nodes.loop_time import Deadline, set_deadline
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 
@@ -17,15 +18,11 @@ class Watch:
         self.tripped: set[Watchdog] = set()
         od = stimulator_od()
         od.entry(0x1019).value = 10
-        self.sync = SyncWatch(
-            Watching(
-                od,
-                self.clock,
-                lambda: deadline_ms,
-                self.tripped.add,
-                self.tripped.discard,
-            )
-        )
+        set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
+        self.sync = SyncWatch(od, self.clock, Deadline(od, MEASUREMENT_RPDOS), self._observe)
+
+    def _observe(self, watchdog: Watchdog, present: bool) -> None:
+        (self.tripped.add if present else self.tripped.discard)(watchdog)
 
     def hear(self, milliseconds: int, syncs: list[int]) -> None:
         """Let time pass, with so many SYNCs at the end of each millisecond."""

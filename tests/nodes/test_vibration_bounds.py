@@ -2,13 +2,11 @@
 
 import cmath
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
+from one_watch import RESONANCE_HZ, Watch
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.nodes.vibration_watch import VibrationWatch
 from smarttac_can.vocabulary.signals import Contact, Drive
 
 OPEN_LOOP, AMPLITUDE_MODE, TRACKED, IDENTIFY = 1, 2, 3, 5
@@ -20,42 +18,32 @@ def pressing(Fn: float) -> Contact:
     return Contact(0.0, 0.0, Fn, 0.0, 0.0, 0.0, 0.0, touching=Fn > 0.0)
 
 
-RESONANCE_HZ = 43_390.0
+def bound_um(watch: Watch) -> float:
+    return abs(watch.state.vibration.most) * 1e6
 
 
-def drive(watch: VibrationWatch, volts: float, hertz: float = RESONANCE_HZ, **late: bool) -> None:
-    watch.note_drive(Drive(volts, hertz), **late)
-
-
-def bound_um(watch: VibrationWatch) -> float:
-    return watch.by_drive.size * 1e6
-
-
-def watch_of(deadlines: tuple[int, ...] = (), limit: int = 10_000, **model: int) -> VibrationWatch:
+def watch_of(deadlines: tuple[int, ...] = (), limit: int = 10_000, **model: int) -> Watch:
     od = stimulator_od()
     for name, raw in model.items():
         od[f"Model.{name.replace('_', ' ')}"].value = raw
     od["Limit.Amplitude by drive"].value = limit
-    entries: list[Any] = [SimpleNamespace(value=value) for value in deadlines]
-    return VibrationWatch(od, entries)
+    return Watch(od, min(deadlines, default=3))
 
 
-def settled(
-    watch: VibrationWatch, um: complex, Fn: float = 0.0, *, volts: float = 100.0
-) -> VibrationWatch:
+def settled(watch: Watch, um: complex, Fn: float = 0.0, *, volts: float = 100.0) -> Watch:
     """A watch after 40 cycles under a voltage, with a reading that follows from it."""
     for _ in range(40):
-        drive(watch, volts)
+        watch.drive(volts)
         watch.look(um * 1e-6, pressing(Fn), 20.0, AMPLITUDE_MODE)
     return watch
 
 
 def cycles_to(
-    fault: int, watch: VibrationWatch, um: complex, Fn: float = 0.0, mode: int = AMPLITUDE_MODE
+    fault: int, watch: Watch, um: complex, Fn: float = 0.0, mode: int = AMPLITUDE_MODE
 ) -> int:
     """How many cycles of a reading make a fault; 0 if 200 do not."""
     for cycles in range(1, 201):
-        drive(watch, 100.0)
+        watch.drive(100.0)
         if watch.look(um * 1e-6, pressing(Fn), 20.0, mode) & fault:
             return cycles
     return 0
@@ -83,7 +71,7 @@ def test_bound_from_above_whatever_the_pickup_reads(
     assert bound_um(settled(watch_of(), reads, Fn)) == pytest.approx(bound, abs=2e-4)
 
 
-def identified(**model: int) -> VibrationWatch:
+def identified(**model: int) -> Watch:
     return watch_of(State=DONE, **model)
 
 
@@ -117,7 +105,7 @@ def test_off_the_resonance_of_an_identified_plate_the_bound_is_lower(
 ) -> None:
     watch = identified()
     for _ in range(60):
-        drive(watch, 100.0, hertz)
+        watch.drive(100.0, hertz)
         watch.look(0j, pressing(Fn), temperature, AMPLITUDE_MODE)
     damping = 1.5697 if Fn > 0.0 else 1.0
     expected = 5.0 / damping * share_at(off, damping)
@@ -128,7 +116,7 @@ def test_off_the_resonance_of_an_identified_plate_the_bound_is_lower(
 def test_without_an_identification_the_resonance_may_be_anywhere(state: int) -> None:
     watch = watch_of(State=state)
     for _ in range(60):
-        drive(watch, 100.0, 43_000.0)
+        watch.drive(100.0, 43_000.0)
         watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
     assert bound_um(watch) == pytest.approx(5.0, abs=1e-4)
 
@@ -151,33 +139,33 @@ def test_what_a_low_gain_may_be_is_that_of_the_data_sheet() -> None:
 @pytest.mark.parametrize(("tau", "believed"), [(9_440, 0.944), (50_000, 1.0384), (2_000, 0.8496)])
 def test_a_tau_far_from_the_data_sheet_is_not_believed(tau: int, believed: float) -> None:
     watch = watch_of(Tau=tau)
-    drive(watch, 100.0)
+    watch.drive(100.0)
     watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
     assert bound_um(watch) == pytest.approx(5.0 * (1 - math.exp(-1 / believed)), abs=1e-4)
 
 
 def test_bound_from_above_rises_with_the_time_constant() -> None:
     watch = watch_of()
-    drive(watch, 100.0)
+    watch.drive(100.0)
     watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
     assert bound_um(watch) == pytest.approx(5.0 * (1 - math.exp(-1 / 0.944)), abs=1e-4)
     # Under a finger faster: its damping is the plate's as well.
     watch = watch_of()
     watch.look(0j, pressing(1.0), 20.0, AMPLITUDE_MODE)
-    drive(watch, 100.0)
+    watch.drive(100.0)
     watch.look(0j, pressing(1.0), 20.0, AMPLITUDE_MODE)
     assert bound_um(watch) == pytest.approx(3.1853 * (1 - math.exp(-1.5697 / 0.944)), abs=2e-4)
 
 
-def driven_on(watch: VibrationWatch, asked: Drive, Fn: float, cycles: int) -> list[float]:
+def driven_on(watch: Watch, asked: Drive, Fn: float, cycles: int) -> list[float]:
     """The voltages that a constant one is cut to; the bound may not pass its limit meanwhile."""
     volts = []
     for _ in range(cycles):
-        allowed = watch.by_drive.allowed(asked)
+        allowed = watch.allowed(asked)
         assert allowed.frequency == asked.frequency
         assert 0.0 <= allowed.voltage <= asked.voltage
         volts.append(allowed.voltage)
-        watch.note_drive(allowed)
+        watch.drive(*allowed)
         assert not watch.look(0j, pressing(Fn), 20.0, TRACKED) & UNSEEN
         assert bound_um(watch) < (5.0 if Fn > 0.0 else 3.27) + 1e-6
     return volts
@@ -197,15 +185,15 @@ def test_a_voltage_is_cut_to_what_keeps_the_bound_within_its_limit(Fn: float, mo
     volts = driven_on(watch, Drive(150.0, RESONANCE_HZ), Fn, 30)
     assert volts[-1] == pytest.approx(most, abs=0.01)
     assert volts == sorted(volts, reverse=True), "at first it may rise quickly"
-    assert watch.by_drive.allowed(Drive(60.0, RESONANCE_HZ)) == Drive(60.0, RESONANCE_HZ)
+    assert watch.allowed(Drive(60.0, RESONANCE_HZ)) == Drive(60.0, RESONANCE_HZ)
 
 
 def test_the_paper_is_not_cut() -> None:
     """1 um at 140 Hz off the resonance: 26 V, and the kick of its step."""
     watch = watch_of(limit=5_000)
     for volts in (*[60.0] * 2, *[26.0] * 20):
-        assert watch.by_drive.allowed(Drive(volts, RESONANCE_HZ)).voltage == volts
-        drive(watch, volts)
+        assert watch.allowed(Drive(volts, RESONANCE_HZ)).voltage == volts
+        watch.drive(volts)
         watch.look(1e-6 + 0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
 
 
@@ -222,29 +210,28 @@ def test_a_finger_that_lifts_takes_the_limit_with_it() -> None:
     watch = watch_of(limit=5_000)
     watch.look(0j, pressing(0.5), 20.0, AMPLITUDE_MODE)
     driven_on(watch, Drive(150.0, RESONANCE_HZ), 0.5, 30)
-    drive(watch, 134.0)
+    watch.drive(134.0)
     watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
     assert bound_um(watch) == pytest.approx(4.98, abs=0.02)
     for cycle in range(3):
-        allowed = watch.by_drive.allowed(Drive(150.0, RESONANCE_HZ))
-        watch.note_drive(allowed)
+        allowed = watch.allowed(Drive(150.0, RESONANCE_HZ))
+        watch.drive(*allowed)
         watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
         assert bound_um(watch) <= 3.27 + 1e-6, cycle
 
 
 def test_a_limit_below_the_bound_gives_0_v_until_it_has_died_down() -> None:
     watch = settled(watch_of(limit=5_000), 3.0, volts=60.0)
-    watch._od["Limit.Amplitude by drive"].value = 300
-    watch.configure()
-    assert watch.by_drive.allowed(Drive(60.0, RESONANCE_HZ)).voltage == 0.0
+    watch.limit_bound(0.3)
+    assert watch.allowed(Drive(60.0, RESONANCE_HZ)).voltage == 0.0
     assert driven_on_zero(watch) == 3, "3 um exp(-3/0.944) are 125 nm"
-    assert 0.0 < watch.by_drive.allowed(Drive(60.0, RESONANCE_HZ)).voltage < 10.0
+    assert 0.0 < watch.allowed(Drive(60.0, RESONANCE_HZ)).voltage < 10.0
 
 
-def driven_on_zero(watch: VibrationWatch) -> int:
+def driven_on_zero(watch: Watch) -> int:
     """How many cycles at 0 V bring the bound to 300 nm."""
     for cycles in range(1, 20):
-        drive(watch, 0.0)
+        watch.drive(0.0)
         watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
         if bound_um(watch) < 0.3:
             return cycles
@@ -255,7 +242,7 @@ def driven_on_zero(watch: VibrationWatch) -> int:
 def test_a_bound_above_its_limit_for_5_cycles_is_a_fault(limit: int, cycles: int) -> None:
     """No drive that comes in time makes one; what was late may be in force all the same."""
     watch = settled(watch_of(), 5.0)
-    watch.by_drive._limit = limit * 1e-9
+    watch.limit_bound(limit * 1e-3)
     assert cycles_to(UNSEEN, watch, 5.0) == cycles
 
 
@@ -279,8 +266,8 @@ def test_bound_from_below(um: complex, Fn: float, cycles: int) -> None:
     assert cycles_to(PICKUP, watch, um, Fn) == cycles
 
 
-def least_um(watch: VibrationWatch) -> float:
-    return watch._least * 1e6
+def least_um(watch: Watch) -> float:
+    return watch.state.vibration.least * 1e6
 
 
 @pytest.mark.parametrize(
@@ -329,7 +316,7 @@ def test_the_bound_from_below_of_an_identified_plate_does_not(
 ) -> None:
     watch = identified()
     for _ in range(60):
-        drive(watch, 100.0, hertz)
+        watch.drive(100.0, hertz)
         watch.look(reads * 1e-6, pressing(Fn), temperature, AMPLITUDE_MODE)
     damping = 3.7878 if Fn > 0.0 else 1.3447
     assert least_um(watch) == pytest.approx(5.0 / damping * share_at(off, damping), rel=1e-3)
@@ -353,14 +340,14 @@ def test_after_a_hop_of_the_frequency_in_open_loop_nothing_is_lacking_for_8_cycl
     watch = settled(watch_of(), 5.0)
     found = []
     for _ in range(40):
-        drive(watch, 100.0, RESONANCE_HZ + hertz)
+        watch.drive(100.0, RESONANCE_HZ + hertz)
         found.append(watch.look(1e-6 + 0j, pressing(0.0), 20.0, mode) & PICKUP)
     assert found.index(PICKUP) + 1 == cycles
 
 
 def test_a_watch_that_was_reset_knows_of_no_hop() -> None:
     watch = settled(watch_of(), 5.0)
-    drive(watch, 100.0, 43_000.0)
+    watch.drive(100.0, 43_000.0)
     watch.reset()
     settled(watch, 5.0)
     assert cycles_to(PICKUP, watch, 1.0, mode=OPEN_LOOP) == 20
@@ -372,7 +359,7 @@ def test_nothing_is_missed_below_200_nm_or_while_identifying() -> None:
         watch = settled(watch_of(), volts * 0.05, volts=volts)
         found = 0
         for at in range(1, 101):
-            drive(watch, volts)
+            watch.drive(volts)
             if watch.look(0.1e-6, pressing(0.0), 20.0, AMPLITUDE_MODE) & PICKUP:
                 found = at
                 break
@@ -387,9 +374,9 @@ def test_the_bound_from_below_rises_with_the_lesser_of_two_voltages() -> None:
     for cycles, share in ((1, 0.0), (2, step), (3, 1.0 - (1.0 - step) ** 2)):
         watch = watch_of()
         for _ in range(cycles):
-            drive(watch, 100.0)
+            watch.drive(100.0)
             watch.look(1e-6, pressing(0.0), 20.0, AMPLITUDE_MODE)
-        assert watch._least * 1e6 == pytest.approx(3.7183 * share, abs=2e-4)
+        assert watch.state.vibration.least * 1e6 == pytest.approx(3.7183 * share, abs=2e-4)
 
 
 @pytest.mark.parametrize(("um", "cycles"), [(0.251, 20), (0.249, 10)])
@@ -415,7 +402,7 @@ def test_silence_is_none_while_the_model_has_less_than_200_nm(volts: float, cycl
     watch = settled(watch_of(), volts * 0.05, volts=volts)
     found = []
     for _ in range(50):
-        drive(watch, volts)
+        watch.drive(volts)
         found.append(watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE) & PICKUP)
     assert (found.index(PICKUP) + 1 if any(found) else 0) == cycles
 
@@ -424,7 +411,8 @@ def test_the_trip_itself_is_allowed() -> None:
     watch = settled(watch_of(), 3.0)
     for _ in range(20):
         assert (
-            not watch.look(complex(watch._W_trip), pressing(0.0), 20.0, AMPLITUDE_MODE) & AMPLITUDE
+            not watch.look(complex(watch.plan.W_trip), pressing(0.0), 20.0, AMPLITUDE_MODE)
+            & AMPLITUDE
         )
 
 
@@ -437,14 +425,14 @@ def test_an_amplitude_above_the_trip_for_5_cycles_is_a_fault(um: float, cycles: 
     ("deadlines", "late"), [((3, 3, 3), 0), ((20, 20, 20), 17), ((20, 4, 20), 1), ((2, 3, 3), 0)]
 )
 def test_late_drives_make_every_comparison_wait(deadlines: tuple[int, ...], late: int) -> None:
-    def settled_watch() -> VibrationWatch:
+    def settled_watch() -> Watch:
         return settled(watch_of(deadlines), 5.0)
 
     assert cycles_to(PICKUP, settled_watch(), 1.0) == 20 + late
     assert cycles_to(PICKUP, settled_watch(), 0.1) == 10 + late
     assert cycles_to(PICKUP, settled_watch(), 7.7) == 3 + late
     watch = settled_watch()
-    watch.by_drive._limit = 4.99e-6
+    watch.limit_bound(4.99)
     assert cycles_to(UNSEEN, watch, 5.0) == 5 + late
 
 
@@ -467,11 +455,11 @@ def test_45_degrees_are_tuned() -> None:
     assert cycles_to(RESONANCE, settled(watch_of(), 2.0), 1.5 + 1.5j, mode=TRACKED) == 0
 
 
-def reads(watch: VibrationWatch, *um: float) -> list[bool]:
+def reads(watch: Watch, *um: float) -> list[bool]:
     """Whether the watch trips at each of these readings under 100 V."""
     tripped = []
     for reading in um:
-        drive(watch, 100.0)
+        watch.drive(100.0)
         tripped.append(
             bool(watch.look(reading * 1e-6, pressing(0.0), 20.0, AMPLITUDE_MODE) & PICKUP)
         )
@@ -495,16 +483,16 @@ def test_too_little_that_comes_and_goes_is_counted_and_forgotten_after_20_sound_
 
 def test_a_watch_that_was_reset_has_seen_nothing() -> None:
     watch = settled(watch_of(), turned(2.0, 60))
-    watch.by_drive._limit = 1e-6
+    watch.limit_bound(1.0)
     for _ in range(4):
-        drive(watch, 100.0)
+        watch.drive(100.0)
         watch.look(turned(0.1e-6, 60), pressing(0.0), 20.0, TRACKED)
     watch.reset()
     assert bound_um(watch) == 0.0
-    assert watch._E == 0.0
+    assert watch.state.vibration.E == 0.0
     for _ in range(3):
         assert watch.look(0j, pressing(0.0), 20.0, TRACKED) == 0
-        assert (bound_um(watch), watch._E, watch._E_least, watch._least) == (0.0, 0.0, 0.0, 0.0)
+        assert watch.state.vibration[:4] == (0j, 0.0, 0.0, 0.0)
 
 
 def test_cycles_without_a_vibration_do_not_count_for_the_resonance() -> None:
@@ -523,17 +511,17 @@ def test_100_nm_are_no_vibration_yet(um: float, cycles: int) -> None:
     assert (found.index(RESONANCE) + 1 if any(found) else 0) == cycles
 
 
-def after(watch: VibrationWatch, *drives: tuple[float, bool], um: float = 5.0) -> VibrationWatch:
+def after(watch: Watch, *drives: tuple[float, bool], um: float = 5.0) -> Watch:
     """A watch after drives, of which some were late, and readings in the air that may be any."""
     for volts, late in drives:
-        drive(watch, volts, late=late)
+        watch.drive(volts, late=late)
         watch.look(um * 1e-6, pressing(0.0), 20.0, AMPLITUDE_MODE)
     return watch
 
 
-def most_and_least(watch: VibrationWatch) -> tuple[float, float]:
+def most_and_least(watch: Watch) -> tuple[float, float]:
     """Where the bounds go, in V: those of the voltages that may be in force."""
-    return watch._V_most, watch._V_least
+    return watch.in_force.most, watch.in_force.least
 
 
 @pytest.mark.parametrize(
@@ -566,7 +554,7 @@ def test_a_vibration_that_goes_on_as_a_lower_drive_is_late_is_no_excess(
     watch = settled(watch_of(), 5.0)
     found = 0
     for _ in range(18):
-        drive(watch, 10.0, late=late)
+        watch.drive(10.0, late=late)
         found |= watch.look(5e-6, pressing(0.0), 20.0, AMPLITUDE_MODE) & PICKUP
     assert found == fault
 
@@ -580,7 +568,7 @@ def test_a_vibration_that_stays_away_as_the_drive_is_late_is_not_missed(
     watch = settled(watch_of(), um, volts=1.0)
     found = 0
     for _ in range(25):
-        drive(watch, 100.0, late=late)
+        watch.drive(100.0, late=late)
         found |= watch.look(um * 1e-6, pressing(0.0), 20.0, AMPLITUDE_MODE) & PICKUP
     assert found == fault
 
@@ -593,7 +581,7 @@ def test_a_pickup_that_reads_wrong_is_found_although_each_second_drive_is_late(
     watch = settled(watch_of((20, 20, 20)), before * 0.05, volts=before)
     found = []
     for at in range(80):
-        drive(watch, 100.0 + at % 3, late=at % 2 == 0)
+        watch.drive(100.0 + at % 3, late=at % 2 == 0)
         found.append(watch.look(um * 1e-6, pressing(0.0), 20.0, AMPLITUDE_MODE) & PICKUP)
     assert PICKUP in found
     assert found.index(PICKUP) < 45
@@ -607,10 +595,10 @@ def test_the_bound_from_above_is_that_of_the_largest_voltage_that_may_be_in_forc
     assert bound_um(watch) == pytest.approx(0.5, abs=1e-4)
 
 
-def hop(watch: VibrationWatch, *drives: tuple[float, bool]) -> float:
+def hop(watch: Watch, *drives: tuple[float, bool]) -> float:
     """The bound in um after drives of 60 V at some frequencies, of which some were late."""
     for hertz, late in drives:
-        drive(watch, 60.0, hertz, late=late)
+        watch.drive(60.0, hertz, late=late)
         watch.look(0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
     return bound_um(watch)
 
@@ -618,7 +606,7 @@ def hop(watch: VibrationWatch, *drives: tuple[float, bool]) -> float:
 def test_the_bound_has_the_frequency_that_may_still_be_in_force() -> None:
     at, off = RESONANCE_HZ, 42_900.0
 
-    def settled_at(hertz: float) -> VibrationWatch:
+    def settled_at(hertz: float) -> Watch:
         watch = identified()
         hop(watch, *[(hertz, False)] * 40)
         return watch
@@ -654,6 +642,7 @@ def test_ticks_without_a_measurement_are_time_for_the_vibration(ticks: int) -> N
     gap.look(2e-6, pressing(0.3), 20.0, AMPLITUDE_MODE, ticks)
     for _ in range(ticks):
         steps.look(2e-6, pressing(0.3), 20.0, AMPLITUDE_MODE)
-    for name in ("_E", "_E_least", "_least"):
-        assert getattr(gap, name) == pytest.approx(getattr(steps, name), rel=1e-9), name
+    for name in ("E", "E_least", "least"):
+        one, other = (getattr(watch.state.vibration, name) for watch in (gap, steps))
+        assert one == pytest.approx(other, rel=1e-9), name
     assert bound_um(gap) == pytest.approx(bound_um(steps), rel=1e-9)

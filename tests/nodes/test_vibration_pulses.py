@@ -8,15 +8,16 @@ from collections.abc import Iterable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from one_watch import Watch
 
-from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.nodes.vibration_watch import VibrationWatch
-from smarttac_can.vocabulary.signals import Contact, Drive
+from smarttac_can.vocabulary.signals import Contact
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 OPEN_LOOP, AMPLITUDE_RESONANCE = 1, 3
 TAU_MS = 0.944
 GAIN_UM = 0.05
+LACK = 5
+"""Place of the count."""
 
 
 def missed_after(
@@ -35,7 +36,7 @@ def missed_after(
     """
     damping = 1.0 + load * (Fn / 0.5) ** (2 / 3)
     pole = complex(damping / (TAU_MS * scale), 2e-3 * math.pi * off_hz)
-    watch = VibrationWatch(stimulator_od(), [])
+    watch = Watch()
     contact = Contact(0.0, 0.0, Fn, 0.0, 0.0, 0.0, 0.0, touching=Fn > 0.0)
     W, before = 0j, 0.0
     for cycle, V in enumerate(volts, start=1):
@@ -43,9 +44,9 @@ def missed_after(
             settled = GAIN_UM / TAU_MS * level / pole
             W = settled + (W - settled) * cmath.exp(-pole * ms)
         before = V
-        watch.note_drive(Drive(V, 43_390.0))
+        watch.drive(V)
         watch.look(complex(direct * W.real, W.imag) * 1e-6, contact, 20.0, OPEN_LOOP)
-        if watch._lack.share(20) >= 1.0:
+        if watch.state.counts[LACK] >= 20 * 20:
             return cycle
     return 0
 
@@ -104,10 +105,10 @@ def test_a_finger_that_damps_more_explains_what_one_that_damps_little_shows(
 
 def told_after(volts: float, readings: Iterable[complex], mode: int, watchdog: Watchdog) -> int:
     """Cycles until a watch trips on what a pick-up reads in um, in turn for ever; or 0."""
-    watch = VibrationWatch(stimulator_od(), [])
+    watch = Watch()
     nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
     for cycle, W in zip(range(1, 5000), itertools.cycle(readings)):
-        watch.note_drive(Drive(volts, 43_390.0))
+        watch.drive(volts)
         if watch.look(W * 1e-6, nobody, 20.0, mode) >> watchdog & 1:
             return cycle
     return 0
@@ -127,9 +128,9 @@ def test_a_pickup_that_reads_nothing_from_the_first_cycle_on_is_found_after_ten(
 
 
 def test_a_loop_that_is_closed_again_has_its_time_to_find_the_resonance() -> None:
-    watch = VibrationWatch(stimulator_od(), [])
+    watch = Watch()
     nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
     for cycle in range(1000):
         mode = OPEN_LOOP if cycle % 100 == 99 else AMPLITUDE_RESONANCE
-        watch.note_drive(Drive(100.0, 43_390.0))
+        watch.drive(100.0)
         assert not watch.look(0.5e-6j, nobody, 20.0, mode) >> Watchdog.RESONANCE & 1

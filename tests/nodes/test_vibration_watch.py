@@ -9,8 +9,8 @@ import pytest
 from line import START, Line, plate_inside
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.bounds import LEAST_LOAD, MOST_LOAD
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.nodes.vibration_watch import LEAST_LOAD, MOST_LOAD
 from smarttac_can.plant.parameters import ResonatorParameters
 from smarttac_can.plant.subjects import SUBJECTS, random_subjects
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
@@ -139,12 +139,12 @@ def test_the_bound_by_the_drive_holds_and_leaves_the_paper_its_room(
         assert line.write(node, name, raw) == 0
     line.sync(100)
     line.run(node, FRICTION)
-    vibration = node.block.supervisor.watchdogs.vibration
+    supervisor = node.block.supervisor
     bounds = []
     for _ in range(1500):
         line.sync()
-        assert true_um(node) < vibration.by_drive.size * 1e6 + 0.01
-        bounds.append(vibration.by_drive.size * 1e6)
+        bounds.append(abs(supervisor.watch.vibration.most) * 1e6)
+        assert true_um(node) < bounds[-1] + 0.01
     assert node.block.state is State.RUNNING
     assert max(bounds) < 4.5, "the default limit is 5 um"
 

@@ -6,9 +6,12 @@ import pytest
 from driven import MASTER, STATE, driven, write, write_entry
 from line import START, Line, plate_inside
 
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.device.application import Application
+from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.timer import Clock
-from smarttac_can.nodes.commander import MasterWatch
+from smarttac_can.nodes.commander import Commander
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
@@ -101,10 +104,15 @@ def test_a_master_that_is_gone_is_forgotten_with_its_watch() -> None:
     assert write(rig, "Controlword", 0x80) == 0
 
 
-def watch() -> tuple[Clock, MasterWatch, set[Watchdog]]:
+def watch() -> tuple[Clock, Commander, set[Watchdog]]:
     """A watch with what is present of its faults."""
-    clock, present = Clock(), set[Watchdog]()
-    return clock, MasterWatch(clock, 0x21, present.add, present.discard), present
+    od, present = stimulator_od(), set[Watchdog]()
+
+    def observe(watchdog: Watchdog, comes: bool) -> None:
+        (present.add if comes else present.discard)(watchdog)
+
+    device = Device(od, Application(), node_id=32)
+    return device.clock, Commander(device, 0x21, observe, lockstep=False), present
 
 
 def test_the_plate_may_boot_as_it_has_watchdogs_of_its_own() -> None:

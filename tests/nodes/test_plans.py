@@ -1,5 +1,7 @@
-"""A write to one object changes what depends on it, and costs no more than that."""
+"""Plans are built as they are after a write, before it is accepted."""
 
+from collections.abc import Callable
+from dataclasses import astuple
 from unittest.mock import patch
 
 import pytest
@@ -8,15 +10,20 @@ from hypothesis import strategies as st
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control import design
-from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
-from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.texture import NO_TEXTURE
 from smarttac_can.nodes.plans import (
     DESIGN,
-    cascade_parameters,
+    GAUGE_ZERO,
+    MODEL,
+    UNTARED,
+    Plans,
+    Present,
+    build_plans,
     keep_model,
     plate_model,
-    with_change,
 )
+from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -27,8 +34,14 @@ from smarttac_can.vocabulary.states import Control
 
 OD = stimulator_od()
 SETTINGS = [
-    entry for entry in OD if entry.writable and entry.name.partition(".")[0] in DESIGN
-]  # fmt: skip
+    entry
+    for entry in OD
+    if entry.writable and entry.name.partition(".")[0] in (*DESIGN, MODEL, GAUGE_ZERO)
+]
+
+
+def built(od: ObjectDictionary, written: Entry | None = None, raw: int = 0) -> Plans:
+    return build_plans(od, Present(plate_model(od), UNTARED, NO_TEXTURE, 3), written, raw)
 
 
 @given(
@@ -41,24 +54,24 @@ SETTINGS = [
         max_size=20,
     )
 )
-def test_one_change_after_the_other_is_what_all_objects_say(
+def test_a_plan_before_a_write_is_that_of_all_objects_after_it(
     changes: list[tuple[Entry, int]],
 ) -> None:
     OD.reset()
-    parameters = cascade_parameters(OD)
     for entry, raw in changes:
-        before = entry.value
+        before, model = entry.value, plate_model(OD)
+        present = Present(model, UNTARED, NO_TEXTURE, 3)
         try:
-            parameters = with_change(parameters, OD, entry, raw)
+            plans = build_plans(OD, present, entry, raw)
         except Abort as abort:
             assert abort.code == AbortCode.VALUE
             entry.value = raw
             with pytest.raises(Abort):
-                cascade_parameters(OD)
+                built(OD)
             entry.value = before
         else:
             entry.value = raw
-        assert parameters == cascade_parameters(OD)
+            assert plans == build_plans(OD, present)
 
 
 @pytest.mark.parametrize(
@@ -68,8 +81,42 @@ def test_one_change_after_the_other_is_what_all_objects_say(
 def test_limits_that_contradict_each_other_are_refused(name: str, raw: int) -> None:
     OD.reset()
     with pytest.raises(Abort) as refused:
-        with_change(cascade_parameters(OD), OD, OD[name], raw)
+        built(OD, OD[name], raw)
     assert refused.value.code == AbortCode.VALUE
+
+
+def leaves(thing: object, path: str = "") -> dict[str, object]:
+    """Every number in a plan by its place."""
+    if isinstance(thing, PlateModel | CascadeParameters):
+        thing = astuple(thing)
+    if not isinstance(thing, tuple | list):
+        return {path: thing}
+    names = getattr(thing, "_fields", range(len(thing)))
+    return {
+        place: value
+        for name, item in zip(names, thing, strict=True)
+        for place, value in leaves(item, f"{path}.{name}").items()
+    }
+
+
+@pytest.mark.parametrize("entry", SETTINGS, ids=lambda entry: entry.name)
+def test_every_parameter_changes_a_plan_or_is_said_to_change_none(entry: Entry) -> None:
+    """One that is not followed any more turns this red."""
+    OD.reset()
+    OD["Model.State"].value = 2
+    OD["Gauge zero.Zero of S3"].value = 100
+    before = leaves(built(OD))
+    raw = entry.low if entry.value != entry.low else entry.high
+    if entry.name.startswith("Limit.") and "frequency" in entry.name:
+        raw = entry.value + 1
+    after = leaves(built(OD, entry, int(raw)))
+    changed = {place for place in before if before[place] != after[place]}
+    assert bool(changed) == (entry.name not in NO_PLAN), changed
+
+
+NO_PLAN = ("Limit.Missed ticks", "Texture.Slot", "Calibration.Name")
+"""Parameters that no plan is made of: a limit that is looked at once a second, and what the
+textures themselves follow."""
 
 
 def driving() -> StimulatorBlock:
@@ -102,21 +149,57 @@ def driving() -> StimulatorBlock:
         ("Friction law", 1),
     ],
 )
-def test_a_limit_costs_a_limit(name: str, raw: int) -> None:
+def test_a_write_is_in_force_with_the_next_cycle_and_designs_nothing_anew(
+    name: str, raw: int
+) -> None:
     block = driving()
-    looked_up: list[str] = []
-    find = ObjectDictionary.__getitem__
-
-    def counted(od: ObjectDictionary, wanted: str) -> object:
-        looked_up.append(wanted)
-        return find(od, wanted)
-
-    with patch.object(ObjectDictionary, "__getitem__", counted):
-        block.write(name, raw)
-    assert looked_up == [name]
+    control, watch = block.cascade.plan, block.supervisor.plan
+    integrators = block.cascade.state.loops
     with patch.object(design, "_pi", side_effect=AssertionError("designed anew")):
+        block.write(name, raw)
+        assert (block.cascade.plan, block.supervisor.plan) == (control, watch)
+        assert block.cascade.state.loops == integrators
         block.tick()
-    assert block.cascade.parameters == cascade_parameters(block.od)
+    expected = built(block.od, None)
+    assert block.cascade.parameters == expected.parameters
+    assert block.cascade.plan == expected.control
+    assert block.supervisor.plan == expected.watch
+    assert (block.cascade.plan, block.supervisor.plan) != (control, watch)
+
+
+def test_a_write_that_is_refused_leaves_the_plans() -> None:
+    block = driving()
+    control, watch = block.cascade.plan, block.supervisor.plan
+    with pytest.raises(Abort):
+        block.write("Limit.Lowest frequency", 4_400_001)
+    block.tick()
+    assert (block.cascade.plan, block.supervisor.plan) == (control, watch)
+
+
+def restarted(block: StimulatorBlock) -> None:
+    block.start_run()
+
+
+def reset(block: StimulatorBlock) -> None:
+    block.od.reset()
+    block.power_on()
+
+
+@pytest.mark.parametrize("anew", [restarted, reset])
+@pytest.mark.parametrize("entry", SETTINGS, ids=lambda entry: entry.name)
+def test_a_new_run_and_a_reset_build_all_plans_anew(
+    entry: Entry, anew: Callable[[StimulatorBlock], None]
+) -> None:
+    """What is in the objects counts, however it came there."""
+    block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
+    anew(block)
+    raw = entry.low if entry.value != entry.low else entry.high
+    if "frequency" not in entry.name:
+        block.od[entry.name].value = int(raw)
+    anew(block)
+    expected = built(block.od)
+    assert block.cascade.plan == expected.control
+    assert block.supervisor.plan == expected.watch
 
 
 @pytest.mark.parametrize("name", ["Controller.Amplitude pole", "Controller.Dead time"])
@@ -153,24 +236,6 @@ def test_a_frequency_in_force_is_cut_to_new_limits() -> None:
     block.tick()
     assert block.cascade.mode is Mode.AMPLITUDE_RESONANCE, block.cascade.reason
     assert block.cascade.drive.frequency == pytest.approx(43950.0), "held, without a vibration"
-
-
-def test_the_watchdogs_follow_their_records_alone() -> None:
-    block = driving()
-    with patch.object(LoopWatchdogs, "configure", autospec=True) as configure:
-        block.write("Controller.Contact force", 110)
-        block.tick()
-        assert configure.call_count == 0
-        for name, raw in (
-            ("Limit.Normal force", 3900),
-            ("Model.Tau", 9000),
-        ):
-            if name.startswith("Model"):
-                block.write("Controlword", 0)
-            configure.reset_mock()
-            block.write(name, raw)
-            block.tick()
-            assert configure.call_count == 1, name
 
 
 def test_an_identification_is_kept_with_its_temperature_and_leaves_the_load() -> None:

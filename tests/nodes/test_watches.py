@@ -1,20 +1,16 @@
 """What is looked at in each cycle but the vibration: each bound from both sides."""
 
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
+from one_watch import UNTARED, Watch
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.nodes.cycle_input import Measured
-from smarttac_can.nodes.loop_watchdogs import LoopWatchdogs
-from smarttac_can.vocabulary.signals import Contact, Drive, Measurement
+from smarttac_can.vocabulary.signals import Contact, Drive
 
 VOLTAGE, TEMPERATURE, NORMAL, LATERAL = 1 << 9, 1 << 11, 1 << 12, 1 << 13
 SATURATED, GAUGES, CONTROLLER, CALIBRATION = 1 << 14, 1 << 16, 1 << 19, 1 << 20
-NOTHING = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
+RESONANCE = 1 << 18
 HALF = 0.028
 """Where the gauges are along x in m; those of one side are S3 and S5."""
 ZERO = (0.1, -0.2, 0.3, -0.1, 0.05, 0.0)
@@ -22,13 +18,12 @@ ZERO = (0.1, -0.2, 0.3, -0.1, 0.05, 0.0)
 
 def faults_after(cycles: int, **finger: float) -> int:
     """What the last of some cycles shows of gauges that tell of one finger."""
-    watchdogs = LoopWatchdogs(stimulator_od())
-    return [look(watchdogs, at, **finger) for at in range(cycles)][-1] & (NORMAL | LATERAL | GAUGES)
+    watch = Watch()
+    return [look(watch, **finger) for _ in range(cycles)][-1] & (NORMAL | LATERAL | GAUGES)
 
 
 def look(
-    watchdogs: LoopWatchdogs,
-    at: int,
+    watch: Watch,
     *,
     Fn: float = 1.0,
     Fx: float = 0.0,
@@ -41,15 +36,8 @@ def look(
     left, right = 0.25 * Fn * (1 - lean), 0.25 * Fn * (1 + lean)
     loads = (0.0, 0.0, left + twist / 4, right - twist / 4, left - twist / 4, right + twist / 4)
     gauges = tuple(load + offset for load, offset in zip(loads, zero, strict=True))
-    cascade: Any = SimpleNamespace(
-        contact=Contact(Fx, Fy, Fn, 0.0, 0.0, x, 0.0, touching=False),
-        tared=True,
-        zero=zero,
-        parameters=SimpleNamespace(gauge_positions=(-HALF, HALF, -HALF, HALF)),
-    )
-    measurement = Measurement(0j, gauges, 20.0, 0)  # type: ignore[arg-type]
-    # Counts that differ from cycle to cycle: no sensor is stuck.
-    return watchdogs.look(Measured(measurement, (at,) * 9, 0, 1), 0, cascade)
+    contact = Contact(Fx, Fy, Fn, 0.0, 0.0, x, 0.0, touching=False)
+    return watch.look(contact=contact, zero=zero, gauges=gauges)
 
 
 def test_four_cycles_are_none_and_five_are_a_fault() -> None:
@@ -66,29 +54,29 @@ def test_four_cycles_are_none_and_five_are_a_fault() -> None:
 def test_gauges_that_contradict_now_and_then_are_a_fault(
     odd: dict[str, float], off: int, sound: int, at: int | None
 ) -> None:
-    watchdogs = LoopWatchdogs(stimulator_od())
+    watch = Watch()
     for cycle in range(1, 3001):
         bad = (cycle - 1) % (off + sound) < off
-        if look(watchdogs, cycle, **(odd if bad else {})) & GAUGES:
+        if look(watch, **(odd if bad else {})) & GAUGES:
             assert cycle == at
             return
     assert at is None
 
 
 def test_a_new_zero_begins_the_count_anew() -> None:
-    watchdogs = LoopWatchdogs(stimulator_od())
+    watch = Watch()
     new_zero = (*ZERO[:5], 0.01)
     zeros = [ZERO] * 4 + [new_zero] * 5
-    faults = [look(watchdogs, at, twist=0.3, zero=zero) & GAUGES for at, zero in enumerate(zeros)]
+    faults = [look(watch, twist=0.3, zero=zero) & GAUGES for zero in zeros]
     assert faults == [0] * 8 + [GAUGES]
 
 
 def test_a_finger_may_contradict_for_4_cycles_when_it_lands_and_when_it_leaves() -> None:
-    watchdogs = LoopWatchdogs(stimulator_od())
+    watch = Watch()
     for cycle in range(2000):
         # 6 landings a second; 61 sound cycles from each until the finger leaves.
         odd = cycle % 168 < 4 or 65 <= cycle % 168 < 69
-        assert not look(watchdogs, cycle, twist=0.3 if odd else 0.0)
+        assert not look(watch, twist=0.3 if odd else 0.0)
 
 
 @pytest.mark.parametrize(
@@ -138,9 +126,16 @@ def test_each_bound_from_both_sides(finger: dict[str, float], fault: int) -> Non
     ],
 )
 def test_a_drive_before_it_goes_out(voltage: float, frequency: float, fault: int) -> None:
-    parameters = CascadeParameters(V_max=150.0, f_min=42_700.0, f_max=44_000.0)
-    watchdogs = LoopWatchdogs(stimulator_od())
-    assert watchdogs.judge(Drive(voltage, frequency), parameters) == fault
+    od = stimulator_od()
+    od["Limit.Lowest frequency"].value = 4_270_000
+    od["Limit.Highest frequency"].value = 4_400_000
+    assert Watch(od).look(asked=Drive(voltage, frequency)) == fault
+
+
+@pytest.mark.parametrize(("mode", "left_in", "fault"), [(4, 4, 0), (4, 0, CONTROLLER), (5, 0, 0)])
+def test_controllers_that_leave_a_mode_are_in_doubt(mode: int, left_in: int, fault: int) -> None:
+    """An identification ends by itself."""
+    assert Watch().look(mode=mode, left_in=left_in) == fault
 
 
 def seen(
@@ -154,13 +149,11 @@ def seen(
     od = stimulator_od()
     for name, raw in {"Plate serial number": calibrated, **calibration}.items():
         od[f"Calibration.{name.replace('_', ' ')}"].value = raw
-    watchdogs = LoopWatchdogs(od)
-    cascade: Any = SimpleNamespace(contact=NOTHING, tared=False)
-    faults = 0
-    for at, saturated in enumerate(saturation):
-        measurement = Measurement(0j, (0.0,) * 6, temperature, saturated)
-        faults = watchdogs.look(Measured(measurement, (at,) * 9, 0, serial), 0, cascade)
-    return faults
+    watch = Watch(od)
+    return [
+        watch.look(temperature=temperature, saturation=saturated, serial=serial)
+        for saturated in saturation
+    ][-1]
 
 
 def test_a_plate_above_60_degrees_is_too_hot() -> None:
@@ -185,18 +178,16 @@ def test_only_the_plate_of_the_calibration_will_do() -> None:
 
 
 def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
-    watchdogs = LoopWatchdogs(stimulator_od())
-    cascade: Any = SimpleNamespace(contact=NOTHING, tared=False)
-    measurement = Measurement(0j, (0.0,) * 6, 20.0, 0)
+    watch = Watch()
 
     def stuck(sensor: int, rest: int = 7) -> int:
         """Cycles until a sensor whose count stays is stuck."""
-        watchdogs.reset()
+        watch.reset()
         for cycles in range(1, 200):
             counts = [3 * cycles] * 9
             # A count or two of noise is no movement; the thermometer has none.
             counts[sensor] = rest if sensor == 8 else rest + cycles % 3
-            if watchdogs.look(Measured(measurement, tuple(counts), 0, 1), 0, cascade) & 1 << 15:
+            if watch.look(counts=tuple(counts)) & 1 << 15:
                 return cycles
         return 0
 
@@ -218,19 +209,32 @@ def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
 def test_the_vibration_is_told_how_many_ticks_have_passed(
     ticks: list[int], told: list[int]
 ) -> None:
-    watchdogs = LoopWatchdogs(stimulator_od())
+    # 1 um without a drive dies down by exp(-1/0.944) a tick.
+    watch = Watch()
+    vibration = watch.state.vibration._replace(E=1e-6)
     passed: list[int] = []
-    cascade: Any = SimpleNamespace(contact=NOTHING, tared=False, zero=ZERO)
-
-    def seen(_W: complex, _contact: Contact, _temperature: float, _mode: int, ticks: int) -> int:
-        passed.append(ticks)
-        return 0
-
-    vibration: Any = SimpleNamespace(look=seen)
-    watchdogs.vibration = vibration
-    for at, tick in enumerate(ticks):
-        measurement = Measurement(0j, ZERO, 20.0, 0)
-        watchdogs.look(Measured(measurement, (at,) * 9, tick, 1), 0, cascade)
+    for tick in ticks:
+        watch.state = watch.state._replace(vibration=vibration)
+        watch.look(zero=UNTARED, tick=tick)
+        passed.append(round(-0.944 * math.log(watch.state.vibration.E * 1e6)))
     assert passed[1:] == told[1:]
     if ticks[0] == 0:
         assert passed[0] == 1, "the first tick of a run is 0"
+
+
+@pytest.mark.parametrize("mode", range(7))
+def test_a_count_is_of_its_modes_and_forgotten_in_the_others(mode: int) -> None:
+    """The phase is lost for 60 cycles in mode friction, for one in another, and for 60 again."""
+    watch = Watch()
+    W = 1e-6 - 1.5e-6j
+    found = 0
+    for now in [4] * 60 + [mode] + [4] * 60:
+        found |= watch.look(W, mode=now) & RESONANCE
+    assert bool(found) == (mode in (3, 4, 6))
+
+
+def test_gauges_that_were_never_tared_contradict_nobody() -> None:
+    watch = Watch()
+    for _ in range(10):
+        look(watch, twist=0.3)
+    assert watch.look(gauges=(0.0, 0.0, 9.0, 0.0, 0.0, 0.0)) & GAUGES == 0
