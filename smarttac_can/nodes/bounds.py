@@ -60,7 +60,7 @@ through 0."""
 _TURNING_CYCLES: Final = 8
 """How long that takes, in cycles: the phase tells nothing until then."""
 _TWO_PI: Final = 2.0 * pi
-_ROUNDING: Final = 1.0 + 1e-9
+ROUNDING: Final = 1.0 + 1e-9
 """A bound that a voltage was cut to may miss its limit by the last bits."""
 
 
@@ -126,7 +126,7 @@ class Vibration(NamedTuple):
     """The vibration that follows from the drives, in m peak-to-peak."""
 
     most: complex
-    """Bound from above."""
+    """Bound from above. `cut` keeps it within its limit, unless drives come late."""
     E: float
     """At the bare resonance: no detuning and no finger makes the plate vibrate more."""
     E_least: float
@@ -215,7 +215,11 @@ def follow(
     E = driven + (E - driven) * decay
     driven = plan.gain * V_least
     E_least = driven + (E_least - driven) * decay
-    most_contact = contact_load(most_force(Fn))
+    # What a reading of that may stand for at most, and below at least.
+    most_contact = contact_load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
+    least_contact = 0.0
+    if touching:
+        least_contact = contact_load((1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY)
     damping = 1.0 + MOST_LOAD * most_contact
     voltage = min(V_least, V_least_before)
     driven = 0.0
@@ -238,7 +242,7 @@ def follow(
             E,
             E_least,
             least,
-            1.0 + LEAST_LOAD * contact_load(least_force(Fn) if touching else 0.0),
+            1.0 + LEAST_LOAD * least_contact,
             touching,
             f0 - _RESONANCE_UNCERTAINTY,
             f0 + _RESONANCE_UNCERTAINTY + MOST_STIFFENING * most_contact,
@@ -315,24 +319,6 @@ def noted(in_force: InForce, drive: Drive, response: Response, late: bool) -> In
             drive, turning, V_most, V_least, most, least, held_most, held_least, late, larger, held,
         ),
     )  # fmt: skip
-
-
-def exceeded(plan: BoundPlan, vibration: Vibration) -> bool:
-    """Tell whether the bound from above is beyond what it may reach under a finger.
-
-    `cut` sees to it that drives which come in time never do that; late ones may.
-    """
-    return abs(vibration.most) > plan.limit * _ROUNDING
-
-
-def least_force(Fn: float) -> float:
-    """Return the least normal force in N that a reading of 0 N or more may stand for."""
-    return (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY
-
-
-def most_force(Fn: float) -> float:
-    """Return the largest normal force in N that a reading of 0 N or more may stand for."""
-    return (1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY
 
 
 def _least_share(

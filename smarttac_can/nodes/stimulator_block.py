@@ -178,7 +178,7 @@ class StimulatorBlock:
         """Take over new parameters and the mode; return the mode of this cycle."""
         if self._changed:
             self._take_plans()
-        running = self.supervisor.state is _RUNNING
+        running = self.supervisor.machine.state is _RUNNING
         mode = int(self._mode.value) if running else int(Mode.OFF)
         if mode != self.cascade.mode:
             self.cascade.set_mode(mode)
@@ -200,7 +200,7 @@ class StimulatorBlock:
 
     def _follow(self) -> None:
         """Show another state; what was driven before is off then."""
-        state = self.supervisor.state
+        state = self.supervisor.machine.state
         if state is self._shown:
             return
         if self._shown is State.RUNNING:

@@ -15,17 +15,17 @@ A cycle in which nobody can tell is neither faulty nor sound: the count stays.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import hypot, isfinite
+from math import hypot, inf
 from typing import Final, NamedTuple
 
 from smarttac_can.control.tribometer import DETERMINANT_MIN, Forces
 from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.nodes.bounds import (
+    ROUNDING,
     BoundPlan,
     InForce,
     Vibration,
     bound_plan,
-    exceeded,
     follow,
     still,
 )
@@ -68,6 +68,7 @@ _OPEN_LOOP: Final = int(Mode.OPEN_LOOP)
 _IDENTIFY: Final = int(Mode.IDENTIFY)
 
 _COUNTS: Final = [(watchdog, count) for watchdog, row in WATCHDOGS.items() for count in row.counts]
+_NO_COUNTS: Final = (0,) * len(_COUNTS)
 _PLACES: Final = {count.what: place for place, (_, count) in enumerate(_COUNTS)}
 _STEPS: Final = [
     (1 << place, 1 << watchdog, FORGOTTEN if count.way is Way.SLOWLY else 0)
@@ -209,7 +210,7 @@ def full_counts(deadline_ms: int) -> tuple[int, ...]:
 def at_rest(plan: WatchPlan) -> WatchState:
     """Return watchdogs that have seen nothing: the plate is at rest, and tick 0 is next."""
     nothing = (0,) * len(SENSORS)
-    return WatchState(TICK_MASK, still(plan.bound), (0,) * len(_COUNTS), nothing, nothing, ())
+    return WatchState(TICK_MASK, still(plan.bound), _NO_COUNTS, nothing, nothing, ())
 
 
 def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchState, int]:
@@ -221,7 +222,7 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
         The state, and the faults that are present, as bits, 1 << `Watchdog`.
     """
     tick, vibration, counts, rests_at, rests, zero = before
-    measured, mode, left_in, asked, contact, offsets, tared, in_force = seen
+    measured, mode, _, _, contact, offsets, tared, in_force = seen
     measurement = measured.si
     W, gauges, _, saturation = measurement
     # A measurement that is lost or passed over is time for the vibration all the same.
@@ -230,17 +231,21 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
         ticks = 1
     vibration = follow(plan.bound, vibration, in_force, measurement, contact, ticks)
     amplitude = abs(W)
-    was_at, rests_at = rests_at, _resting(measured.counts, rests_at)
+    # In a row: noise repeats single samples of a sound sensor, which would add up.
+    was_at = rests_at
+    rests_at = tuple(
+        [
+            at if -within <= value - at <= within else value
+            for value, at, within in zip(measured.counts, was_at, _WITHIN, strict=True)
+        ]
+    )
     rests = tuple(
         [
             rest + 1 if at == was else 1
             for rest, at, was in zip(rests, rests_at, was_at, strict=True)
         ]
     )
-    faults = _of_drive(plan, asked) | _of_sensors(plan, measured, rests)
-    if mode not in (left_in, _IDENTIFY):
-        # An identification ends by itself.
-        faults |= _CONTROLLER
+    faults = _at_once(plan, seen, rests)
     faulty = _of_vibration(plan, vibration, W, amplitude, mode)
     if saturation:
         faulty |= _SATURATED
@@ -257,7 +262,7 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
             cleared |= _GAUGES
     else:
         held |= _GAUGES
-    if faulty & ~held or any(counts):
+    if faulty & ~held or counts != _NO_COUNTS:
         counts, tripped = _counted(plan.full, counts, faulty, held, cleared)
         faults |= tripped if tared else tripped & ~_CONTRADICTED
     state = (measured.tick, vibration, counts, rests_at, rests, zero)
@@ -316,23 +321,11 @@ def _counted(
     return tuple(stepped), tripped
 
 
-def _resting(sensors: tuple[int, ...], rests_at: tuple[int, ...]) -> tuple[int, ...]:
-    """Return where each sensor rests, although noise moves the samples of a sound one.
-
-    In a row: noise repeats single samples of a sound sensor, which would add up.
-    """
-    return tuple(
-        [
-            at if -within <= value - at <= within else value
-            for value, at, within in zip(sensors, rests_at, _WITHIN, strict=True)
-        ]
-    )
-
-
-def _of_sensors(plan: WatchPlan, measured: Measured, rests: tuple[int, ...]) -> int:
-    """Look at all that is no count: the plate, its temperature, and sensors that rest."""
-    faults = 0
+def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:
+    """Look at all that needs no count but that of sensors that rest."""
+    measured = seen.measured
     serial = measured.serial
+    faults = 0
     if serial != plan.serial or serial == _NO_PLATE:
         faults = _CALIBRATION
     if measured.si.temperature > plan.temperature_max:
@@ -341,6 +334,15 @@ def _of_sensors(plan: WatchPlan, measured: Measured, rests: tuple[int, ...]) -> 
         max(rests[:_THERMOMETER]) >= STUCK_GAUGE_CYCLES
     ):
         faults |= _STUCK
+    voltage, frequency = seen.asked
+    # NaN is in no range.
+    if not (0.0 <= voltage < inf and plan.f_min <= frequency <= plan.f_max):
+        faults |= _CONTROLLER
+    elif voltage > plan.V_max:
+        faults |= _VOLTAGE
+    if seen.mode not in (seen.left_in, _IDENTIFY):
+        # An identification ends by itself.
+        faults |= _CONTROLLER
     return faults
 
 
@@ -353,19 +355,11 @@ def _undecided(vibration: Vibration, in_force: InForce, amplitude: float, mode: 
     return held if vibration.least > _LOOKED_FOR and not turns else held | _LACKING
 
 
-def _of_drive(plan: WatchPlan, asked: Drive) -> int:
-    """Look at a drive before it goes out."""
-    voltage, frequency = asked
-    if not (isfinite(voltage) and voltage >= 0.0 and plan.f_min <= frequency <= plan.f_max):
-        return _CONTROLLER
-    return _VOLTAGE if voltage > plan.V_max else 0
-
-
 def _of_vibration(
     plan: WatchPlan, vibration: Vibration, W: complex, amplitude: float, mode: int
 ) -> int:
     """Compare what the pick-up reads with its limit and with the model."""
-    faulty = _UNSEEN if exceeded(plan.bound, vibration) else 0
+    faulty = _UNSEEN if abs(vibration.most) > plan.bound.limit * ROUNDING else 0
     if amplitude > plan.W_trip:
         faulty |= _AMPLITUDE
     most = _EXCESS_UNIDENTIFIED if mode == _IDENTIFY else _EXCESS
