@@ -14,10 +14,10 @@ from fmeda_page import Found, found, summary
 from smarttac_can.control.step import FREQUENCY_STEP
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.nodes import drive_sender
+from smarttac_can.nodes.commander import NOT_OPERATIONAL_US
 from smarttac_can.nodes.hard_caps import AMPLITUDE_TRIP_MAX
 from smarttac_can.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
 from smarttac_can.nodes.loop_time import deadlines
-from smarttac_can.nodes.commander import NOT_OPERATIONAL_US
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import table

@@ -225,7 +225,7 @@ def safety() -> str:
         *_stricter(OF_PLATE),
         "## Power stage of the plate",
         "",
-        "From `smarttac_can/nodes/stage_state.py`. Every other event changes nothing.",
+        "From `smarttac_can/nodes/states.py`. Every other event changes nothing.",
         "",
         *_stage(),
         "## Watchdogs of the plate",

@@ -41,40 +41,39 @@ _ODD: Final[tuple[Act, ...]] = (("fault", 3, 3, 600, 0), ("cycles", 3), ("fault"
 
 SABOTAGES: Final = (
     Sabotage(
-        "a watch counts one less", "nodes.lapses Lapses.count",
-        "self._level + FORGOTTEN", "self._level + FORGOTTEN - 1",
+        "a watch counts one less", "nodes.watches leaked",
+        "min(bucket + FORGOTTEN,", "min(bucket + FORGOTTEN - 1,",
         "watch gauges", _ODD,
     ),
     Sabotage(
-        "a watch forgets twice as fast", "nodes.lapses Lapses.count",
-        "self._level -= 1", "self._level -= 2",
+        "a watch forgets twice as fast", "nodes.watches leaked",
+        "bucket - 1 if", "bucket - 2 if",
         "watch gauges", (*_ODD, ("cycles", 3)),
     ),
     Sabotage(
-        "a watch forgets at once", "nodes.vibration_watch VibrationWatch._implausible",
-        "self._silent + 1 if silent else 0", "self._silent + 1 if silent else self._silent",
+        "a watch forgets nothing", "nodes.watches _counted",
+        "count + 1 if faulty & bit else 0", "count + 1 if faulty & bit else count",
         "watch silent",
         (("fault", 4, 10, 10, 0), ("cycles", 4), ("fault", 0, 1, 0, 0), ("cycles", 3)),
     ),
     Sabotage(
-        "a watch trips a cycle later", "nodes.loop_watchdogs LoopWatchdogs._stuck",
-        "rests[at] >= most", "rests[at] > most",
+        "a watch trips a cycle later", "nodes.watches _at_once",
+        ">= STUCK_GAUGE_CYCLES", "> STUCK_GAUGE_CYCLES",
         "frames", (("fault", 1, 1, 0, 0), ("cycles", 40)),
     ),
     Sabotage(
-        "a bound is off by a thousandth", "nodes.vibration_watch VibrationWatch.configure",
-        '["Limit.Amplitude trip"].si_value', '["Limit.Amplitude trip"].si_value * 1.001',
+        "a bound is off by a thousandth", "nodes.plans watch_plan",
+        'si("Limit.Amplitude trip")', 'si("Limit.Amplitude trip") * 1.001',
         "bound vibration", _RUN,
     ),
     Sabotage(
-        "a bound is not read again after a write", "nodes.loop_watchdogs LoopWatchdogs.configure",
-        'self._Ft_max = od["Limit.Lateral force"].si_value',
-        'self._Ft_max = getattr(self, "_Ft_max", od["Limit.Lateral force"].si_value)',
+        "a bound does not follow a write", "nodes.plans watch_plan",
+        'Ft_max=si("Limit.Lateral force")', "Ft_max=3.0",
         "bound forces", (("put", "Limit.Lateral force", 2900), ("cycles", 2)),
     ),
     Sabotage(
-        "a level is that of another limit", "nodes.loop_watchdogs LoopWatchdogs.levels",
-        "contact.Fn / self._Fn_max", "contact.Fn / self._Ft_max",
+        "a level is that of another limit", "nodes.stimulator_node levels",
+        "contact.Fn / plan.Fn_max", "contact.Fn / plan.Ft_max",
         "levels", _RUN,
     ),
     Sabotage(
@@ -123,10 +122,9 @@ SABOTAGES: Final = (
         "bound drive", (("put", "Limit.Voltage", 14_000), ("cycles", 2)),
     ),
     Sabotage(
-        "a reset keeps the parameters", "nodes.stimulator_block StimulatorBlock.start_run",
-        "self._parameters = cascade_parameters(self.od)",
-        'self._parameters = getattr(self, "_parameters", None) or cascade_parameters(self.od)',
-        "bound drive", (("put", "Limit.Voltage", 14_000), ("cycles", 2), *_RESET),
+        "a reset keeps a plan", "nodes.stimulator_block StimulatorBlock.start_run",
+        "supervisor.plan = plans.watch", "pass",
+        "bound forces", (("put", "Limit.Lateral force", 2900), ("cycles", 2), *_RESET),
     ),
     Sabotage(
         "the zero of the gauges outlives a reset", "nodes.taring Taring.begin",
@@ -169,7 +167,7 @@ SABOTAGES: Final = (
         "bus sync", (),
     ),
     Sabotage(
-        "who was seen is remembered over a reset", "nodes.commander MasterWatch.restart",
+        "who was seen is remembered over a reset", "nodes.commander Commander.restart",
         "self._seen.clear()", "pass",
         "masters seen", (("nmt", 0x82, 32),),
     ),
@@ -195,7 +193,7 @@ SABOTAGES: Final = (
     ),
     Sabotage(
         "a wrong check counts for less", "nodes.drive_sender DriveSender.sound",
-        "self._wrong.count(True, WRONG_MAX)", "self._wrong.count(True, 1)",
+        "self._count(True)", "self._count(False)",
         "", (("disturb", "CORRUPTION", "drive", 3), ("cycles", 4)),
     ),
     Sabotage(
