@@ -192,11 +192,22 @@ def safety() -> str:
         "Every row sets the generic bit of the error register as well.",
         "",
         *table(
-            ("Bit", "Fault", "EMCY", "Error register", "Bound", "Why", "Forgets", "Limit"),
+            (
+                "Bit",
+                "Fault",
+                "Looks at",
+                "EMCY",
+                "Error register",
+                "Bound",
+                "Why",
+                "Forgets",
+                "Limit",
+            ),  # fmt: skip
             *(
                 (
                     f"{int(watchdog)}",
                     row.text,
+                    row.looks_at,
                     f"{row.code:04X}h",
                     f"{int(row.register):02X}h",
                     f"{row.bound}",
