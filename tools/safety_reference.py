@@ -202,7 +202,7 @@ def safety() -> str:
                 "Why",
                 "Forgets",
                 "Limit",
-            ),  # fmt: skip
+            ),
             *(
                 (
                     f"{int(watchdog)}",
