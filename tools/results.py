@@ -53,11 +53,11 @@ class VariedPlate(PlateBlock):
         super().start_run()
         od = self.od
         subject = SUBJECTS[od["Simulation.Subject"].value - 1]
-        assert isinstance(self.behind, SimulatedPlate)
-        self.behind.plate = Plate(
+        assert isinstance(self.backend, SimulatedPlate)
+        self.backend.plate = Plate(
             self._parameters,
             replace(subject, W0=self._W0_factor * subject.W0),
-            self.behind.finger(),
+            self.backend.finger(),
             seed=od["Simulation.Seed"].value,
             ambient=od["Simulation.Ambient temperature"].si_value,
             dead_time=od["Simulation.Drive instant"].si_value,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from smarttac_can.nodes.lock import OF_PLATE, OF_STIMULATOR, Place, Table
 from smarttac_can.nodes.states import (
     STAGE_TRANSITIONS,
     TRANSITIONS,
@@ -11,7 +12,6 @@ from smarttac_can.nodes.states import (
     StageEvent,
     StageState,
 )
-from smarttac_can.nodes.stricter import OF_PLATE, OF_STIMULATOR, Place, Table
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.od.object_reference import table
 from smarttac_can.vocabulary.fault_codes import FaultCode
@@ -225,7 +225,7 @@ def safety() -> str:
         "",
         "## Limits and watches while armed or running",
         "",
-        "From `smarttac_can/nodes/stricter.py`. While the stimulator is armed or running, a write "
+        "From `smarttac_can/nodes/lock.py`. While the stimulator is armed or running, a write "
         "that makes one of these laxer is refused with 08000022h. The present value, a stricter "
         "one and a watch where there was none are taken. The public TPDOs 1 to 4 are free. "
         "Entries of a mapping are refused before, with 06010000h, while sub-index 0 is not 0.",

@@ -241,10 +241,10 @@ class NamedObjects:
             self.link.write(name, raw)
         except RefusedError as error:
             simulated = name.partition(".")[0] in SIMULATION
-            if not simulated and self.is_too_sharp(error):
+            if not simulated and self.is_refused_while_armed(error):
                 raise RefusedError(f"{error}: {DISARM_FIRST}", error.code) from error
             raise
 
-    def is_too_sharp(self, error: RefusedError) -> bool:
+    def is_refused_while_armed(self, error: RefusedError) -> bool:
         """Whether the device refused something for being armed or running."""
         return error.code == AbortCode.STATE and self.state in _SHARP

@@ -91,7 +91,7 @@ class StateControl:
             raise BenchError(f"somebody drives the stimulator: {DISARM_FIRST}")
 
     def arm(self) -> None:
-        """Make the watchdogs sharp, at 0 V; a loop that has just begun gets the time for its tare.
+        """Arm, still at 0 V: a fault trips from then on. A loop that has just begun tares first.
 
         Raises
         ------
@@ -176,7 +176,7 @@ class StateControl:
         try:
             self._link.write(AUTO_ZERO[0], ZERO)
         except RefusedError as error:
-            if self._objects.is_too_sharp(error):
+            if self._objects.is_refused_while_armed(error):
                 raise RefusedError(f"cannot tare: {DISARM_FIRST}", error.code) from error
             message = self._objects.message
             if message.startswith(NOT_TARED):

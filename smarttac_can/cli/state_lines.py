@@ -128,7 +128,7 @@ class StateLines:
     def _reason(self) -> str:
         """Say why stimulator or front end do not drive; empty if there is nothing to say."""
         if self._plate is not None:
-            trouble = self._plate.behind.trouble
+            trouble = self._plate.backend.trouble
             return f"front end: {trouble}" if trouble else ""
         if self._diagnosis is None:
             return ""

@@ -30,8 +30,8 @@ from smarttac_can.cli.result_file import (
 from smarttac_can.commissioning.node_ids import wait_until
 from smarttac_can.commissioning.scan import STATES, UNKNOWN
 from smarttac_can.master.errors import BenchError
+from smarttac_can.nodes.lock import watched_node
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
-from smarttac_can.nodes.stricter import watched_node
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,

@@ -79,7 +79,7 @@ class BusLoop:
         self.source = SourceWatch(od, clock, deadline, observe)
         self._unanswered = clock.timer(unanswered)
         self._pairing = Pairing(
-            od, lambda: observe(Watchdog.MEASUREMENT, True), self.source.strange
+            od, lambda: observe(Watchdog.MEASUREMENT, True), self.source.unexpected
         )
         self._missed = od["Cycle.Missed deadlines"]
         self._tick = od["Plate input.Tick"]
@@ -356,8 +356,8 @@ class SourceWatch:
         self._credits = min(self._credits + 1, deadline_ms)
         self._owed = min(self._owed + 1, BACKLOG)
         self._syncs += 1
-        if self._strange > sync_tolerance(deadline_ms):
-            self.told()
+        if self._unexpected > sync_tolerance(deadline_ms):
+            self.plate_reports_another()
         if self._syncs >= sync_window(deadline_ms):
             if self._measured == self._syncs:
                 self._owed = 0
@@ -379,19 +379,19 @@ class SourceWatch:
             return True
         self._surplus.count()
         if not late:
-            self.strange()
+            self.unexpected()
         return False
 
-    def strange(self) -> None:
+    def unexpected(self) -> None:
         """Take note of a measurement that is not that of a SYNC, or of no one tick."""
-        self._strange += 1
+        self._unexpected += 1
 
     @property
     def level(self) -> float:
         """How near measurements that are not those of a SYNC are to a fault, of 1.0."""
-        return self._strange / (sync_tolerance(self._deadline.ms) + 1)
+        return self._unexpected / (sync_tolerance(self._deadline.ms) + 1)
 
-    def told(self) -> None:
+    def plate_reports_another(self) -> None:
         """Take note that the plate has noticed another source of its frames."""
         self._quiet.start(GONE_AFTER_US)
         self._observe(Watchdog.DOUBLE, True)
@@ -405,7 +405,7 @@ class SourceWatch:
             self._observe(Watchdog.DOUBLE, False)
 
     def _begin_window(self) -> None:
-        self._syncs = self._measured = self._strange = 0
+        self._syncs = self._measured = self._unexpected = 0
 
     def _on_quiet(self) -> None:
         if not self._collision:
@@ -453,7 +453,7 @@ class LateAnswers:
         self._history = (self._history << 1 | late) & _LAST
         return late
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Say how many of the last answers were late; nothing if none was."""
         late = self._history.bit_count()
         return f"{late} of the last {TOLD} drives late" if late else ""

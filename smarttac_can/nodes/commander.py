@@ -7,8 +7,8 @@ from typing import Final
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.nodes.lock import watched_node
 from smarttac_can.nodes.loop_time import deadlines
-from smarttac_can.nodes.stricter import watched_node
 from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
@@ -113,7 +113,7 @@ class Commander:
             return
         self._back(node_id)
 
-    def rest(self) -> float:
+    def level(self) -> float:
         """Largest share of its time that a node which was OPERATIONAL is so no more."""
         now = self._clock.now
         since = [at for at in self._resting.values() if at != _UP]

@@ -122,7 +122,7 @@ class FrontEnd:
             if not abs(voltage - drive.voltage) <= STAGE_TOLERANCE:
                 self._doubt(f"{told} returned {_shown(read_back)}")
         self._slowest = max(self._slowest, self._plate.took_us)
-        self._told = drive.voltage
+        self._commanded = drive.voltage
         self.stage = Drive(voltage, drive.frequency)
         return voltage
 
@@ -148,7 +148,7 @@ class FrontEnd:
 
     @property
     def _at_large(self) -> bool:
-        return self._told == 0.0 and abs(self.stage.voltage) > STAGE_TOLERANCE
+        return self._commanded == 0.0 and abs(self.stage.voltage) > STAGE_TOLERANCE
 
     def on_write(self, entry: Entry, value: int) -> None:
         """Refuse what only a simulation does.

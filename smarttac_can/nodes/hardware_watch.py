@@ -6,8 +6,8 @@ from typing import Final
 
 from smarttac_can.device.device import Device
 from smarttac_can.nodes.front_end import STAGE_TOLERANCE
+from smarttac_can.nodes.lock import LONGER, OTHER, Rule
 from smarttac_can.nodes.loop_frames import PLATE_RPDOS
-from smarttac_can.nodes.stricter import LONGER, OTHER, Rule
 from smarttac_can.nodes.watches import full_bucket, leaked
 from smarttac_can.od.cia import (
     PDO_COB_ID,
@@ -32,8 +32,8 @@ class HardwareWatch:
 
     An input is mapped while a valid RPDO of the plate has it in its mapping. The stage may drive
     then while each such RPDO has come within its event timer, an ``Enable`` that is mapped is 1,
-    and a read-back that is mapped is what the stage was told. A reading is compared with what the
-    stage is told now, and was told in the last two cycles: it may be a cycle old.
+    and a read-back that is mapped is the voltage that the stage was commanded. A reading is
+    compared with that of now and of the last two cycles: it may be a cycle old.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class HardwareWatch:
         self.sources: dict[int, bool] = {}
         self.reads_back = False
         self.cause: FaultCode | None = None
-        self._told = (0.0, 0.0)
+        self._commanded = (0.0, 0.0)
         self._wrong = False
         self._wrong_cycles = 0
 
@@ -81,26 +81,26 @@ class HardwareWatch:
         self._rules = dict(rule for number in self.sources for rule in self._of_rpdo(number))
         self.look()
 
-    def hear(self, number: int, told: float) -> None:
+    def hear(self, number: int, commanded: float) -> None:
         """Take what one of the sources has brought.
 
         Parameters
         ----------
         number
             That of the RPDO.
-        told
-            What the stage is told now, in V.
+        commanded
+            What the stage is commanded now, in V.
         """
         if self.sources[number]:
             reading = float(self._read_back.value * self._read_back.si)
-            told_of_late = (told, *self._told)
-            most, least = max(told_of_late), min(told_of_late)
+            of_late = (commanded, *self._commanded)
+            most, least = max(of_late), min(of_late)
             self._wrong = not least - STAGE_TOLERANCE <= reading <= most + STAGE_TOLERANCE
         self.look()
 
-    def cycle(self, told: float) -> None:
-        """Count a cycle of the loop at whose end the stage was told a voltage in V."""
-        self._told = (told, self._told[0])
+    def cycle(self, commanded: float) -> None:
+        """Count a cycle of the loop at whose end the stage was commanded a voltage in V."""
+        self._commanded = (commanded, self._commanded[0])
         self._wrong_cycles = leaked(self._wrong_cycles, _FULL, self._wrong)
         self.look()
 

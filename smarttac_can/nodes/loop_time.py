@@ -133,7 +133,7 @@ class MissedTime:
         """Begin with the next cycle."""
         self._begun = _IDLE
         self._cycles = self._stood = 0
-        self._told = ""
+        self._summary = ""
 
     def awake(self) -> None:
         """Take a sign of life: the node runs, whether or not it has a cycle."""
@@ -143,9 +143,9 @@ class MissedTime:
             self._stood += gap - 1
         self._awake = now
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Say of the last whole second what was missed, why, and what helps; empty before one."""
-        return self._told
+        return self._summary
 
     @property
     def missed(self) -> int:
@@ -169,7 +169,7 @@ class MissedTime:
         if missed:
             stood = min(self._stood, missed)
             cure = _PAUSES if stood > _MOSTLY * missed else _SLOW
-            self._told = (
+            self._summary = (
                 f"{missed} of {ticks} ticks missed, {stood} of them while the machine stood still "
                 f"or gave this process no time; {cure}"
             )

@@ -22,7 +22,7 @@ TICK_MASK: Final = 0xFF
 """Bits of the tick count in a frame: 8."""
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _IN_USE: Final = StageState.IN_USE
-_BARRED: Final = (StageState.WAITING, StageState.TRIPPED)
+_INHIBITED: Final = (StageState.WAITING, StageState.TRIPPED)
 
 
 class Taken(Enum):
@@ -57,7 +57,7 @@ class PlateBlock:
 
     Attributes
     ----------
-    behind
+    backend
         The simulated plate, or the front end with its checks.
     state
         State of the power stage, to look at; `bar` and drives change it.
@@ -65,8 +65,8 @@ class PlateBlock:
         What the second tick of a measurement is ahead of the first, 0..255.
     instant_us
         When a drive is in force, in us after its tick; 0 stands for on arrival.
-    told
-        What the power stage is told, in V; it may put out something else.
+    commanded
+        What the power stage is commanded, in V; it may put out something else.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class PlateBlock:
     ) -> None:
         require_caps(od, PLATE_CAPS)
         self.od = od
-        self.behind = (
+        self.backend = (
             SimulatedPlate(od, recording) if front_end is None else FrontEnd(front_end, od)
         )
         self.state = StageState.WAITING
@@ -105,8 +105,8 @@ class PlateBlock:
         """Begin anew: a plate at rest, tick 0 next, no drive."""
         self.instant_us = self.od["Simulation.Drive instant"].value
         self._stage = Drive(0.0, self._frequency.si_value)
-        self.behind.start_run(self._stage)
-        self.told = 0.0
+        self.backend.start_run(self._stage)
+        self.commanded = 0.0
         self._voltage.value = 0
         self._follow(StageEvent.START_RUN)
         self._moving = False
@@ -139,11 +139,11 @@ class PlateBlock:
         self._ticks.count()
         measured = None
         if overtaken:
-            self.behind.move()
+            self.backend.move()
         else:
-            measured = self.behind.sample()
-        if self.behind.stage is not self._stage:
-            self._stage = self.behind.stage
+            measured = self.backend.sample()
+        if self.backend.stage is not self._stage:
+            self._stage = self.backend.stage
             self._show_stage()
         if measured is None:
             return False
@@ -167,7 +167,7 @@ class PlateBlock:
         in_time = self._drive_tick.value == self.tick.value
         late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
         if self._voltage.value != 0:
-            if self.barred:
+            if self.inhibited:
                 return Taken.NOT
             # A voltage begins in time, or nobody would see it last too long.
             late = late and self.state is _IN_USE and not self._answered_before
@@ -182,38 +182,38 @@ class PlateBlock:
             self._answered = True
         elif late:
             self._answered_before = True
-        self.told = told = float(self._voltage.value * self._voltage.si)
-        drive = Drive(told, float(self._frequency.value * self._frequency.si))
-        read_back = self.behind.put_out(drive)
-        if read_back != told and abs(read_back - told) > STAGE_TOLERANCE:
-            self.bar()
+        self.commanded = commanded = float(self._voltage.value * self._voltage.si)
+        drive = Drive(commanded, float(self._frequency.value * self._frequency.si))
+        read_back = self.backend.put_out(drive)
+        if read_back != commanded and abs(read_back - commanded) > STAGE_TOLERANCE:
+            self.inhibit()
             return Taken.DISOBEYED
-        self._stage = self.behind.stage
+        self._stage = self.backend.stage
         self._show_stage()
         return Taken.IN_TIME if in_time else Taken.LATE
 
     @property
-    def barred(self) -> bool:
+    def inhibited(self) -> bool:
         """Whether the plate takes a drive of 0 V only, as at the beginning."""
-        return self.state in _BARRED
+        return self.state in _INHIBITED
 
     def switch_off(self) -> None:
         """Put the power stage at 0 V, now."""
         self._go_to_zero(StageEvent.SWITCH_OFF)
 
-    def bar(self) -> None:
+    def inhibit(self) -> None:
         """Put the power stage at 0 V, and keep it there until a drive of 0 V comes.
 
         It is TRIPPED then if it was in use, else WAITING.
         """
-        self._go_to_zero(StageEvent.BAR)
+        self._go_to_zero(StageEvent.INHIBIT)
 
     def _go_to_zero(self, event: StageEvent) -> None:
         self._follow(event)
         self._voltage.value = 0
-        self.told = 0.0
-        self.behind.switch_off(Drive(0.0, self._stage.frequency))
-        self._stage = self.behind.stage
+        self.commanded = 0.0
+        self.backend.switch_off(Drive(0.0, self._stage.frequency))
+        self._stage = self.backend.stage
         self._show_stage()
 
     def _follow(self, event: StageEvent) -> None:
@@ -241,7 +241,7 @@ class PlateBlock:
         if entry.name == START_RUN:
             self.start_run()
         else:
-            self.behind.on_write(entry, value)
+            self.backend.on_write(entry, value)
 
     @property
     def plate(self) -> Plate:
@@ -252,9 +252,9 @@ class PlateBlock:
         AttributeError
             If there is a front end instead.
         """
-        if isinstance(self.behind, FrontEnd):
+        if isinstance(self.backend, FrontEnd):
             raise AttributeError("behind a front end no plate is simulated")
-        return self.behind.plate
+        return self.backend.plate
 
     def _show_stage(self) -> None:
         self._stage_shown.write(self._stage)

@@ -15,12 +15,12 @@ from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.drive_sender import DriveSender
 from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.hardware_watch import HardwareWatch
+from smarttac_can.nodes.lock import OF_PLATE, Lock
 from smarttac_can.nodes.loop_frames import DRIVE_RPDO, MEASUREMENT_TPDOS, sent_measurement
 from smarttac_can.nodes.loop_time import LoopPeriod, MissedTime, deadlines, set_deadline
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
 from smarttac_can.nodes.plate_link import plate_serial
 from smarttac_can.nodes.states import StageState
-from smarttac_can.nodes.stricter import OF_PLATE, Stricter
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
@@ -86,7 +86,7 @@ class PlateNode(Application):
         self._sender = DriveSender(od)
         self._hardware = HardwareWatch(self.device)
         self._reported = False
-        self._stricter = Stricter(od, OF_PLATE)
+        self._lock = Lock(od, OF_PLATE)
         self._voltage = od["Drive.Voltage"]
         self._temperature = od["Vibration.Temperature"]
         self._stage_voltage = od["Stage.Voltage"]
@@ -122,7 +122,7 @@ class PlateNode(Application):
 
     def transmit_failed(self) -> list[Frame]:
         """Go to 0 V, the transmit queue being full: the controller lacks what was measured."""
-        self.block.bar()
+        self.block.inhibit()
         if self.block.state is StageState.TRIPPED:
             self._protect(FaultCode.DRIVE_LOST)
         return self.device.take()
@@ -139,7 +139,7 @@ class PlateNode(Application):
     def shutdown(self) -> list[Frame]:
         """Put the power stage at 0 V."""
         self.block.switch_off()
-        self.block.behind.insist()
+        self.block.backend.insist()
         return []
 
     def on_state(self, state: NMTState) -> None:
@@ -149,7 +149,7 @@ class PlateNode(Application):
                 self.block.write(name, raw)
             self.block.start_run()
         elif state is not NMTState.OPERATIONAL:
-            self.block.bar()
+            self.block.inhibit()
         self._missed_time.restart()
         if state is NMTState.RESET_COMMUNICATION:
             self._protecting.clear()
@@ -163,16 +163,16 @@ class PlateNode(Application):
 
     def on_sync(self) -> bool:
         """Step to this tick; without a loop, a measurement, or use for one, nothing goes out."""
-        self.block.behind.insist()
+        self.block.backend.insist()
         if self.device.nmt_state is not NMTState.OPERATIONAL:
             return False
         if not self._period.agrees():
-            self.block.bar()
+            self.block.inhibit()
             return False
         self._ticked = self.clock.now
         self._missed.count(self._missed_time.cycle())
         if self._hardware.reads_back:
-            self._hardware.cycle(self.block.told)
+            self._hardware.cycle(self.block.commanded)
             if self._hardware.cause is FaultCode.STAGE:
                 self._protect(FaultCode.STAGE)
         measured = self.block.cycle(overtaken=self._overtaken)
@@ -194,19 +194,19 @@ class PlateNode(Application):
         """
         hardware = self._hardware
         if number in hardware.sources:
-            hardware.hear(number, self.block.told)
+            hardware.hear(number, self.block.commanded)
             self._heed_hardware()
         if number != DRIVE_RPDO:
             return
         sender = self._sender
         if not sender.sound(self.block.session):
             if sender.disturbed:
-                self.block.bar()
+                self.block.inhibit()
             return
         if self._voltage.value > self._voltage_max.value:
             self._protect(FaultCode.VOLTAGE)
             return
-        cause = hardware.cause or self.block.behind.cause
+        cause = hardware.cause or self.block.backend.cause
         if not self._voltage.value:
             self._reported = False
         elif cause is not None and not self._reported:
@@ -222,7 +222,7 @@ class PlateNode(Application):
             self._unanswered.start(self._deadline.value * TICK_US)
         elif taken is Taken.DISOBEYED:
             self._protect(FaultCode.STAGE)
-        if self._protecting and not (self.block.barred or hot or self.device.collision):
+        if self._protecting and not (self.block.inhibited or hot or self.device.collision):
             for code in sorted(self._protecting):
                 self.device.clear_emergency(code)
             self._protecting.clear()
@@ -250,7 +250,7 @@ class PlateNode(Application):
     def on_error_control(self, node_id: int, lost: bool) -> None:
         """Go to 0 V when a watched node falls silent, whatever the error behaviour says."""
         if lost:
-            self.block.bar()
+            self.block.inhibit()
 
     def on_collision(self, heard: bool) -> None:
         """Go to 0 V, and stay there, while another node sends with an identifier of the plate."""
@@ -263,11 +263,11 @@ class PlateNode(Application):
         The deadline of the RPDO begins anew with any values within their limits; this one with a
         drive that was taken.
         """
-        self.block.bar()
+        self.block.inhibit()
 
     def _protect(self, code: FaultCode) -> None:
         """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
-        self.block.bar()
+        self.block.inhibit()
         if code not in self._protecting:
             self._reported = True
             self._protecting.add(code)
@@ -281,15 +281,15 @@ class PlateNode(Application):
         if self.block.state is StageState.IN_USE:
             self._protect(cause)
         else:
-            self.block.bar()
+            self.block.inhibit()
 
     def _heed_front_end(self) -> None:
         """Go to 0 V if a front end gives reason to; report it if the stage was, or is, live."""
-        cause = self.block.behind.cause
+        cause = self.block.backend.cause
         if cause is FaultCode.STAGE or (cause and self.block.state is StageState.IN_USE):
             self._protect(cause)
         elif cause:
-            self.block.bar()
+            self.block.inhibit()
 
     def on_store(self) -> None:
         """Refuse to store while it drives: a file may take longer than a cycle.
@@ -307,7 +307,7 @@ class PlateNode(Application):
         in_use = self.block.state is StageState.IN_USE
         self._hardware.require(entry, value, in_use=in_use)
         if in_use:
-            self._stricter.require(entry, value)
+            self._lock.require(entry, value)
         if entry is self._deadline:
             self._unanswered.follow(value * TICK_US)
         self.block.on_write(entry, value)

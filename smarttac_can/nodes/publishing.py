@@ -33,7 +33,7 @@ class Publishing:
     def __init__(self, device: Device, supervisor: Supervisor) -> None:
         self._device = device
         self._supervisor = supervisor
-        self._told = 0
+        self._reported = 0
         self._drive = FrameCheck(sent_drive(device.od))
         self._types = [
             (number, device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
@@ -63,23 +63,23 @@ class Publishing:
         for number in (_STATUS_TPDO, *_MEASURED_TPDOS):
             self._device.trigger(number)
 
-    def tell(self) -> None:
+    def report(self) -> None:
         """Make emergency messages of what was latched, or reset, since the last time."""
-        before, self._told = self._told, self._supervisor.latched
-        if before == self._told:
+        before, self._reported = self._reported, self._supervisor.latched
+        if before == self._reported:
             return
-        for watchdog in watchdogs_in(before & ~self._told):
+        for watchdog in watchdogs_in(before & ~self._reported):
             self._device.clear_emergency(WATCHDOGS[watchdog].code)
-        for watchdog in watchdogs_in(self._told & ~before):
+        for watchdog in watchdogs_in(self._reported & ~before):
             row = WATCHDOGS[watchdog]
             self._device.emergency(row.code, row.register, bytes((watchdog,)))
             self._device.trigger(_STATUS_TPDO)
 
     def hold(self) -> None:
         """Tell nothing of what is latched now: there is no device to tell it, in a reset."""
-        self._told = self._supervisor.latched
+        self._reported = self._supervisor.latched
 
-    def tell_anew(self) -> None:
+    def report_all(self) -> None:
         """Tell all that is latched, also what was so in a reset or before it."""
-        self._told = 0
-        self.tell()
+        self._reported = 0
+        self.report()

@@ -83,7 +83,7 @@ class ReadBack:
         self._quantities.row = (*row[:_VOLTAGE], 0.0, *row[_VOLTAGE + 1 :])
         self._statusword.value &= ~_DRIVING
 
-    def show_old(self) -> None:
+    def mark_stale(self) -> None:
         """Show that what can be read is not live, before a next cycle makes it so."""
         self._statusword.value &= ~_LIVE
 

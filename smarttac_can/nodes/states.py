@@ -13,9 +13,9 @@ The stimulator, whose commands are those of the controlword::
 
 The power stage of the plate, which has a voltage IN_USE only::
 
-    WAITING, TRIPPED --- 0 V ---> FREE --- voltage ---> IN_USE --- bar ---> TRIPPED
+    WAITING, TRIPPED --- 0 V ---> FREE --- voltage ---> IN_USE --- inhibit ---> TRIPPED
         ^                          |  <-- switch off ----- |
-        +------ 0 V in FAULT, bar -+----- 0 V in FAULT ----+
+        +-- 0 V in FAULT, inhibit -+---- 0 V in FAULT -----+
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class Guard(IntFlag):
     """No latched fault is present any more."""
     PREPARED = 2
     """No fault is present, the loop lives in OPERATIONAL, and the plate is tared and calibrated."""
-    WATCHED = 4
-    """Somebody who drives would be missed, or need not be."""
+    SUPERVISED = 4
+    """The loss of the commander would be noticed, or need not be."""
 
 
 class Transition(NamedTuple):
@@ -70,7 +70,7 @@ TRANSITIONS: Final = (
     Transition(_S.NOT_READY, _E.DISARM, _G.NONE, _S.NOT_READY),
     Transition(_S.READY, _E.UNPREPARED, _G.NONE, _S.NOT_READY),
     Transition(_S.READY, _E.DISARM, _G.NONE, _S.READY),
-    Transition(_S.READY, _E.ARM, _G.PREPARED | _G.WATCHED, _S.ARMED),
+    Transition(_S.READY, _E.ARM, _G.PREPARED | _G.SUPERVISED, _S.ARMED),
     Transition(_S.ARMED, _E.RUN, _G.PREPARED, _S.RUNNING),
     Transition(_S.RUNNING, _E.STOP, _G.NONE, _S.ARMED),
     *(Transition(state, _E.DISARM, _G.NONE, _S.READY) for state in (_S.ARMED, _S.RUNNING)),
@@ -117,7 +117,7 @@ class StateMachine:
         Present state.
     """
 
-    __slots__ = ("_held", "state")
+    __slots__ = ("_previous", "state")
 
     def __init__(self) -> None:
         self.restart()
@@ -125,11 +125,11 @@ class StateMachine:
     def restart(self) -> None:
         """Begin as after power-on, with all commands taken back."""
         self.state = State.NOT_READY
-        self._held = 0
+        self._previous = 0
 
-    def hold(self, word: int) -> None:
+    def take_as_given(self, word: int) -> None:
         """Count commands as standing, so that they are obeyed only after they were taken back."""
-        self._held |= word
+        self._previous |= word
 
     def handle(self, event: Event, holds: Guard) -> bool:
         """Make the transition for an event, if its guard holds.
@@ -169,10 +169,10 @@ class StateMachine:
         """
         if word & ~CONTROL_MASK:
             return False
-        event = self._event(word, word & ~self._held)
+        event = self._event(word, word & ~self._previous)
         if event is not None and not self.handle(event, holds):
             return False
-        self._held = word
+        self._previous = word
         return True
 
     def _event(self, word: int, rising: int) -> Event | None:
@@ -207,7 +207,7 @@ class StageEvent(Enum):
     LATCHED = "a drive of 0 V from a stimulator in FAULT"
     VOLTAGE = "a drive with a voltage that counts"
     SWITCH_OFF = "told to switch off"
-    BAR = "goes to 0 V by itself: see the watchdogs of the plate"
+    INHIBIT = "goes to 0 V by itself: see the watchdogs of the plate"
     START_RUN = "start run"
 
 
@@ -226,8 +226,8 @@ STAGE_TRANSITIONS: Final = (
     StageTransition(StageState.IN_USE, StageEvent.LATCHED, StageState.WAITING),
     StageTransition(StageState.FREE, StageEvent.VOLTAGE, StageState.IN_USE),
     StageTransition(StageState.IN_USE, StageEvent.SWITCH_OFF, StageState.FREE),
-    StageTransition(StageState.FREE, StageEvent.BAR, StageState.WAITING),
-    StageTransition(StageState.IN_USE, StageEvent.BAR, StageState.TRIPPED),
+    StageTransition(StageState.FREE, StageEvent.INHIBIT, StageState.WAITING),
+    StageTransition(StageState.IN_USE, StageEvent.INHIBIT, StageState.TRIPPED),
     *(
         StageTransition(state, StageEvent.START_RUN, StageState.WAITING)
         for state in StageState

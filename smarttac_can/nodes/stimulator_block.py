@@ -9,6 +9,7 @@ from smarttac_can.control.tribometer import Forces
 from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
 from smarttac_can.nodes.drive_output import DriveOutput
 from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps, require_choices
+from smarttac_can.nodes.lock import OF_STIMULATOR, Lock
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.nodes.loop_time import Deadline
 from smarttac_can.nodes.model_sheet import ModelSheet
@@ -28,7 +29,6 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_inside import PlateInside
 from smarttac_can.nodes.read_back import ReadBack
 from smarttac_can.nodes.states import Event
-from smarttac_can.nodes.stricter import OF_STIMULATOR, Stricter
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.nodes.taring import Taring
 from smarttac_can.nodes.texture_slots import TextureSlots
@@ -97,7 +97,7 @@ class StimulatorBlock:
         self._unwatched = od["Drive unwatched"]
         self._message = od["Message"]
         self._model_sheet = ModelSheet(od)
-        self._stricter = Stricter(od, OF_STIMULATOR)
+        self._lock = Lock(od, OF_STIMULATOR)
         self._textures = TextureSlots(od)
         self.deadline = Deadline(od, MEASUREMENT_RPDOS)
         self._plans = self._built(plate_model(od), UNTARED)
@@ -140,7 +140,7 @@ class StimulatorBlock:
         self._changed: set[str] = set()
         self._begun = False
         self._read_back.reset()
-        self._cut()
+        self._switch_off()
         supervisor.start_run(self.cascade.tared)
         self._follow()
 
@@ -205,7 +205,7 @@ class StimulatorBlock:
             return
         if self._shown is State.RUNNING:
             self._withdraw_hint()
-            self._cut()
+            self._switch_off()
         self._shown = state
         self._read_back.show_state(state)
         if state is State.RUNNING:
@@ -230,7 +230,7 @@ class StimulatorBlock:
             self._message.value = ""
         self._hint = ""
 
-    def _cut(self) -> None:
+    def _switch_off(self) -> None:
         """Turn the cascade off and put the drive at 0 V, now."""
         self._mode.value = Mode.OFF
         self.cascade.set_mode(Mode.OFF)
@@ -265,21 +265,21 @@ class StimulatorBlock:
         """Follow NMT out of OPERATIONAL."""
         self.supervisor.leave()
         self._follow()
-        self.fall_silent()
+        self.mark_stale()
 
-    def fall_silent(self) -> None:
+    def mark_stale(self) -> None:
         """Take note that no cycle comes for now: what is read back is that of the last one."""
-        self._read_back.show_old()
+        self._read_back.mark_stale()
 
     def disarm(self) -> None:
         """Put the drive at 0 V for good, whatever the controlword says."""
         self.supervisor.handle(Event.DISARM)
         self._follow()
-        self._cut()
+        self._switch_off()
 
-    def note_watch(self, watched: bool) -> None:
-        """Take note whether who drives would be missed, before a controlword is obeyed."""
-        self.supervisor.watched = watched or bool(self._unwatched.value)
+    def note_supervision(self, supervised: bool) -> None:
+        """Record whether the loss of the commander would be noticed; before each controlword."""
+        self.supervisor.supervised = supervised or bool(self._unwatched.value)
 
     def take_controlword(self) -> None:
         """Obey the controlword that an RPDO has brought."""
@@ -306,13 +306,13 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            As `Stricter`, `TextureSlots`, `Supervisor.command` and `Taring.auto_zero` say; STATE
+            As `Lock`, `TextureSlots`, `Supervisor.command` and `Taring.auto_zero` say; STATE
             also for zeros and calibration that would hide a force that has latched a fault, and
             for simulation objects without the plate inside; VALUE for limits that contradict each
             other.
         """
-        if self.supervisor.sharp:
-            self._stricter.require(entry, value)
+        if self.supervisor.armed:
+            self._lock.require(entry, value)
         self._textures.on_write(entry, value)
         record = entry.name.partition(".")[0]
         if entry is self._controlword:
@@ -331,7 +331,7 @@ class StimulatorBlock:
             self._taring.auto_zero(self.cascade, value)
             self._follow()
         elif record in _DESIGNED_FROM:
-            barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_barred
+            barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_inhibited
             if barred and value != entry.value:
                 raise Abort(
                     AbortCode.STATE,

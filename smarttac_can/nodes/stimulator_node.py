@@ -105,7 +105,7 @@ class StimulatorNode(Application):
         self._supervisor.advice = self._commander.advice
         self._supervisor.details = self._details
         self._publishing = Publishing(self.device, self._supervisor)
-        self._tell = self._publishing.tell
+        self._report = self._publishing.report
         self._publish = self._publishing.cycle
         self._unfit = False
         self._missed = od["Cycle.Missed deadlines"]
@@ -153,7 +153,7 @@ class StimulatorNode(Application):
         missed = self._missed_time.missed * _PERCENT / (self._missed_max.value * TICKS)
         shares = levels(s.plan, s.watch, s.in_force, self.block.cascade.contact, temperature)
         shares |= self._loop.levels()
-        shares[Watchdog.HEARTBEAT] = max(self.device.silence(TICK_US), self._commander.rest())
+        shares[Watchdog.HEARTBEAT] = max(self.device.silence(TICK_US), self._commander.level())
         shares[Watchdog.SETPOINT] = self.device.lateness(SETPOINT_RPDOS, TICK_US)
         shares[Watchdog.MISSED_TIME] = missed
         return tuple([shares[watchdog] for watchdog in COUNTED])
@@ -194,7 +194,7 @@ class StimulatorNode(Application):
         else:
             if self._unfit:
                 self.device.emergency(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
-            self._publishing.tell_anew()
+            self._publishing.report_all()
 
     def on_sync(self) -> bool:
         """Look at when the SYNC comes, at its counter, and whose it is."""
@@ -219,7 +219,7 @@ class StimulatorNode(Application):
         """Stop when the plate has gone to 0 V without being told, or is not alone."""
         watchdog = REPORTED_BY_PLATE.get(code)
         if watchdog is Watchdog.DOUBLE:
-            self._loop.source.told()
+            self._loop.source.plate_reports_another()
         elif watchdog is not None:
             self._observe(watchdog, True)
 
@@ -233,9 +233,9 @@ class StimulatorNode(Application):
         if number not in MEASUREMENT_RPDOS:
             if self.device.carries(number, self._controlword):
                 before = self.block.state
-                self.block.note_watch(self._commander.kept)
+                self.block.note_supervision(self._commander.kept)
                 self.block.take_controlword()
-                self._tell()
+                self._report()
                 self._show_change(before)
             return
         if self._plate_node_id and self._loop.take(number):
@@ -244,7 +244,7 @@ class StimulatorNode(Application):
                 return
             self.block.cycle(late=self._loop.answer())
             self._judge_time()
-            self._tell()
+            self._report()
             self._publishing.drive(self._loop.session)
             self._publish()
 
@@ -256,7 +256,7 @@ class StimulatorNode(Application):
         Abort
             STATE in these states.
         """
-        if self._supervisor.sharp:
+        if self._supervisor.armed:
             raise Abort(
                 AbortCode.STATE, "parameters are not stored or restored while armed: disarm first"
             )
@@ -270,12 +270,12 @@ class StimulatorNode(Application):
             )
         before = self.block.state
         if entry is self._controlword:
-            self.block.note_watch(self._commander.kept)
+            self.block.note_supervision(self._commander.kept)
         self.block.on_write(entry, value)
         self._loop.on_write(entry, value)
         if entry.index == HEARTBEAT_CONSUMER:
             self._commander.rewatch(entry.value, value)
-        self._tell()
+        self._report()
         self._show_change(before)
         if entry.name == START_RUN:
             self._loop.start_run()
@@ -301,11 +301,11 @@ class StimulatorNode(Application):
     def _details(self, watchdog: Watchdog) -> str:
         """Say what the text of a fault leaves open."""
         if watchdog is Watchdog.MISSED_TIME:
-            return self._missed_time.told()
-        return self._loop.late_answers.told() if watchdog in OF_LATE_DRIVES else ""
+            return self._missed_time.summary()
+        return self._loop.late_answers.summary() if watchdog in OF_LATE_DRIVES else ""
 
     def _on_unanswered(self) -> None:
-        self.block.fall_silent()
+        self.block.mark_stale()
         if self._supervisor.live:
             self._observe(Watchdog.MEASUREMENT, True)
 
@@ -314,7 +314,7 @@ class StimulatorNode(Application):
         self._missed.count(self._ticker.missed)
         self.block.tick()
         self._judge_time()
-        self._tell()
+        self._report()
         self._publish()
 
     def _show_change(self, before: State) -> None:
@@ -333,5 +333,5 @@ class StimulatorNode(Application):
             return
         before = self.block.state
         self.block.observe(watchdog, present)
-        self._tell()
+        self._report()
         self._show_change(before)

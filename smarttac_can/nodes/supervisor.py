@@ -26,7 +26,7 @@ from smarttac_can.vocabulary.watchdogs import (
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _ARMED: Final = State.ARMED
 _RUNNING: Final = State.RUNNING
-_SHARP: Final = (_ARMED, _RUNNING)
+_ARMED_STATES: Final = (_ARMED, _RUNNING)
 _CONTROLWORD: Final = "Controlword"
 _PRESENT: Final = CYCLIC | sum(1 << w for w, row in WATCHDOGS.items() if row.lasting)
 """Bits of the faults that are present until it is seen, or told, that they are gone."""
@@ -64,10 +64,10 @@ class Supervisor:
         Whether the loop has given a measurement since the device became operational.
     tared
         Whether the gauges have a zero.
-    watched
-        Whether who drives would be missed, or need not be; True without CANopen.
+    supervised
+        Whether the loss of the commander would be noticed, or need not be; True without CANopen.
     advice
-        Says what to do to be watched; called when an arming is refused for want of it.
+        Says what to do to be supervised; called when an arming is refused for want of it.
     details
         Says what the text of a fault leaves open, such as how many drives were late; called when
         the fault is latched.
@@ -90,12 +90,12 @@ class Supervisor:
         self.operational = True
         self.live = False
         self.tared = False
-        self.watched = True
+        self.supervised = True
         self.advice: Callable[[], str] = str
         self.details: Callable[[Watchdog], str] = lambda _watchdog: ""
         self.present = self.latched = 0
         self._seen = 0
-        self._stands = False
+        self._ignores_first = False
         self._refused = self._reason = ""
 
     @property
@@ -104,18 +104,18 @@ class Supervisor:
         return self.machine.state
 
     @property
-    def sharp(self) -> bool:
+    def armed(self) -> bool:
         """Whether a fault now would trip: the device is armed or running."""
-        return self.machine.state in _SHARP
+        return self.machine.state in _ARMED_STATES
 
     @property
-    def tare_barred(self) -> bool:
+    def tare_inhibited(self) -> bool:
         """Whether a new zero of the gauges is refused: it would change a drive or hide a fault.
 
         True while armed or running, and while a latched fault of the normal or lateral force is
         present.
         """
-        return self.sharp or bool(self.present & self.latched & _OVERLOAD)
+        return self.armed or bool(self.present & self.latched & _OVERLOAD)
 
     def restart(self) -> None:
         """Begin as after power-on; a reset out of RUNNING is a fault."""
@@ -156,9 +156,9 @@ class Supervisor:
         What the first one in OPERATIONAL asks for stood there before, and is not obeyed.
         """
         word = self._controlword.value
-        if self._stands:
-            self._stands = False
-            self.machine.hold(word)
+        if self._ignores_first:
+            self._ignores_first = False
+            self.machine.take_as_given(word)
         if word == self._seen:
             return
         self._seen = word
@@ -213,7 +213,7 @@ class Supervisor:
             self._message.value = next(
                 WATCHDOGS[w].text for w in watchdogs_in(faults) if WATCHDOGS[w].told
             )
-        if faults and state in _SHARP:
+        if faults and state in _ARMED_STATES:
             self._fault(faults)
         elif faults & ~CYCLIC and state is State.FAULT:
             self._latch_all(faults & ~CYCLIC)
@@ -260,7 +260,7 @@ class Supervisor:
     def enter(self) -> None:
         """Follow NMT into OPERATIONAL; what stands in the controlword is not obeyed."""
         self.operational = True
-        self._stands = True
+        self._ignores_first = True
 
     def start_run(self, tared: bool) -> None:
         """Disarm for a new run, with or without a zero of the gauges."""
@@ -291,12 +291,12 @@ class Supervisor:
         return frequency if plan.f_min <= frequency <= plan.f_max else self._frequency.si_value
 
     def _holds(self) -> Guard:
-        watched = Guard.WATCHED if self.watched else Guard.NONE
+        supervised = Guard.SUPERVISED if self.supervised else Guard.NONE
         if self.present & self.latched:
-            return watched
+            return supervised
         if self.live and self.operational and self.tared and not self.present:
-            return watched | Guard.CLEAR | Guard.PREPARED
-        return watched | Guard.CLEAR
+            return supervised | Guard.CLEAR | Guard.PREPARED
+        return supervised | Guard.CLEAR
 
     def _obey(self, word: int) -> bool:
         self.prepare()
@@ -308,7 +308,7 @@ class Supervisor:
     def _why_not(self, word: int) -> str:
         """Say why a controlword is refused in the present state, and what to do."""
         state = self.machine.state
-        if state is State.READY and not self.watched:
+        if state is State.READY and not self.supervised:
             return f"{UNWATCHED}{self.advice()}"
         if state is State.NOT_READY:
             return f"not armed: {', and '.join(self._lacks())}"

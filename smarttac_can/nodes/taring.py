@@ -44,7 +44,7 @@ class Taring:
     def tare_when_due(self, cascade: Cascade) -> None:
         """Make the tare at power-on if it is awaited, and there are samples for it."""
         due = self._awaited and self._cycles.value >= self._from
-        if due and not self._supervisor.tare_barred:
+        if due and not self._supervisor.tare_inhibited:
             try:
                 self._tare(cascade)
             except ValueError as error:
@@ -65,7 +65,7 @@ class Taring:
             raise Abort(
                 AbortCode.VALUE, f"{NOT_TARED}the value is not the signature {ZERO:08X}h, 'zero'"
             )
-        if self._supervisor.tare_barred:
+        if self._supervisor.tare_inhibited:
             raise Abort(
                 AbortCode.STATE,
                 f"{NOT_TARED}disarm first, and take away a force that has tripped a limit",

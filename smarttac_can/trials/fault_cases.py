@@ -86,7 +86,7 @@ def _nmt(
 
 def _disobeys(rig: Rig) -> bool:
     """Whether the power stage puts out something else than it is told."""
-    return abs(rig.plate_block.told - rig.stage.si_value) > STAGE_TOLERANCE
+    return abs(rig.plate_block.commanded - rig.stage.si_value) > STAGE_TOLERANCE
 
 
 def _is_unanswered(rig: Rig) -> bool:

@@ -176,7 +176,7 @@ def healthy_run(seed: int) -> HealthyRun:
         block.write(name, raw)
     block.write(START_RUN, 1)
     finger, ambient = _Finger(draw), draw.choice((20.0, draw.uniform(15.0, 30.0)))
-    behind = bench.plate_block.behind
+    behind = bench.plate_block.backend
     assert isinstance(behind, SimulatedPlate)
     plate = behind.plate = Plate(
         PlateParameters(), _subject(draw), finger, seed=seed, ambient=ambient,

@@ -491,7 +491,7 @@ class _Bench:
         ):
             write(name, raw)
         write(START_RUN, 1)
-        behind = self.plate.behind
+        behind = self.plate.backend
         assert isinstance(behind, SimulatedPlate)
         behind.plate = Plate(
             PlateParameters(), _subject(cell.damping), finger, ambient=cell.ambient,

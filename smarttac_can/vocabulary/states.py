@@ -16,7 +16,7 @@ class State(NamedNumber):
     READY = 1
     """All is there; at 0 V."""
     ARMED = 2
-    """The watchdogs are sharp; still at 0 V."""
+    """A fault trips; still at 0 V."""
     RUNNING = 3
     """The mode drives: the only state with a voltage."""
     QUICK_STOP = 4

@@ -129,13 +129,13 @@ def test_how_long_a_master_rests_of_its_second() -> None:
     clock, masters, present = watch()
     for node_id in (MASTER, 2):
         masters.heard(node_id, OPERATIONAL)
-    assert masters.rest() == 0.0
+    assert masters.level() == 0.0
     masters.heard(MASTER, PREOP)
     for _ in range(2):
         clock.advance(250_000)
         masters.heard(MASTER, PREOP)
         masters.heard(2, PREOP)
-    assert masters.rest() == 0.5, "the one that rests longest"
+    assert masters.level() == 0.5, "the one that rests longest"
     clock.advance(500_000)
     masters.heard(2, PREOP)
     assert not present

@@ -153,7 +153,7 @@ def test_a_stage_that_does_not_obey_the_last_0_v_is_told_again() -> None:
     fake.read_back = lambda told: 20.0 if len(fake.told) == count + 1 else told
     assert plate.shutdown() == []
     assert fake.told[count:] == [0.0, 0.0]
-    assert plate.block.behind.cause == NOT_ENABLED
+    assert plate.block.backend.cause == NOT_ENABLED
 
 
 def late(fake: Fake) -> None:
@@ -234,7 +234,7 @@ def test_a_stage_that_is_told_late_is_late_too() -> None:
     line.sync()
     line.send(drive(2000, tick_of(plate)))
     line.sync()
-    assert "a call took 800 us" in plate.block.behind.trouble
+    assert "a call took 800 us" in plate.block.backend.trouble
     assert fake.told[-1] == 0
     assert emergencies(line) == [NOT_ENABLED]
 
@@ -306,7 +306,7 @@ def test_what_is_no_measurement_is_0_v_at_once(measured: Any, words: str) -> Non
     assert fake.told[-1] == 0
     assert emergencies(line) == [NOT_ENABLED]
     assert [frame.can_id for frame in line.frames[before:]] == [0x80, 0xA1]
-    assert words in plate.block.behind.trouble
+    assert words in plate.block.backend.trouble
 
 
 def test_an_exception_is_0_v_at_once_and_the_node_goes_on() -> None:
@@ -316,16 +316,16 @@ def test_an_exception_is_0_v_at_once_and_the_node_goes_on() -> None:
     line.sync()
     assert fake.told[-1] == 0
     assert emergencies(line) == [NOT_ENABLED]
-    assert plate.block.behind.trouble == "sample() failed: OSError('cable out')"
+    assert plate.block.backend.trouble == "sample() failed: OSError('cable out')"
     for volts in (20, 0, 20):
         assert cycle(line, plate, volts) == 0, "not even 0 V frees it"
     assert set(fake.told[-4:]) == {0.0}
     fake.answer = sound
     for _ in range(19):
         cycle(line, plate, 0)
-        assert plate.block.barred
+        assert plate.block.inhibited
     cycle(line, plate, 0)
-    assert not plate.block.behind.trouble
+    assert not plate.block.backend.trouble
     assert emergencies(line)[-1] == 0
     assert cycle(line, plate, 20) == 20
 
@@ -370,12 +370,12 @@ def test_before_it_was_heard_the_stage_takes_no_voltage() -> None:
     fake = Fake()
     fake.answer = lambda: None
     line, plate = ready(fake)
-    assert plate.block.barred, "after the first cycle, which could pass later"
+    assert plate.block.inhibited, "after the first cycle, which could pass later"
     for volts in (0, 20, 20):
         assert cycle(line, plate, volts) == 0
     assert set(fake.told) == {0.0}
     assert emergencies(line) == [NOT_ENABLED], "once for the time that a voltage is asked for"
-    trouble = plate.block.behind.trouble
+    trouble = plate.block.backend.trouble
     assert trouble == "sample() has nothing new", "the reason, as soon as there is one"
 
 
@@ -389,9 +389,9 @@ def test_a_first_measurement_may_come_a_cycle_late(missing: int, sound: int) -> 
     line.sync(missing)
     fake.answer = good
     line.sync(sound - 1)
-    assert plate.block.behind.trouble
+    assert plate.block.backend.trouble
     line.sync()
-    assert not plate.block.behind.trouble
+    assert not plate.block.backend.trouble
 
 
 @pytest.mark.parametrize(
@@ -403,7 +403,7 @@ def test_a_stage_that_says_something_else_is_told_0_v(answer: Any) -> None:
     assert cycle(line, plate, 21) == 0
     assert set(fake.told[fake.told.index(21) + 1 :]) == {0}
     assert emergencies(line) == [STAGE]
-    assert plate.block.behind.trouble == f"put_out() of 21 V returned {repr(answer)[:200]}"
+    assert plate.block.backend.trouble == f"put_out() of 21 V returned {repr(answer)[:200]}"
 
 
 @pytest.mark.parametrize("off", [1.0, -1.0])

@@ -76,13 +76,13 @@ def test_0_v_in_fault_does_not_free_the_plate_and_the_reset_does() -> None:
     line, plate, node = in_fault()
     for _ in range(20):
         line.sync()
-        assert plate.block.barred
+        assert plate.block.inhibited
         line.send(drive(15_000, tick(plate)))
         assert stage(plate) == 0
     line.sync(3100)
     assert line.write(node, "Controlword", 0) == 0
     assert line.write(node, "Controlword", 0x80) == 0
-    assert not plate.block.barred, "told at once"
+    assert not plate.block.inhibited, "told at once"
     line.sync()
     line.run(node, OPEN_LOOP)
     line.sync(3)
@@ -246,4 +246,4 @@ def test_a_sender_that_is_no_node_is_not_taken(sender: int) -> None:
     line.nmt(START)
     line.sync()
     line.send(drive(0, 0, source=sender))
-    assert plate.block.barred
+    assert plate.block.inhibited

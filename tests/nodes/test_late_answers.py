@@ -38,7 +38,7 @@ class Queue:
 def test_no_answer_is_late_before_the_next_sync(first: int, before: int) -> None:
     queue = Queue(first, before)
     assert queue.periods(600) == [False] * 600
-    assert queue.answers.told() == ""
+    assert queue.answers.summary() == ""
 
 
 @pytest.mark.parametrize("behind", [1, 2, 18])
@@ -48,13 +48,13 @@ def test_an_answer_behind_the_next_sync_is_late(behind: int) -> None:
     for _ in range(behind):
         assert queue.period(0) == []
     assert queue.period(99) == [True] * behind + [False]
-    assert queue.answers.told() == f"{behind} of the last 20 drives late"
+    assert queue.answers.summary() == f"{behind} of the last 20 drives late"
     queue.periods(19 - behind)
-    assert queue.answers.told() == f"{behind} of the last 20 drives late"
+    assert queue.answers.summary() == f"{behind} of the last 20 drives late"
     queue.periods(behind - 1)
-    assert queue.answers.told() == "1 of the last 20 drives late"
+    assert queue.answers.summary() == "1 of the last 20 drives late"
     queue.periods(1)
-    assert queue.answers.told() == ""
+    assert queue.answers.summary() == ""
 
 
 def test_one_behind_stays_late_until_it_has_caught_up() -> None:
@@ -152,7 +152,7 @@ def test_a_new_run_begins_anew() -> None:
     queue.answers.restart()
     queue.tick, queue.waiting = 0, []
     assert queue.periods(3) == [False] * 3
-    assert queue.answers.told() == ""
+    assert queue.answers.summary() == ""
 
 
 @given(

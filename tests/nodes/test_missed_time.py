@@ -75,7 +75,7 @@ def test_a_node_that_hears_sync_and_no_measurement_stands_not_still() -> None:
         # Of ten ticks four have no measurement in a row.
         for frame in measurement(tick & 0xFF) if tick % 10 < 6 else ():
             node.receive(frame)
-    assert node._missed_time.told().startswith(
+    assert node._missed_time.summary().startswith(
         "400 of 1000 ticks missed, 0 of them while the machine stood still or gave this process no "
         "time; cycles take too long or the plate answers late"
     )
@@ -135,7 +135,7 @@ def test_more_than_half_of_what_was_missed_decides_on_the_cure(
         clock.advance(1000 * gap)
         missed = time.cycle()
     assert missed == 2 * pauses + slow_cycles
-    assert time.told().startswith(
+    assert time.summary().startswith(
         f"{missed} of 1000 ticks missed, {2 * pauses} of them while the machine stood still or "
         f"gave this process no time; {cure}"
     )

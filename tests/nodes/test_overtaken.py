@@ -111,7 +111,7 @@ def test_the_loop_bears_a_gap_of_14_ticks_under_every_law(
     before = highest(rig, 200)
     assert rig.plate_port is not None
     samples: list[Measurement] = []
-    sample = rig.plate.block.behind.sample
+    sample = rig.plate.block.backend.sample
 
     def counted() -> Measurement | None:
         measured = sample()
@@ -119,7 +119,7 @@ def test_the_loop_bears_a_gap_of_14_ticks_under_every_law(
         samples.append(measured)
         return measured
 
-    monkeypatch.setattr(rig.plate.block.behind, "sample", counted)
+    monkeypatch.setattr(rig.plate.block.backend, "sample", counted)
     for _ in range(20):
         ticks = rig.plate.od["Cycle.Ticks"].value
         samples.clear()

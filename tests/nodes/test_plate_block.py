@@ -51,7 +51,7 @@ class Behind:
 
 def block_with(behind: Behind) -> PlateBlock:
     block = PlateBlock(plate_od())
-    block.behind = behind  # type: ignore[assignment]
+    block.backend = behind  # type: ignore[assignment]
     block.start_run()
     return block
 
@@ -163,8 +163,8 @@ def test_a_run_begins_at_0_v_and_barred() -> None:
     assert counted(block) == (4, 1, 1)
     block.write("Simulation.Start run", 1)
     assert block.state is StageState.WAITING
-    assert block.barred
-    assert (block.told, behind.stage.voltage, shown(block)) == (0.0, 0.0, 0)
+    assert block.inhibited
+    assert (block.commanded, behind.stage.voltage, shown(block)) == (0.0, 0.0, 0)
     assert block.od["Drive.Voltage"].value == 0
     assert counted(block) == (0, 0, 0)
     assert behind.written == []
@@ -180,7 +180,7 @@ def test_other_writes_are_for_what_is_behind() -> None:
 def test_no_voltage_before_the_first_tick() -> None:
     block = block_with(Behind())
     assert take(block, 0, ago=9) is Taken.LATE
-    assert not block.barred
+    assert not block.inhibited
     assert take(block, V20) is Taken.NOT
     assert counted(block) == (0, 0, 1)
 
@@ -190,12 +190,12 @@ def test_while_barred_a_voltage_is_ignored_and_0_v_lifts_it(voltage: int) -> Non
     block = block_with(Behind())
     block.cycle()
     assert take(block, voltage) is Taken.NOT
-    assert (block.barred, shown(block), counted(block)[2]) == (True, 0, 0)
+    assert (block.inhibited, shown(block), counted(block)[2]) == (True, 0, 0)
     assert take(block, 0) is Taken.IN_TIME
-    assert not block.barred
+    assert not block.inhibited
     block.cycle()
     assert take(block, voltage) is Taken.IN_TIME
-    assert (block.told, shown(block)) == (voltage / 100, voltage)
+    assert (block.commanded, shown(block)) == (voltage / 100, voltage)
 
 
 @pytest.mark.parametrize("ago", [0, 1, 9])
@@ -203,7 +203,7 @@ def test_0_v_is_taken_whatever_it_answers(ago: int) -> None:
     block, _ = in_use()
     block.cycle()
     assert take(block, 0, ago) is (Taken.LATE if ago else Taken.IN_TIME)
-    assert (block.told, shown(block), block.state) == (0.0, 0, StageState.IN_USE)
+    assert (block.commanded, shown(block), block.state) == (0.0, 0, StageState.IN_USE)
 
 
 def test_0_v_of_one_in_fault_bars() -> None:
@@ -275,6 +275,6 @@ def test_0_v_now(act: Any, state: StageState) -> None:
     block, behind = in_use()
     act(block)
     assert block.state is state
-    assert block.barred == (state is StageState.TRIPPED)
+    assert block.inhibited == (state is StageState.TRIPPED)
     assert behind.stage == Drive(0.0, 43390.0)
-    assert (block.told, block.od["Drive.Voltage"].value, shown(block)) == (0.0, 0, 0)
+    assert (block.commanded, block.od["Drive.Voltage"].value, shown(block)) == (0.0, 0, 0)

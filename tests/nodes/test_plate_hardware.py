@@ -65,7 +65,7 @@ def assert_barred(line: Line, plate: PlateNode, *hardware: Frame) -> None:
     """Not even 0 V frees it."""
     for volts in (20, 0, 0, 20, 20):
         assert cycle(line, plate, volts, *hardware) == 0
-        assert plate.block.barred
+        assert plate.block.inhibited
 
 
 def assert_free_after_0_v(line: Line, plate: PlateNode) -> None:

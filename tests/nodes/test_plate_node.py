@@ -135,7 +135,7 @@ def test_0_v_of_the_plate_itself_waits_for_no_dead_time(instant_us: int) -> None
         line.sync()
         line.send(drive(2000, tick))
     line.sync()
-    behind = plate.block.behind
+    behind = plate.block.backend
     assert isinstance(behind, SimulatedPlate)
     before = abs(behind.plate.W)
     assert before > 0.5e-6

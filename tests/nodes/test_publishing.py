@@ -37,7 +37,7 @@ class Told:
 
     def tell(self, latched: int) -> None:
         self.supervisor.latched = latched
-        self.publishing.tell()
+        self.publishing.report()
 
 
 @pytest.mark.parametrize("event_driven", [(), (2,), (3,), (4,), (2, 3, 4)])
@@ -93,7 +93,7 @@ def test_what_is_latched_is_told_once_and_taken_back_when_it_is_reset() -> None:
 def test_nothing_latched_is_nothing_told() -> None:
     told = Told()
     told.tell(0)
-    told.publishing.tell_anew()
+    told.publishing.report_all()
     assert (told.emergencies, told.cleared, told.triggered) == ([], [], [])
 
 
@@ -102,8 +102,8 @@ def test_what_was_latched_in_a_reset_or_before_is_told_after_it() -> None:
     told.tell(BUS_OFF)
     told.supervisor.latched |= NMT
     told.publishing.hold()
-    told.publishing.tell()
+    told.publishing.report()
     assert [code for code, *_ in told.emergencies] == [BUS_OFF_CODE]
-    told.publishing.tell_anew()
+    told.publishing.report_all()
     assert [code for code, *_ in told.emergencies] == [BUS_OFF_CODE, NMT_CODE, BUS_OFF_CODE]
     assert told.cleared == []

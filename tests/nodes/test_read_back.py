@@ -339,7 +339,7 @@ def test_off_is_no_mode_and_0_v_and_leaves_the_rest() -> None:
     after = {name: shown.od[name].read() for name in QUANTITIES}
     assert after == before | {"Vibration.Voltage": 0}
     assert shown.status == LIVE | TOUCHING | LIMITED | SATURATED
-    shown.read_back.show_old()
+    shown.read_back.mark_stale()
     assert shown.status == TOUCHING | LIMITED | SATURATED
 
 

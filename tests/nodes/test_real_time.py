@@ -60,7 +60,7 @@ def test_a_plate_without_drives_is_at_0_v_to_the_microsecond(
     assert stage(plate) == 2000
     plate.advance(1)
     assert stage(plate) == 0
-    assert plate.block.barred
+    assert plate.block.inhibited
 
 
 def test_a_deadline_is_another_from_the_write_on_but_counts_from_the_last_drive() -> None:

@@ -121,12 +121,12 @@ def test_two_strange_ones_in_a_window_pass_and_three_do_not() -> None:
     watch = Watch()
     watch.sync(answers=1)
     for _ in range(2):
-        watch.source.strange()
+        watch.source.unexpected()
     watch.sync(answers=1)
     assert not watch.double
     assert watch.level == pytest.approx(2 / 3, rel=1e-12)
     watch.sync(5, answers=1)
-    watch.source.strange()
+    watch.source.unexpected()
     assert not watch.double, "it is the next SYNC that tells"
     watch.sync()
     assert watch.double
@@ -135,11 +135,11 @@ def test_two_strange_ones_in_a_window_pass_and_three_do_not() -> None:
 def test_after_8_syncs_strange_ones_are_forgotten() -> None:
     watch = Watch()
     watch.sync(7, answers=1)
-    watch.source.strange()
-    watch.source.strange()
+    watch.source.unexpected()
+    watch.source.unexpected()
     watch.sync(answers=1)
     assert watch.level == 0.0
-    watch.source.strange()
+    watch.source.unexpected()
     watch.sync(answers=1)
     assert not watch.double
 
@@ -148,15 +148,15 @@ def test_after_8_syncs_strange_ones_are_forgotten() -> None:
 def test_what_came_while_sync_was_lost_is_forgotten(us: int, level: float) -> None:
     watch = Watch()
     watch.sync(answers=1)
-    watch.source.strange()
-    watch.source.strange()
+    watch.source.unexpected()
+    watch.source.unexpected()
     watch.sync(us=us)
     assert watch.level == pytest.approx(level, rel=1e-12)
 
 
 def test_it_is_over_3_s_after_the_plate_has_told() -> None:
     watch = Watch()
-    watch.source.told()
+    watch.source.plate_reports_another()
     watch.clock.advance(2_999_999)
     assert watch.double
     watch.source.collide(False)
@@ -169,7 +169,7 @@ def test_a_collision_lasts_until_it_is_no_more() -> None:
     watch = Watch()
     watch.source.collide(True)
     assert watch.double
-    watch.source.told()
+    watch.source.plate_reports_another()
     watch.clock.advance(3_000_000)
     assert watch.double
     watch.source.collide(False)
@@ -179,9 +179,9 @@ def test_a_collision_lasts_until_it_is_no_more() -> None:
 def test_what_was_noticed_is_forgotten_by_a_reset() -> None:
     watch = Watch()
     watch.source.collide(True)
-    watch.source.told()
+    watch.source.plate_reports_another()
     watch.source.forget()
     assert not watch.double
-    watch.source.told()
+    watch.source.plate_reports_another()
     watch.clock.advance(3_000_000)
     assert not watch.double

@@ -76,7 +76,7 @@ def test_a_fault_is_reset_when_it_is_gone(guard: int, after: State) -> None:
 
 def test_only_a_reset_that_rises_ends_a_fault() -> None:
     machine = machine_in(State.FAULT)
-    machine.hold(FAULT_RESET)
+    machine.take_as_given(FAULT_RESET)
     for word, after in (
         (FAULT_RESET, State.FAULT), (0, State.FAULT), (FAULT_RESET, State.READY)
     ):  # fmt: skip

@@ -157,9 +157,9 @@ def test_a_fault_when_ready_is_present_and_not_latched() -> None:
 @pytest.mark.parametrize("state", [State.ARMED, State.RUNNING])
 def test_a_fault_when_sharp_is_latched_and_what_follows_is_added(state: State) -> None:
     loop = Loop(state)
-    assert loop.supervisor.sharp
+    assert loop.supervisor.armed
     loop.come(Watchdog.BUS_OFF)
-    assert not loop.supervisor.sharp
+    assert not loop.supervisor.armed
     assert (loop.supervisor.state, loop.shown) == (State.FAULT, (0x8141, BUS_OFF, BUS_OFF))
     loop.come(Watchdog.HEARTBEAT)
     assert loop.shown == (0x8141, BUS_OFF | HEARTBEAT, BUS_OFF | HEARTBEAT)
@@ -273,23 +273,23 @@ def test_a_restart_forgets_what_was_latched_and_the_last_word() -> None:
 def test_no_tare_while_sharp_or_under_a_force_that_has_tripped(fault: int) -> None:
     loop = Loop()
     supervisor = loop.supervisor
-    assert not supervisor.tare_barred
+    assert not supervisor.tare_inhibited
     loop.cycle(fault)
-    assert not supervisor.tare_barred, "present, but not latched"
+    assert not supervisor.tare_inhibited, "present, but not latched"
     loop.cycle()
     supervisor.command(ARM)
-    assert supervisor.tare_barred
+    assert supervisor.tare_inhibited
     loop.cycle(fault)
     assert supervisor.state is State.FAULT
-    assert supervisor.tare_barred
+    assert supervisor.tare_inhibited
     loop.cycle()
-    assert not supervisor.tare_barred, "latched, but gone"
+    assert not supervisor.tare_inhibited, "latched, but gone"
     supervisor.command(0)
     supervisor.command(FAULT_RESET)
     supervisor.command(0)
     supervisor.command(ARM)
     loop.cycle(STUCK)
-    assert not supervisor.tare_barred, "no force"
+    assert not supervisor.tare_inhibited, "no force"
 
 
 def test_a_word_by_rpdo_is_obeyed_once_and_counted_if_it_is_illegal() -> None:
@@ -317,7 +317,7 @@ def test_a_word_by_sdo_is_refused_with_a_reason(word: int, code: int) -> None:
 
 def unwatched() -> Loop:
     loop = Loop()
-    loop.supervisor.watched = False
+    loop.supervisor.supervised = False
     loop.supervisor.advice = lambda: "send a heartbeat"
     return loop
 
@@ -328,7 +328,7 @@ def test_who_is_not_watched_cannot_arm_and_is_told_why() -> None:
     with pytest.raises(Abort) as refused:
         loop.supervisor.command(ARM)
     assert refused.value.reason == "not armed, as nobody would be missed: send a heartbeat"
-    loop.supervisor.watched = True
+    loop.supervisor.supervised = True
     with pytest.raises(Abort) as refused:
         loop.supervisor.command(RUN)
     assert refused.value.reason == (
@@ -392,7 +392,7 @@ def test_late_drives_are_told_of_where_they_may_be_the_cause(
 ) -> None:
     loop = Loop(State.RUNNING)
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
-    monkeypatch.setattr(node._loop, "late_answers", SimpleNamespace(told=lambda: late))
+    monkeypatch.setattr(node._loop, "late_answers", SimpleNamespace(summary=lambda: late))
     loop.supervisor.details = node.block.supervisor.details
     loop.cycle(1 << watchdog)
     text = WATCHDOGS[watchdog].text + (f"; {late}" if told and late else "")

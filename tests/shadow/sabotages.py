@@ -77,8 +77,9 @@ SABOTAGES: Final = (
         "levels", _RUN,
     ),
     Sabotage(
-        "two faults of a cycle are told in the other order", "nodes.publishing Publishing.tell",
-        "watchdogs_in(self._told & ~before)", "reversed(watchdogs_in(self._told & ~before))",
+        "two faults of a cycle are told in the other order", "nodes.publishing Publishing.report",
+        "in watchdogs_in(self._reported & ~before)",
+        "in reversed(watchdogs_in(self._reported & ~before))",
         "frames",
         (
             ("cycles", 120), ("put", "Limit.Normal force", 100),
@@ -86,7 +87,7 @@ SABOTAGES: Final = (
         ),
     ),
     Sabotage(
-        "a fault that was reset is not taken back", "nodes.publishing Publishing.tell",
+        "a fault that was reset is not taken back", "nodes.publishing Publishing.report",
         "self._device.clear_emergency(WATCHDOGS[watchdog].code)", "pass",
         "frames", (("nmt", 0x02, 32), ("cycles", 2), ("recover", 3)),
     ),
@@ -102,7 +103,8 @@ SABOTAGES: Final = (
     ),
     Sabotage(
         "a guard holds that does not", "nodes.supervisor Supervisor._holds",
-        "return watched | Guard.CLEAR\n", "return watched | Guard.CLEAR | Guard.PREPARED\n",
+        "return supervised | Guard.CLEAR\n",
+        "return supervised | Guard.CLEAR | Guard.PREPARED\n",
         "frames", _LEAVE,
     ),
     Sabotage(
@@ -182,8 +184,8 @@ SABOTAGES: Final = (
         "", (("disturb", "DUPLICATION", "drive", 2), ("cycles", 3)),
     ),
     Sabotage(
-        "a plate that tripped waits as at first", "nodes.plate_block PlateBlock.bar",
-        "StageEvent.BAR", "StageEvent.LATCHED",
+        "a plate that tripped waits as at first", "nodes.plate_block PlateBlock.inhibit",
+        "StageEvent.INHIBIT", "StageEvent.LATCHED",
         "frames", (("disturb", "LOSS", "drive", 6), ("cycles", 6)),
     ),
     Sabotage(
@@ -199,7 +201,7 @@ SABOTAGES: Final = (
     Sabotage(
         "a reading of the stage is compared with now alone",
         "nodes.hardware_watch HardwareWatch.hear",
-        "told_of_late = (told, *self._told)", "told_of_late = (told,)",
+        "(commanded, *self._commanded)", "(commanded,)",
         "",
         (
             ("put", "Controlword", 0), ("connect_hardware", 1, 20), ("cycles", 2), ("drive", 1),

@@ -33,6 +33,26 @@ class Readers(NamedTuple):
     """Of a plate node."""
 
 
+RENAMED: Final = {
+    "watched": ("supervised",),
+    "_stands": ("_ignores_first",),
+    "_held": ("_previous",),
+    "_told": ("_reported", "_commanded", "_summary"),
+    "told": ("commanded",),
+    "behind": ("backend",),
+    "_strange": ("_unexpected",),
+}
+"""What attributes are called in a later tree."""
+
+
+def since(thing: Any, name: str) -> Any:
+    """Return an attribute by the name that it had in the old tree."""
+    for one in (name, *RENAMED[name]):
+        if hasattr(thing, one):
+            return getattr(thing, one)
+    raise AttributeError(f"{type(thing).__name__} has no {name}")
+
+
 @lru_cache(maxsize=256)
 def fields(frozen: Any) -> tuple[Any, ...]:
     """Return what a frozen dataclass holds; those of two packages are not equal themselves."""
@@ -58,7 +78,7 @@ def of_stimulator(node: Any, readers: Readers | None = None) -> State:
         "textures": [table is not None for table in block._textures._tables.values()],
         "tare awaited": block._taring._awaited,
         "tare from cycle": block._taring._from,
-        "told by EMCY": node._publishing._told,
+        "told by EMCY": since(node._publishing, "_told"),
         "time": node.clock.now,
         "nmt": node.device.nmt_state,
         "unfit": node._unfit,
@@ -77,13 +97,13 @@ def _of_supervisor(s: Any) -> State:
         "state": s.machine.state,
         "present": s.present,
         "latched": s.latched,
-        "commands held": s.machine._held,
+        "commands held": since(s.machine, "_held"),
         "controlword seen": s._seen,
-        "controlword stands": s._stands,
+        "controlword stands": since(s, "_stands"),
         "operational": s.operational,
         "live": s.live,
         "tared": s.tared,
-        "watched": s.watched,
+        "watched": since(s, "watched"),
         "refused": (s._refused, s._reason),
         "fault memory": s.memory.lines,
     }
@@ -143,7 +163,7 @@ def _of_bus(b: Any) -> State:
         "bus sync window": _of_window(sync._window),
         "bus sync drift": _of_window(sync._long),
         "bus credits": (source._credits, source._owed),
-        "bus source window": (source._syncs, source._measured, source._strange),
+        "bus source window": (source._syncs, source._measured, since(source, "_strange")),
         "bus heard": source._heard,
         "bus collision": source._collision,
         "bus late": (late._syncs, late._ahead, late._in_a_row, late._early, late._history),
@@ -158,7 +178,7 @@ def _of_window(window: Any) -> tuple[int, ...]:
 
 
 def _of_missed_time(m: Any) -> State:
-    return {"missed time": (m._begun, m._awake, m._cycles, m._stood, m._told)}
+    return {"missed time": (m._begun, m._awake, m._cycles, m._stood, since(m, "_told"))}
 
 
 def _of_controllers(c: Any) -> State:
@@ -281,7 +301,12 @@ def of_plate(node: Any, readers: Readers | None = None) -> State:
         "sender": (sender._node_id, getattr(sender, "_once_in", None)),
         "sender latched": sender.latched,
         "sender disturbed": (sender.disturbed, sender._undisturbed),
-        "hardware": (hardware.cause, hardware.sources, hardware.reads_back, hardware._told),
+        "hardware": (
+            hardware.cause,
+            hardware.sources,
+            hardware.reads_back,
+            since(hardware, "_told"),
+        ),
         "hardware rules": [entry.name for entry in (*hardware._inputs, *hardware._rules)],
     }
     return state
@@ -289,11 +314,11 @@ def of_plate(node: Any, readers: Readers | None = None) -> State:
 
 def of_plate_block(block: Any, readers: Readers | None = None) -> State:
     """Return what the function block of a plate knows beside its object dictionary."""
-    behind = block.behind
+    behind = since(block, "behind")
     state = {
         "stage state": block.state.name,
         "stage": block._stage,
-        "stage told": block.told,
+        "stage told": since(block, "told"),
         "plate answered": (block._answered, block._answered_before),
         "plate moving": block._moving,
         "plate session": block.session,
@@ -314,7 +339,7 @@ def of_plate_block(block: Any, readers: Readers | None = None) -> State:
     else:
         state |= {
             "front end": (behind.trouble, behind._sound_missing, behind._silent, behind._slowest),
-            "front end told": behind._told,
+            "front end told": since(behind, "_told"),
             "front end last": behind._last,
         }
     return state

@@ -90,7 +90,7 @@ def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(
 
     def noting(hear: Callable[[Frame], list[Frame]]) -> Callable[[Frame], list[Frame]]:
         def note(frame: Frame) -> list[Frame]:
-            seen.append((rig.stage.value, rig.plate_block.barred))
+            seen.append((rig.stage.value, rig.plate_block.inhibited))
             return hear(frame)
 
         return note

@@ -6,9 +6,9 @@ from line import plate_inside
 
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.nodes.lock import OF_PLATE, OF_STIMULATOR, Lock, Table
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.nodes.stricter import OF_PLATE, OF_STIMULATOR, Stricter, Table
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
@@ -109,7 +109,7 @@ def test_a_refused_deadline_does_not_move_the_one_in_force() -> None:
 def test_the_public_pdos_are_free() -> None:
     rig = driven()
     od = rig.od
-    protected = {entry.index for entry in Stricter(od, OF_STIMULATOR).rules}
+    protected = {entry.index for entry in Lock(od, OF_STIMULATOR).rules}
     for number in range(4):
         assert 0x1800 + number not in protected
         assert 0x1A00 + number not in protected
@@ -122,7 +122,7 @@ def test_the_public_pdos_are_free() -> None:
 def test_all_limits_have_a_rule(od: ObjectDictionary, table: Table, least: int) -> None:
     limits = {entry for entry in od if entry.name.startswith("Limit.") and entry.writable}
     assert len(limits) >= least
-    assert limits <= set(Stricter(od, table).rules)
+    assert limits <= set(Lock(od, table).rules)
 
 
 OF_THE_PLATE = (
@@ -221,7 +221,7 @@ def test_what_is_protected_and_how(
     lower: set[Where], longer: set[Where],
 ) -> None:  # fmt: skip
     """By place: what is laxer than a value and what is not, whatever else would refuse it."""
-    stricter = Stricter(od, table)
+    stricter = Lock(od, table)
 
     def refused(entry: Entry, present: int, value: int) -> bool:
         entry.value = present
@@ -257,7 +257,7 @@ def test_what_is_protected_and_how(
 @pytest.mark.parametrize("watch", range(1, 5))
 def test_every_watch_over_a_heartbeat_is_kept(watch: int) -> None:
     od = stimulator_od()
-    stricter, entry = Stricter(od, OF_STIMULATOR), od.entry(0x1016, watch)
+    stricter, entry = Lock(od, OF_STIMULATOR), od.entry(0x1016, watch)
     for present, laxer in (
         (0x7F_0032, (0x7F_0033, 0x7F_8000, 0x7F_0000, 0x7E_0032, 0x80_0032, 0)),
         (0x7F_8000, (0x7F_8001, 0x7F_0000, 0)),

@@ -142,7 +142,7 @@ OF_PLATE: Final = Table(
 """While its power stage is in use."""
 
 
-class Stricter:
+class Lock:
     """Refuses what would be laxer.
 
     Parameters
