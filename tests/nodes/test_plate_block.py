@@ -269,7 +269,7 @@ def test_a_stage_that_reads_back_1_v_beside_what_it_was_told_obeys(
 
 @pytest.mark.parametrize(
     ("act", "state"),
-    [(PlateBlock.switch_off, StageState.FREE), (PlateBlock.bar, StageState.TRIPPED)],
+    [(PlateBlock.switch_off, StageState.FREE), (PlateBlock.inhibit, StageState.TRIPPED)],
 )
 def test_0_v_now(act: Any, state: StageState) -> None:
     block, behind = in_use()
