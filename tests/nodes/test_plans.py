@@ -5,10 +5,11 @@ from dataclasses import astuple
 from unittest.mock import patch
 
 import pytest
+from driven import driven, write, write_entry
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.bench.simulation import STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.control import design
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.texture import NO_TEXTURE
@@ -25,7 +26,7 @@ from smarttac_can.nodes.plans import (
 )
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.cia import Abort, AbortCode, NMTCommand
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.model import PlateModel
@@ -114,7 +115,7 @@ def test_every_parameter_changes_a_plan_or_is_said_to_change_none(entry: Entry) 
     assert bool(changed) == (entry.name not in NO_PLAN), changed
 
 
-NO_PLAN = ("Limit.Missed ticks", "Texture.Slot", "Calibration.Name")
+NO_PLAN = ("Limit.Missed ticks", "Texture.Slot")
 """Parameters that no plan is made of: a limit that is looked at once a second, and what the
 textures themselves follow."""
 
@@ -245,3 +246,20 @@ def test_an_identification_is_kept_with_its_temperature_and_leaves_the_load() ->
     keep_model(od, model)
     assert plate_model(od) == PlateModel(51e-9, 0.9e-3, 43_250.0, 1.3, 29.5)
     assert (od["Model.Load"].value, od["Model.Temperature"].value) == (1300, 2950)
+
+
+def test_another_deadline_is_in_force_at_once_and_gone_with_a_reset() -> None:
+    """By as much as it is above 3 ms a drive may be late, of which 17 cycles more are no fault."""
+    rig = driven()
+    before = rig.stimulator.block.supervisor.plan
+    assert write(rig, "Controlword", 0) == 0
+    for index in (0x1404, 0x1405, 0x1406):
+        assert write_entry(rig, rig.od.entry(index, 5), 20) == 0
+    after = rig.stimulator.block.supervisor.plan
+    late = [count - was for count, was in zip(after.full, before.full, strict=True)]
+    assert late == [0, 0, 0, 17 * 20, 17, 17 * 20, 0, 17 * 20]
+    assert after._replace(full=before.full) == before
+    rig.cycle(3)
+    assert rig.stimulator.block.supervisor.plan == after
+    rig.nmt(NMTCommand.RESET_COMMUNICATION, STIMULATOR_ID)
+    assert rig.stimulator.block.supervisor.plan == before
