@@ -3,10 +3,12 @@
 import math
 
 import pytest
-from one_watch import UNTARED, Watch
+from one_watch import LIFTED, UNTARED, Watch
 
 from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.nodes.watches import levels
 from smarttac_can.vocabulary.signals import Contact, Drive
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 VOLTAGE, TEMPERATURE, NORMAL, LATERAL = 1 << 9, 1 << 11, 1 << 12, 1 << 13
 SATURATED, GAUGES, CONTROLLER, CALIBRATION = 1 << 14, 1 << 16, 1 << 19, 1 << 20
@@ -238,3 +240,12 @@ def test_gauges_that_were_never_tared_contradict_nobody() -> None:
     for _ in range(10):
         look(watch, twist=0.3)
     assert watch.look(gauges=(0.0, 0.0, 9.0, 0.0, 0.0, 0.0)) & GAUGES == 0
+
+
+def test_before_the_first_drive_and_measurement_nothing_is_near_a_fault() -> None:
+    watch = Watch()
+    shares = levels(watch.plan, watch.state, watch.in_force, LIFTED, 30.0)
+    assert shares.pop(Watchdog.TEMPERATURE) == 0.5
+    assert set(shares.values()) == {0.0}
+    watch.drive(75.0)
+    assert levels(watch.plan, watch.state, watch.in_force, LIFTED, 0.0)[Watchdog.VOLTAGE] == 0.5
