@@ -197,6 +197,16 @@ def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
     assert stuck(2, rest=0) == 24, "from the first sample on"
 
 
+@pytest.mark.parametrize(("counts", "fault"), [(2, 1 << 15), (-2, 1 << 15), (3, 0), (-3, 0)])
+def test_a_gauge_is_stuck_within_2_counts_of_its_first_sample(counts: int, fault: int) -> None:
+    watch = Watch()
+    for cycle in range(24):
+        gauges = [3 * cycle] * 9
+        gauges[3] = 700 + counts * (cycle % 2)
+        found = watch.look(counts=tuple(gauges))
+    assert found == fault
+
+
 @pytest.mark.parametrize(
     ("ticks", "told"),
     [
