@@ -67,7 +67,7 @@ def test_what_is_refused_is_said_and_the_deadline_stays_that_of_the_eds(
         return sleepy
 
     def run(name: str, node: object, *_: object) -> None:
-        entries = node._loop._deadlines if name == "stimulator" else [node._deadline]
+        entries = node.block.deadline._entries if name == "stimulator" else [node._deadline]
         deadlines.append([entry.value for entry in entries])
 
     monkeypatch.setattr(process, "request_real_time", request)

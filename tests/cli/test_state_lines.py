@@ -83,8 +83,8 @@ def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
         node.receive(requests.download(0x20, controlword, word))
     assert stimulator.block.state is State.ARMED
     assert stimulator.od["Message"].value == ""
-    stimulator.od["Limit.Temperature"].value = 0
-    stimulator.block.start_run()
+    supervisor = stimulator.block.supervisor
+    supervisor.plan = supervisor.plan._replace(temperature_max=0.0)
     node.advance(1000)
     assert said[1:] == ["stimulator 32 fault 4210h: the plate is too hot"]
 

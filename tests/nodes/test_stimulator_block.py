@@ -11,6 +11,7 @@ from smarttac_can.od.cia import Abort
 from smarttac_can.vocabulary.faults import PICKUP, FaultKind
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import State, Status
+from smarttac_can.vocabulary.textures import Axis, TextureTable
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 OFF, OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY, TEXTURE = range(7)
@@ -197,3 +198,46 @@ def test_an_identification_that_is_over_has_no_part_in_what_follows() -> None:
             drives[-1].append(cascade.drive)
     assert drives[0] == drives[1]
     assert drives[0][-1].voltage > 10.0
+
+
+def test_a_fault_that_goes_is_no_other_fault() -> None:
+    loop = Loop()
+    loop.run(OPEN_LOOP)
+    loop.tick(3)
+    for watchdog in (Watchdog.HEARTBEAT, Watchdog.NMT):
+        loop.block.observe(watchdog, False)
+    loop.tick()
+    assert loop.block.state is State.RUNNING
+    assert (loop.block.supervisor.present, loop.block.supervisor.latched) == (0, 0)
+
+
+def test_a_write_to_something_else_lets_a_texture_go_on() -> None:
+    loop = Loop()
+    table = TextureTable(Axis.TIME, True, 0, 5000, (3000, 4000)).pack()
+    assert loop.write("Texture table.Table 1", table) == 0
+    loop.run(TEXTURE)
+    loop.tick(20)
+    cascade = loop.block.cascade
+    played = cascade.state.playing.ticks
+    assert played > 10
+    assert loop.write("Limit.Voltage", 14_000) == 0
+    loop.tick()
+    assert cascade.state.playing.ticks == played + 1
+    assert cascade.parameters.V_max == 140.0
+    assert loop.write("Texture.Slot", 1) == 0
+    loop.tick()
+    assert cascade.state.playing.ticks == 1
+
+
+def test_a_zero_that_is_written_is_a_tare_and_another_write_is_none() -> None:
+    od = stimulator_od()
+    od["Tare at power-on"].value = 0
+    block = StimulatorBlock(od, PlateBlock(plate_od()))
+    od["Gauge zero.Zero of S3"].value = 300
+    block.write("Limit.Voltage", 14_000)
+    block.tick()
+    assert not block.supervisor.tared
+    block.write("Gauge zero.Zero of S3", 310)
+    block.tick()
+    assert block.supervisor.tared
+    assert block.cascade.zero[2] == 0.31

@@ -127,7 +127,7 @@ def _of_watches(supervisor: Any) -> State:
         "watch saturated": w._saturated._level,
         "watch gauges": w._odd._level,
         "watch gauges, zero": w._zero,
-        "watch stuck": (w._rests, w._rests_at),
+        "watch stuck": (tuple(w._rests), tuple(w._rests_at)),
         "watch tick": w._tick,
         "watch amplitude": v._above._level,
         "watch excess": v._excess._level,

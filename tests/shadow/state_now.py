@@ -103,7 +103,7 @@ def _of_watches(s: Any) -> State:
         "watch saturated": saturated,
         "watch gauges": gauges,
         "watch gauges, zero": now.zero,
-        "watch stuck": (list(now.rests), list(now.rests_at)),
+        "watch stuck": (now.rests, now.rests_at),
         "watch tick": now.tick,
         "watch amplitude": amplitude,
         "watch excess": excess,

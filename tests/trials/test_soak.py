@@ -85,7 +85,7 @@ def case_of(name: str) -> FaultCase:
 def test_a_stage_that_is_stuck_at_what_it_is_told_obeys(rig: Rig) -> None:
     case = case_of("power stage stuck")
     assert not case.shows(rig)
-    rig.plate_block.told = rig.stage.si_value + 1.01
+    rig.plate_block.commanded = rig.stage.si_value + 1.01
     assert case.shows(rig)
 
 
