@@ -254,7 +254,8 @@ class Supervisor:
         self.operational = False
         self.live = False
         if self.machine.state is State.RUNNING:
-            self.observe(1 << Watchdog.NMT, 1 << Watchdog.NMT)
+            bit = 1 << Watchdog.NMT
+            self.observe(bit, bit)
         self.handle(Event.LEAVE)
 
     def enter(self) -> None:

@@ -263,3 +263,16 @@ def test_another_deadline_is_in_force_at_once_and_gone_with_a_reset() -> None:
     assert rig.stimulator.block.supervisor.plan == after
     rig.nmt(NMTCommand.RESET_COMMUNICATION, STIMULATOR_ID)
     assert rig.stimulator.block.supervisor.plan == before
+
+
+@pytest.mark.parametrize(
+    ("state", "gain", "identified"), [(2, 50_000, True), (2, 50_001, False), (1, 50_000, False)]
+)
+def test_a_model_is_identified_while_it_is_the_one_that_was_found(
+    state: int, gain: int, identified: bool
+) -> None:
+    od = stimulator_od()
+    present = Present(plate_model(od), UNTARED, NO_TEXTURE, 3)
+    od["Model.State"].value = state
+    plans = build_plans(od, present, od["Model.Gain per volt"], gain)
+    assert plans.watch.bound.identified is identified

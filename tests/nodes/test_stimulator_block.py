@@ -240,4 +240,4 @@ def test_a_zero_that_is_written_is_a_tare_and_another_write_is_none() -> None:
     block.write("Gauge zero.Zero of S3", 310)
     block.tick()
     assert block.supervisor.tared
-    assert block.cascade.zero[2] == 0.31
+    assert block.cascade.zero[2] == pytest.approx(0.031)

@@ -398,3 +398,22 @@ def test_late_drives_are_told_of_where_they_may_be_the_cause(
     text = WATCHDOGS[watchdog].text + (f"; {late}" if told and late else "")
     assert loop.message == text
     assert loop.supervisor.memory.lines[0].partition("h ")[2].startswith(f"{text}; mode ")
+
+
+def test_what_is_gone_lets_it_be_ready_with_the_next_cycle() -> None:
+    loop = Loop()
+    loop.come(Watchdog.BUS_OFF)
+    assert loop.supervisor.state is State.NOT_READY
+    loop.go(Watchdog.BUS_OFF)
+    assert loop.supervisor.state is State.NOT_READY
+    loop.cycle()
+    assert loop.supervisor.state is State.READY
+
+
+def test_the_message_of_a_latched_fault_stays_as_the_fault_goes() -> None:
+    loop = Loop(State.ARMED)
+    loop.come(Watchdog.DOUBLE)
+    text = loop.message
+    assert text.startswith("another node sends")
+    loop.go(Watchdog.DOUBLE)
+    assert loop.message == text
