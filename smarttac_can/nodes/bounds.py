@@ -23,6 +23,7 @@ that may be in force.
 
 from __future__ import annotations
 
+from builtins import complex  # mypyc finds it by name in a named tuple
 from cmath import exp as exp_j
 from collections.abc import Callable
 from math import exp, nan, pi, sqrt
