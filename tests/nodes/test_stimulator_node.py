@@ -4,6 +4,8 @@ import struct
 from itertools import pairwise
 
 import pytest
+from driven import driven as driven_rig
+from driven import write_entry
 from line import (
     DRIVE,
     EMCY_STIMULATOR,
@@ -22,13 +24,13 @@ from line import (
     stimulator_alone,
 )
 
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.bench.simulation import STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import Abort, DataType
+from smarttac_can.od.cia import Abort, DataType, NMTCommand
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
@@ -637,3 +639,15 @@ def test_setpoints_that_stay_away_are_a_fault_of_their_own() -> None:
     assert stimulator.block.state is State.RUNNING
     line.sync(5)
     assert stimulator.od["Diagnosis.Latched"].value == 1 << Watchdog.SETPOINT
+
+
+def test_links_that_a_master_took_back_are_made_anew_at_the_start_and_not_before() -> None:
+    rig = driven_rig()
+    period = rig.od.entry(0x1006)
+    assert (period.value, period.default) == (1000, 0)
+    rig.nmt(NMTCommand.ENTER_PRE_OPERATIONAL, STIMULATOR_ID)
+    assert write_entry(rig, period, 0) == 0
+    rig.nmt(NMTCommand.STOP, STIMULATOR_ID)
+    assert period.value == 0
+    rig.nmt(NMTCommand.START, STIMULATOR_ID)
+    assert period.value == 1000
