@@ -643,11 +643,11 @@ def test_setpoints_that_stay_away_are_a_fault_of_their_own() -> None:
 
 def test_links_that_a_master_took_back_are_made_anew_at_the_start_and_not_before() -> None:
     rig = driven_rig()
-    period = rig.od.entry(0x1006)
-    assert (period.value, period.default) == (1000, 0)
+    link = rig.od.entry(0x1404, 1)
+    assert link.value == 0x1A1 != link.default
     rig.nmt(NMTCommand.ENTER_PRE_OPERATIONAL, STIMULATOR_ID)
-    assert write_entry(rig, period, 0) == 0
+    assert write_entry(rig, link, link.default) == 0
     rig.nmt(NMTCommand.STOP, STIMULATOR_ID)
-    assert period.value == 0
+    assert link.value == link.default
     rig.nmt(NMTCommand.START, STIMULATOR_ID)
-    assert period.value == 1000
+    assert link.value == 0x1A1
