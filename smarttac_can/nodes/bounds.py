@@ -73,7 +73,7 @@ class BoundPlan(NamedTuple):
     limit: float
     """Of the bound from above under a finger, in m peak-to-peak."""
     bare_limit: float
-    """The same without contact: the pick-up ends there."""
+    """The same without contact, at most 3.27 um: the pick-up ends there."""
     gain: float
     """Of the model in m/V."""
     tau: float
@@ -110,17 +110,21 @@ class InForce(NamedTuple):
     most: float
     """Largest voltage in V that may be in force."""
     least: float
+    """Least one."""
     most_before: float
-    """The same in the cycle before."""
+    """The largest one in the cycle before."""
     least_before: float
+    """The least one then."""
     held_most: float
-    """The same of the drives that a late one leaves in force."""
+    """Largest voltage in V of the drives that a late one leaves in force."""
     held_least: float
+    """Least one."""
     late: bool
     """Whether the last drive is late."""
     response: Response
     """The larger one of those that may be in force."""
     held: Response
+    """That of the drives that a late one leaves in force."""
 
 
 class Vibration(NamedTuple):
@@ -137,6 +141,7 @@ class Vibration(NamedTuple):
     damping: float
     """Least damping of plate and finger over that of the plate."""
     touching: bool
+    """Whether a finger was felt."""
     low: float
     """Lowest frequency in Hz that the resonance may have."""
     high: float
@@ -254,10 +259,26 @@ def follow(
 def put_out(
     plan: BoundPlan, vibration: Vibration, in_force: InForce, drive: Drive, late: bool
 ) -> tuple[InForce, Drive]:
-    """Return the drive that goes out, its voltage cut, and what may be in force from then on.
+    """Cut the voltage of a drive, and note it as in force.
 
-    A late one is in force some time in the cycle after its own, if at all: what was so before it
-    may be until one in time has come, and in the cycle in which that comes.
+    If the drive is late, it comes into force during the next cycle, or never. The drives before it
+    may then stay in force until one in time has come, and for the cycle in which that comes.
+
+    Parameters
+    ----------
+    plan, vibration
+        Limits and model, and the vibration at the measurement that is answered.
+    in_force
+        What may have been in force until then.
+    drive
+        What is to go out.
+    late
+        Whether the plate gets it too late for this cycle.
+
+    Returns
+    -------
+    tuple
+        What may be in force until the next measurement, and the drive that goes out.
     """
     response = response_at(plan, vibration, drive.frequency)
     drive = cut(plan, vibration, response, drive)

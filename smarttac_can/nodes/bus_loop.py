@@ -215,14 +215,8 @@ class SyncWatch:
 
     Parameters
     ----------
-    od
-        Object dictionary of ``stimulator.eds``.
-    clock
-        Device time.
-    deadline
-        That of the loop.
-    observe
-        Called with a watchdog whose fault comes, or goes.
+    od, clock, deadline, observe
+        As for `BusLoop`.
     """
 
     def __init__(

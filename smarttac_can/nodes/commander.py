@@ -1,12 +1,13 @@
-"""The nodes that command a stimulator: whether they are supervised, and whether they are lost."""
+"""Who commands a stimulator: whether a loss would be noticed, and whether there is one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Final
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.nodes.bus_loop import Observe
 from smarttac_can.nodes.lock import watched_node
 from smarttac_can.nodes.loop_time import deadlines
 from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR
@@ -22,7 +23,7 @@ _TABLE: Final = "Consumer heartbeat time"
 
 
 class Commander:
-    """The watchdogs of heartbeats and set-points, and whether one of them is armed.
+    """The watchdogs of heartbeats and set-points, and whether one of them is active.
 
     A watched node is gone when its heartbeat stays away, at once when it boots again, and when it
     has been OPERATIONAL but is so no more for `NOT_OPERATIONAL_US`. One that never was need not be:
@@ -45,7 +46,7 @@ class Commander:
         self,
         device: Device,
         plate: int,
-        observe: Callable[[Watchdog, bool], None],
+        observe: Observe,
         *,
         lockstep: bool,
     ) -> None:
@@ -86,7 +87,7 @@ class Commander:
             self._back(node_id)
 
     def silent(self, node_id: int, lost: bool) -> None:
-        """Take note that a node is heard no more, or again; node-ID 0 is life guarding."""
+        """Record that a node is silent, or heard again; node-ID 0 is life guarding."""
         if lost:
             self._lose(node_id)
         else:
@@ -114,13 +115,13 @@ class Commander:
         self._back(node_id)
 
     def level(self) -> float:
-        """Largest share of its time that a node which was OPERATIONAL is so no more."""
+        """Return the largest share of its time for which a node has left OPERATIONAL, 0..1."""
         now = self._clock.now
         since = [at for at in self._resting.values() if at != _UP]
         return (now - min(since)) / NOT_OPERATIONAL_US if since else 0.0
 
     def late(self, rpdo: int, late: bool) -> None:
-        """Take note that set-points are late, or late no more."""
+        """Record that the set-points of an RPDO are late, or have come again."""
         if late:
             self._late.add(rpdo)
             self._observe(Watchdog.SETPOINT, True)
@@ -141,7 +142,7 @@ class Commander:
 
     @property
     def kept(self) -> bool:
-        """Whether who drives would be missed."""
+        """Whether the loss of the commander would be noticed."""
         device = self._device
         return (
             self._lockstep

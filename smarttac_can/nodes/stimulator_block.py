@@ -252,7 +252,7 @@ class StimulatorBlock:
                 self._message.value = cascade.reason
 
     def observe(self, watchdog: Watchdog, present: bool) -> None:
-        """Take a fault that comes, or goes, between two cycles; what is latched stays so."""
+        """Record a fault that comes, or goes, between two cycles; a latched one stays latched."""
         bit = 1 << watchdog
         self.supervisor.observe(bit if present else 0, bit)
         self._follow()
@@ -268,7 +268,7 @@ class StimulatorBlock:
         self.mark_stale()
 
     def mark_stale(self) -> None:
-        """Take note that no cycle comes for now: what is read back is that of the last one."""
+        """Mark what can be read as that of the last cycle, as none comes for now."""
         self._read_back.mark_stale()
 
     def disarm(self) -> None:
@@ -331,8 +331,8 @@ class StimulatorBlock:
             self._taring.auto_zero(self.cascade, value)
             self._follow()
         elif record in _DESIGNED_FROM:
-            barred = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_inhibited
-            if barred and value != entry.value:
+            inhibited = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_inhibited
+            if inhibited and value != entry.value:
                 raise Abort(
                     AbortCode.STATE,
                     f"{entry.name} stays {entry.value}: it would hide a force that is a fault",

@@ -131,7 +131,7 @@ class Supervisor:
         self._publish()
 
     def rest(self) -> None:
-        """Have the watchdogs forget what they saw: the plate is at rest."""
+        """Reset the watchdogs of the cycle, as the plate is at rest."""
         self.watch: WatchState = at_rest(self.plan)
         self.in_force: InForce = UNDRIVEN
 
@@ -201,10 +201,17 @@ class Supervisor:
         return drive
 
     def observe(self, faults: int, watchdogs: int) -> None:
-        """Take which faults of some watchdogs are present, as bits: the one way to a trip.
+        """Set which faults of some watchdogs are present, and trip: there is no other way to trip.
 
-        A fault is latched if the device is armed or running; one between two cycles is so in FAULT,
-        too. What is gone lets the device be READY with the next cycle.
+        While armed or running every fault is latched, in FAULT those that come between two cycles.
+        After the last fault has gone the device is READY with the next cycle.
+
+        Parameters
+        ----------
+        faults
+            Those that are present, as bits, 1 << `Watchdog`.
+        watchdogs
+            Those that were looked at; the others stay as they are.
         """
         before = self.present
         self.present = present = before & ~watchdogs | faults & _PRESENT
@@ -272,7 +279,7 @@ class Supervisor:
         self.prepare()
 
     def note_zero(self) -> None:
-        """Take note that the gauges have a zero."""
+        """Record that the gauges have a zero."""
         self.tared = True
         self.accept(TARE)
         self.prepare()

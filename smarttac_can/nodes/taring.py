@@ -20,7 +20,7 @@ class Taring:
     od
         Object dictionary of ``stimulator.eds``.
     supervisor
-        Bars a tare, and is told of a zero.
+        Inhibits a tare, and records a zero.
     """
 
     def __init__(self, od: ObjectDictionary, supervisor: Supervisor) -> None:

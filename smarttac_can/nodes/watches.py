@@ -107,13 +107,19 @@ class WatchPlan(NamedTuple):
 
     bound: BoundPlan
     W_trip: float
-    """Limit of the amplitude that is read."""
+    """Limit of the amplitude that is read, in m peak-to-peak."""
     V_max: float
+    """Limit of the voltage in V."""
     f_min: float
+    """Lowest frequency in Hz."""
     f_max: float
+    """Highest frequency in Hz."""
     temperature_max: float
+    """Limit of the temperature in degC."""
     Fn_max: float
+    """Limit of the normal force in N."""
     Ft_max: float
+    """Limit of the size of the lateral force in N."""
     mismatch: float
     """By how much gauges may contradict each other, in N."""
     gauge_positions: tuple[float, float, float, float]
@@ -121,7 +127,7 @@ class WatchPlan(NamedTuple):
     serial: int
     """Serial number of the plate that the calibration is for; 0 for none."""
     full: tuple[int, ...]
-    """At how much each count is a fault."""
+    """Value of each count from which on it is a fault, in the order of the table."""
 
 
 class Seen(NamedTuple):
@@ -216,10 +222,19 @@ def at_rest(plan: WatchPlan) -> WatchState:
 def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchState, int]:
     """Look at a cycle.
 
+    Parameters
+    ----------
+    plan
+        What the watchdogs judge by.
+    before
+        The watchdogs after the cycle before.
+    seen
+        The cycle.
+
     Returns
     -------
     tuple
-        The state, and the faults that are present, as bits, 1 << `Watchdog`.
+        The watchdogs after it, and the faults that are present, as bits, 1 << `Watchdog`.
     """
     tick, vibration, counts, rests_at, rests, zero = before
     measured, mode, _, _, contact, offsets, tared, in_force = seen
@@ -322,7 +337,7 @@ def _counted(
 
 
 def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:
-    """Look at all that needs no count but that of sensors that rest."""
+    """Return the faults that need no count, and that of a sensor that rests."""
     measured = seen.measured
     serial = measured.serial
     faults = 0
@@ -347,7 +362,7 @@ def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:
 
 
 def _undecided(vibration: Vibration, in_force: InForce, amplitude: float, mode: int) -> int:
-    """Return the counts of which nobody can tell in this cycle."""
+    """Return the bits of the counts that this cycle says nothing about."""
     # Without a vibration nobody knows: a friction loop that pauses hides nothing.
     held = 0 if amplitude > AMPLITUDE_MIN else _RESONANCE
     # A loop that is led astray hunts: what is lacking comes and goes with the phase.
