@@ -133,7 +133,7 @@ def build_plans(
         parameters,
         model,
         control_plan(parameters, model, (s1, s2, s3, s4, s5, s6), present.texture),
-        watch_plan(si, identified=identified, deadline_ms=present.deadline_ms),
+        watch_plan(parameters, si, identified=identified, deadline_ms=present.deadline_ms),
     )
 
 

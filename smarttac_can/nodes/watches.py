@@ -18,6 +18,7 @@ from collections.abc import Callable
 from math import hypot, inf
 from typing import Final, NamedTuple
 
+from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.tribometer import DETERMINANT_MIN, Forces
 from smarttac_can.control.vibration import AMPLITUDE_MIN
 from smarttac_can.nodes.bounds import (
@@ -71,11 +72,10 @@ _COUNTS: Final = [(watchdog, count) for watchdog, row in WATCHDOGS.items() for c
 _NO_COUNTS: Final = (0,) * len(_COUNTS)
 _PLACES: Final = {count.what: place for place, (_, count) in enumerate(_COUNTS)}
 _STEPS: Final = [
-    (1 << place, 1 << watchdog, FORGOTTEN if count.way is Way.SLOWLY else 0)
+    (1 << place, 1 << watchdog, count.way is Way.SLOWLY)
     for place, (watchdog, count) in enumerate(_COUNTS)
 ]
-"""Of each count: its bit, that of its watchdog, and what a faulty cycle adds to a leaky bucket, 0
-for one in a row."""
+"""Of each count: its bit, that of its watchdog, and whether it is a leaky bucket."""
 _ELSEWHERE: Final = [
     sum(1 << place for place, (_, count) in enumerate(_COUNTS) if mode not in count.modes)
     for mode in Mode
@@ -166,12 +166,18 @@ class WatchState(NamedTuple):
 
 
 def watch_plan(
-    si: Callable[[str], float], *, identified: bool, deadline_ms: int = SHORT_DEADLINE_MS
+    parameters: CascadeParameters,
+    si: Callable[[str], float],
+    *,
+    identified: bool,
+    deadline_ms: int = SHORT_DEADLINE_MS,
 ) -> WatchPlan:
     """Return what the watchdogs judge by.
 
     Parameters
     ----------
+    parameters
+        Those of the controllers, whose limits and calibration hold here, too.
     si
         Returns the value of an object of ``stimulator.eds`` in SI units.
     identified
@@ -180,24 +186,19 @@ def watch_plan(
         Shortest event timer of the measurements that come over a bus. By as much as it is above
         3 ms a drive may be late, and what the vibration should follow from is not in force.
     """
-    positions = [si(f"Calibration.Position of S{number}") for number in range(3, 7)]
-    (xx, xy), (yx, yy) = [
-        [si(f"Calibration.{axis} from {sensor}") for sensor in ("S1", "S2")]
-        for axis in ("Fx", "Fy")
-    ]
+    (xx, xy), (yx, yy) = parameters.lateral
     told_apart = abs(xx * yy - xy * yx) >= DETERMINANT_MIN
-    x3, x4, x5, x6 = positions
     return WatchPlan(
         bound=bound_plan(si, identified=identified),
         W_trip=si("Limit.Amplitude trip"),
-        V_max=si("Limit.Voltage"),
-        f_min=si("Limit.Lowest frequency"),
-        f_max=si("Limit.Highest frequency"),
+        V_max=parameters.V_max,
+        f_min=parameters.f_min,
+        f_max=parameters.f_max,
         temperature_max=si("Limit.Temperature"),
         Fn_max=si("Limit.Normal force"),
         Ft_max=si("Limit.Lateral force"),
         mismatch=si("Limit.Gauge mismatch"),
-        gauge_positions=(x3, x4, x5, x6),
+        gauge_positions=parameters.gauge_positions,
         # By a calibration that mixes the axes up a lateral force may read as none.
         serial=int(si("Calibration.Plate serial number")) if told_apart else _NO_PLATE,
         full=full_counts(deadline_ms),
@@ -209,7 +210,7 @@ def full_counts(deadline_ms: int) -> tuple[int, ...]:
     late = max(0, deadline_ms - SHORT_DEADLINE_MS)
     cycles = [count.cycles + late * count.waits for _, count in _COUNTS]
     return tuple(
-        [full_bucket(n) if step else n for n, (_, _, step) in zip(cycles, _STEPS, strict=True)]
+        [full_bucket(n) if slow else n for n, (_, _, slow) in zip(cycles, _STEPS, strict=True)]
     )
 
 

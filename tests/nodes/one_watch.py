@@ -10,6 +10,7 @@ from smarttac_can.nodes.bounds import (
     response_at,
 )
 from smarttac_can.nodes.cycle_input import Measured
+from smarttac_can.nodes.plans import cascade_parameters
 from smarttac_can.nodes.watches import Seen, WatchPlan, at_rest, watch_plan, watch_step
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement
@@ -22,6 +23,7 @@ UNTARED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 def plan_of(od: ObjectDictionary, deadline_ms: int = 3) -> WatchPlan:
     return watch_plan(
+        cascade_parameters(od),
         lambda name: od[name].si_value,
         identified=od["Model.State"].value == IdentificationState.DONE,
         deadline_ms=deadline_ms,
