@@ -1,7 +1,5 @@
 """Plans are built as they are after a write, before it is accepted."""
 
-from collections.abc import Callable
-from dataclasses import astuple
 from unittest.mock import patch
 
 import pytest
@@ -11,7 +9,6 @@ from hypothesis import strategies as st
 
 from smarttac_can.bench.simulation import STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.control import design
-from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.texture import NO_TEXTURE
 from smarttac_can.nodes.plans import (
     DESIGN,
@@ -86,38 +83,81 @@ def test_limits_that_contradict_each_other_are_refused(name: str, raw: int) -> N
     assert refused.value.code == AbortCode.VALUE
 
 
-def leaves(thing: object, path: str = "") -> dict[str, object]:
-    """Every number in a plan by its place."""
-    if isinstance(thing, PlateModel | CascadeParameters):
-        thing = astuple(thing)
-    if not isinstance(thing, tuple | list):
-        return {path: thing}
-    names = getattr(thing, "_fields", range(len(thing)))
+def fields_of(plans: Plans) -> dict[str, object]:
+    """The fields of both plans, and those of the bounds of the vibration, by name."""
+    control, watch = plans.control, plans.watch
     return {
-        place: value
-        for name, item in zip(names, thing, strict=True)
-        for place, value in leaves(item, f"{path}.{name}").items()
+        **{f"control.{name}": value for name, value in control._asdict().items()},
+        **{f"watch.{name}": value for name, value in watch._asdict().items() if name != "bound"},
+        **{f"bound.{name}": value for name, value in watch.bound._asdict().items()},
     }
 
 
+FOLLOWS = {
+    "Friction law": "control.law",
+    "Controller.Amplitude pole": "control.bare control.rows",
+    "Controller.Resonance pole": "control.bare control.rows",
+    "Controller.Friction slope per percent": "control.slope",
+    "Controller.Friction step limit": "control.step_max",
+    "Controller.Contact force": "control.gauging",
+    "Controller.Boundary hysteresis": "control.half",
+    "Controller.Dead time": "control.ahead control.bare control.rows control.prior",
+    "Controller.Vibration law": "control.vibration_law",
+    "Limit.Voltage": "control.V_max watch.V_max",
+    "Limit.Amplitude": "control.W_max",
+    "Limit.Lowest frequency": "control.f_min watch.f_min",
+    "Limit.Highest frequency": "control.f_max watch.f_max",
+    "Limit.Amplitude trip": "watch.W_trip",
+    "Limit.Temperature": "watch.temperature_max",
+    "Limit.Normal force": "watch.Fn_max",
+    "Limit.Lateral force": "watch.Ft_max",
+    "Limit.Gauge mismatch": "watch.mismatch",
+    "Limit.Amplitude by drive": "bound.limit bound.bare_limit",
+    # Looked at once a second, not in a cycle.
+    "Limit.Missed ticks": "",
+    "Model.Gain per volt": "control.bare control.rows control.prior control.gain "
+    "bound.identified bound.gain bound.most_gain",
+    "Model.Tau": "control.bare control.rows control.prior "
+    "bound.identified bound.tau bound.decay bound.believed_tau",
+    "Model.Resonance": "control.prior bound.identified bound.f0",
+    "Model.Load": "control.rows control.prior bound.identified",
+    "Model.Temperature": "control.prior bound.identified bound.found_at",
+    "Model.Data sheet gain per volt": "bound.most_gain",
+    "Model.Data sheet tau": "bound.believed_tau",
+    "Model.Data sheet tolerance": "bound.most_gain bound.believed_tau",
+    **dict.fromkeys([f"Calibration.{axis} from {s}" for axis in ("Fx", "Fy") for s in ("S1", "S2")],
+                    "control.gauging"),
+    **dict.fromkeys([f"Calibration.Position of S{n}" for n in range(3, 7)],
+                    "control.gauging watch.gauge_positions"),
+    "Calibration.Plate serial number": "watch.serial",
+    **dict.fromkeys([f"Gauge zero.Zero of S{n}" for n in range(1, 7)], "control.zero"),
+    # Which of no tables does not matter.
+    "Texture.Slot": "",
+    "Texture.Preview": "control.ahead",
+}  # fmt: skip
+"""What follows from a parameter."""
+
+
+def prepared(od: ObjectDictionary, entry: Entry) -> int:
+    """Prepare the others so that a parameter makes a difference; return another value for it."""
+    od["Gauge zero.Zero of S2"].value = od["Gauge zero.Zero of S3"].value = 100
+    if entry.name.startswith("Model.Data sheet"):
+        od["Model.Gain per volt"].value = 30_000
+        od["Model.Tau"].value = 5_000
+    if "frequency" in entry.name:
+        return int(entry.value) + 1
+    return int(entry.low if entry.value != entry.low else entry.high)
+
+
 @pytest.mark.parametrize("entry", SETTINGS, ids=lambda entry: entry.name)
-def test_every_parameter_changes_a_plan_or_is_said_to_change_none(entry: Entry) -> None:
+def test_what_follows_from_each_parameter(entry: Entry) -> None:
     """One that is not followed any more turns this red."""
     OD.reset()
+    raw = prepared(OD, entry)
     OD["Model.State"].value = 2
-    OD["Gauge zero.Zero of S3"].value = 100
-    before = leaves(built(OD))
-    raw = entry.low if entry.value != entry.low else entry.high
-    if entry.name.startswith("Limit.") and "frequency" in entry.name:
-        raw = entry.value + 1
-    after = leaves(built(OD, entry, int(raw)))
-    changed = {place for place in before if before[place] != after[place]}
-    assert bool(changed) == (entry.name not in NO_PLAN), changed
-
-
-NO_PLAN = ("Limit.Missed ticks", "Texture.Slot")
-"""Parameters that no plan is made of: a limit that is looked at once a second, and what the
-textures themselves follow."""
+    before, after = fields_of(built(OD)), fields_of(built(OD, entry, raw))
+    changed = {name for name in before if before[name] != after[name]}
+    assert changed == set(FOLLOWS[entry.name].split())
 
 
 def driving() -> StimulatorBlock:
@@ -177,30 +217,26 @@ def test_a_write_that_is_refused_leaves_the_plans() -> None:
     assert (block.cascade.plan, block.supervisor.plan) == (control, watch)
 
 
-def restarted(block: StimulatorBlock) -> None:
-    block.start_run()
-
-
-def reset(block: StimulatorBlock) -> None:
-    block.od.reset()
-    block.power_on()
-
-
-@pytest.mark.parametrize("anew", [restarted, reset])
 @pytest.mark.parametrize("entry", SETTINGS, ids=lambda entry: entry.name)
-def test_a_new_run_and_a_reset_build_all_plans_anew(
-    entry: Entry, anew: Callable[[StimulatorBlock], None]
-) -> None:
+def test_a_new_run_and_a_reset_build_all_plans_anew(entry: Entry) -> None:
     """What is in the objects counts, however it came there."""
     block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
-    anew(block)
-    raw = entry.low if entry.value != entry.low else entry.high
-    if "frequency" not in entry.name:
-        block.od[entry.name].value = int(raw)
-    anew(block)
+
+    def in_force() -> tuple[object, object]:
+        return block.cascade.plan, block.supervisor.plan
+
+    default = in_force()
+    raw = prepared(block.od, block.od[entry.name])
+    block.start_run()
+    before = in_force()
+    block.od[entry.name].value = raw
+    block.start_run()
     expected = built(block.od)
-    assert block.cascade.plan == expected.control
-    assert block.supervisor.plan == expected.watch
+    assert in_force() == (expected.control, expected.watch)
+    assert (in_force() == before) == (not FOLLOWS[entry.name])
+    block.od.reset()
+    block.power_on()
+    assert in_force() == default
 
 
 @pytest.mark.parametrize("name", ["Controller.Amplitude pole", "Controller.Dead time"])
