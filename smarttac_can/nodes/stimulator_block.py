@@ -105,6 +105,8 @@ class StimulatorBlock:
         self._taring = Taring(od, self.supervisor)
         self._shown: State | None = None
         self._hint = ""
+        self._changed: set[str] = set()
+        self.cascade = Cascade(self._plans.parameters, self._plans.model)
         self.start_run()
 
     @property
@@ -119,6 +121,7 @@ class StimulatorBlock:
         self.supervisor.restart()
         self.supervisor.rest()
         self._shown = None
+        self._changed.clear()
         self.start_run()
 
     def start_run(self) -> None:
@@ -132,12 +135,14 @@ class StimulatorBlock:
             self._inside.start_run()
             supervisor.rest()
         self._textures.reload()
+        if MODEL in self._changed:
+            self._show_written_model()
+        self._changed.clear()
         self._plans = plans = self._built(plate_model(self.od), UNTARED)
         self.cascade = Cascade(plans.parameters, plans.model)
         self.cascade.play(plans.control.texture)
         self._taring.begin(self.cascade)
         supervisor.plan = plans.watch
-        self._changed: set[str] = set()
         self._begun = False
         self._read_back.reset()
         self._switch_off()
@@ -361,13 +366,17 @@ class StimulatorBlock:
         present = Present(model, zero, texture, self._deadline_ms)
         return build_plans(self.od, present, entry, value)
 
+    def _show_written_model(self) -> None:
+        """Show a model that was written since the last cycle as not identified."""
+        if self._plans.model != self.cascade.model:
+            self._model_sheet.show_written(self._plans.model)
+
     def _take_plans(self) -> None:
         """Put the plans in force that writes since the last cycle have asked for."""
         changed, self._changed = self._changed, set()
         plans, cascade = self._plans, self.cascade
         self.supervisor.plan = plans.watch
-        if plans.model != cascade.model:
-            self._model_sheet.show_written(plans.model)
+        self._show_written_model()
         cascade.swap(plans.parameters, plans.model, plans.control)
         if not changed.isdisjoint(_TEXTURES):
             cascade.play(plans.control.texture)

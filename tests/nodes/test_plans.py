@@ -28,7 +28,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import Control
+from smarttac_can.vocabulary.states import Control, IdentificationState
 
 OD = stimulator_od()
 SETTINGS = [
@@ -237,6 +237,33 @@ def test_a_new_run_and_a_reset_build_all_plans_anew(entry: Entry) -> None:
     block.od.reset()
     block.power_on()
     assert in_force() == default
+
+
+@pytest.mark.parametrize(
+    ("written", "then", "state"),
+    [
+        ([], "start_run", IdentificationState.DONE),
+        ([4_330_000], "start_run", IdentificationState.IDLE),
+        ([4_330_000], "tick", IdentificationState.IDLE),
+        ([4_330_000, 4_339_000], "start_run", IdentificationState.DONE),
+        ([4_339_000], "start_run", IdentificationState.DONE),
+        # Those of the object dictionary count, which a reset has put there.
+        ([4_330_000], "power_on", IdentificationState.DONE),
+    ],
+)
+def test_a_model_that_is_written_is_not_identified(
+    written: list[int], then: str, state: IdentificationState
+) -> None:
+    """A run may begin before the next cycle; a model that is written back is the one in force."""
+    block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
+    block.od["Model.State"].value = IdentificationState.DONE
+    block.od["Model.Resonance"].value = 4_339_000
+    block.start_run()
+    for raw in written:
+        block.write("Model.Resonance", raw)
+    getattr(block, then)()
+    assert block.od["Model.State"].value == state
+    assert block.supervisor.plan.bound.identified == (state is IdentificationState.DONE)
 
 
 @pytest.mark.parametrize("name", ["Controller.Amplitude pole", "Controller.Dead time"])
