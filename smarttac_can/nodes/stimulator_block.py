@@ -334,6 +334,9 @@ class StimulatorBlock:
                 raise Abort(AbortCode.STATE, f"{entry.name} is an object of the plate node here")
         elif entry.name in AUTO_ZERO:
             self._taring.auto_zero(self.cascade, value)
+            if self._changed:
+                # Plans that wait for the next cycle have the zero of before.
+                self._plans = self._built(self.cascade.model, self.cascade.zero)
             self._follow()
         elif record in _DESIGNED_FROM:
             inhibited = record in (CALIBRATION, GAUGE_ZERO) and self.supervisor.tare_inhibited

@@ -211,9 +211,10 @@ class Supervisor:
         faults
             Those that are present, as bits, 1 << `Watchdog`.
         watchdogs
-            Those that were looked at; the others stay as they are.
+            Those that were looked at, `CYCLIC` in a cycle; the others stay as they are.
         """
         before = self.present
+        between = watchdogs != CYCLIC
         self.present = present = before & ~watchdogs | faults & _PRESENT
         state = self.machine.state
         if faults & _TOLD and not self.latched:
@@ -222,9 +223,9 @@ class Supervisor:
             )
         if faults and state in _ARMED_STATES:
             self._fault(faults)
-        elif faults & ~CYCLIC and state is State.FAULT:
-            self._latch_all(faults & ~CYCLIC)
-        elif state < _ARMED and (faults or watchdogs & CYCLIC):
+        elif faults and between and state is State.FAULT:
+            self._latch_all(faults)
+        elif state < _ARMED and (faults or not between):
             self.prepare()
         if present != before:
             self._present_entry.value = present

@@ -28,6 +28,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.objects import AUTO_ZERO, ZERO
 from smarttac_can.vocabulary.states import Control, IdentificationState
 
 OD = stimulator_od()
@@ -237,6 +238,23 @@ def test_a_new_run_and_a_reset_build_all_plans_anew(entry: Entry) -> None:
     block.od.reset()
     block.power_on()
     assert in_force() == default
+
+
+def test_a_tare_between_a_write_and_its_cycle_is_in_force() -> None:
+    """The plans that wait for the cycle were built with the zero of before."""
+    block = driving()
+    block.write("Controlword", 0)
+    block.od["Finger.Force"].value = 0
+    for _ in range(300):
+        block.tick()
+    before = block.cascade.zero
+    block.write("Limit.Voltage", 14_000)
+    block.write(AUTO_ZERO[0], ZERO)
+    zero = block.cascade.zero
+    assert zero != before
+    block.tick()
+    assert block.cascade.zero == zero
+    assert block.cascade.parameters.V_max == 140.0
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,17 @@ def test_a_fault_when_sharp_is_latched_and_what_follows_is_added(state: State) -
     assert loop.shown == (0x8141, BUS_OFF | HEARTBEAT, BUS_OFF | HEARTBEAT)
 
 
+def test_a_temperature_that_a_plate_reports_between_two_cycles_is_latched_in_a_fault() -> None:
+    """It is looked at in every cycle too; that it is latched there depends on when it comes."""
+    loop = Loop(State.RUNNING)
+    loop.come(Watchdog.BUS_OFF)
+    loop.come(Watchdog.TEMPERATURE)
+    hot = 1 << Watchdog.TEMPERATURE
+    assert loop.shown == (0x8141, BUS_OFF | hot, BUS_OFF | hot)
+    loop.cycle()
+    assert loop.shown == (0x8141, BUS_OFF, BUS_OFF | hot)
+
+
 def test_a_fault_is_reset_when_none_that_is_latched_is_present() -> None:
     loop = Loop(State.RUNNING)
     command = loop.supervisor.command

@@ -352,7 +352,9 @@ class World:
         self._heartbeat = on
 
     def write(self, node_id: int, index: int, subindex: int, raw: int) -> None:
-        """Write 1 to 4 bytes by SDO; the node may refuse."""
+        """Write 1 to 4 bytes by SDO, where the node is there; it may refuse."""
+        if node_id not in self.pairs:
+            return
         entry = self._entry(node_id, index, subindex)
         self._before.setdefault((node_id, entry), entry.read())
         self.send(requests.download(node_id, entry, raw))
@@ -365,8 +367,9 @@ class World:
                 self.send(frame)
 
     def read(self, node_id: int, index: int, subindex: int) -> None:
-        """Read by SDO."""
-        self.send(requests.upload(node_id, self._entry(node_id, index, subindex)))
+        """Read by SDO, where the node is there."""
+        if node_id in self.pairs:
+            self.send(requests.upload(node_id, self._entry(node_id, index, subindex)))
 
     def put(self, name: str, raw: int) -> None:
         """Write to the stimulator, or the simulation where that is, by name."""
