@@ -30,7 +30,6 @@ from smarttac_can.od.cia import (
     SYNC_COB_ID,
     SYNC_PERIOD,
     TPDO_COMMUNICATION,
-    TPDO_MAPPING,
     Abort,
     AbortCode,
 )
@@ -91,14 +90,11 @@ class Table(NamedTuple):
     """For SYNC, guarding, heartbeats, and the PDOs of a drive."""
 
 
-def _wiring(communication: int, mapping: int, pdos: Sequence[int]) -> tuple[Place, ...]:
-    """Return the places of PDOs that stay as they are, but for the event timer of RPDOs."""
+def _wiring(communication: int, pdos: Sequence[int]) -> Place:
+    """Return the place of PDOs that stay as they are, but for the event timer of RPDOs."""
     first, last = communication + pdos[0] - 1, communication + pdos[-1] - 1
     parts = (PDO_COB_ID, PDO_TRANSMISSION) if communication == RPDO_COMMUNICATION else ()
-    return (
-        Place(first, last, OTHER, parts),
-        Place(mapping + pdos[0] - 1, mapping + pdos[-1] - 1, OTHER),
-    )
+    return Place(first, last, OTHER, parts)
 
 
 _LAST_RPDO: Final = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[-1] - 1
@@ -123,9 +119,10 @@ OF_STIMULATOR: Final = Table(
     },
     (
         *_COMMON,
-        *_wiring(RPDO_COMMUNICATION, RPDO_MAPPING, range(1, MEASUREMENT_RPDOS[-1] + 1)),
+        _wiring(RPDO_COMMUNICATION, range(1, MEASUREMENT_RPDOS[-1] + 1)),
+        Place(RPDO_MAPPING, RPDO_MAPPING + MEASUREMENT_RPDOS[0] - 2, OTHER),
         Place(RPDO_COMMUNICATION, _LAST_RPDO, LONGER, (PDO_EVENT,)),
-        *_wiring(TPDO_COMMUNICATION, TPDO_MAPPING, (DRIVE_TPDO,)),
+        _wiring(TPDO_COMMUNICATION, (DRIVE_TPDO,)),
     ),
 )
 """While armed or running; its public TPDOs are free."""
@@ -133,10 +130,10 @@ OF_PLATE: Final = Table(
     {LIMIT: HIGHER},
     (
         *_COMMON,
-        *_wiring(RPDO_COMMUNICATION, RPDO_MAPPING, (DRIVE_RPDO,)),
+        _wiring(RPDO_COMMUNICATION, (DRIVE_RPDO,)),
         # Of the drive, 0 is no time at all.
         Place(_DRIVE, _DRIVE, HIGHER, (PDO_EVENT,)),
-        *_wiring(TPDO_COMMUNICATION, TPDO_MAPPING, MEASUREMENT_TPDOS),
+        _wiring(TPDO_COMMUNICATION, MEASUREMENT_TPDOS),
     ),
 )
 """While its power stage is in use."""

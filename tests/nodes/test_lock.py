@@ -39,10 +39,8 @@ CASES = (
     (0x1404, 5, 3, 4, 2),
     (0x1406, 1, None, 0x8000_0000, None),
     (0x1601, 0, 2, 0, None),
-    (0x1606, 0, 5, 0, None),
     (0x1804, 1, None, 0x8000_0000, None),
     (0x1804, 5, 0, 100, None),
-    (0x1A04, 0, 4, 0, None),
     (0x1005, 0, 0x80, 0x4000_0080, None),
     (0x1006, 0, 1000, 2000, None),
     (0x1016, 1, 1 << 16 | 1000, 1 << 16 | 1001, 1 << 16 | 999),
@@ -90,7 +88,7 @@ def test_at_rest_all_is_taken_that_the_device_takes(
     rig = driven()
     assert write(rig, "Controlword", 0) == OK
     entry = rig.od.entry(index, subindex)
-    if index in (0x1601, 0x1606, 0x1A04):
+    if index == 0x1601:
         invalid = rig.od.entry(index - 0x200, 1)
         assert write_entry(rig, invalid, invalid.value | 1 << 31) == OK
     for raw in (laxer, stricter):
@@ -133,11 +131,9 @@ OF_THE_PLATE = (
     (0x1400, 2, 255, 1, None),
     (0x1400, 5, 3, 4, 2),
     (0x1400, 5, 3, 100, 0),
-    (0x1600, 0, 4, 0, None),
     (0x1800, 1, 0x1A1, 0x8000_01A1, None),
     (0x1801, 2, 1, 254, None),
     (0x1802, 1, 0x3A1, 0x8000_03A1, None),
-    (0x1A02, 0, None, 0, None),
     (0x1005, 0, 0x80, 0x81, None),
     (0x1006, 0, 1000, 2000, None),
     (0x1014, 0, 0xA1, 0x8000_00A1, None),
@@ -174,9 +170,6 @@ def test_a_plate_at_rest_takes_what_the_device_takes(
 ) -> None:
     rig = driven()
     rig.nmt(0x80, PLATE_ID)
-    if index in (0x1600, 0x1A02):
-        invalid = rig.plate.od.entry(index - 0x200, 1)
-        assert write_entry(rig, invalid, invalid.value | 1 << 31, PLATE_ID) == OK
     for raw in (laxer, stricter):
         if raw is not None:
             assert write_entry(rig, rig.plate.od.entry(index, subindex), raw, PLATE_ID) == OK
@@ -194,7 +187,7 @@ OF_BOTH = {0x1005, 0x1006, 0x1014, 0x1017}
             stimulator_od(),
             OF_STIMULATOR,
             {
-                *(*OF_BOTH, *range(0x1600, 0x1607), 0x1804, 0x1A04),
+                *(*OF_BOTH, *range(0x1600, 0x1604), 0x1804),
                 *(0x2042, 0x2043, 0x2044, 0x2047),
                 *((index, sub) for index in range(0x1400, 0x1407) for sub in (1, 2)),
             },
@@ -206,7 +199,7 @@ OF_BOTH = {0x1005, 0x1006, 0x1014, 0x1017}
             plate_od(),
             OF_PLATE,
             {
-                *(*OF_BOTH, 0x1600, *range(0x1800, 0x1803), *range(0x1A00, 0x1A03)),
+                *(*OF_BOTH, *range(0x1800, 0x1803)),
                 *((0x1400, 1), (0x1400, 2)),
             },
             {0x2041, (0x1400, 5)},

@@ -57,7 +57,7 @@ def old(commit: str | None = BASELINE) -> Package:
     Parameters
     ----------
     commit
-        What git calls it; None for this tree as it is.
+        What git calls it; None for this tree as it is. Its EDS files are those of this tree.
 
     Raises
     ------
@@ -67,7 +67,9 @@ def old(commit: str | None = BASELINE) -> Package:
         If it is another one in this process.
     """
     if not _chosen:
-        files = _of_tree() if commit is None else _of_commit(commit)
+        files = _of_tree(_FOLDERS) if commit is None else _of_commit(commit)
+        # The implementations are compared, not their EDS files (decision 0071).
+        files |= _of_tree(("eds",))
         sys.path.append(str(_written(files)))
         _chosen.append(commit)
     if _chosen != [commit]:
@@ -75,9 +77,9 @@ def old(commit: str | None = BASELINE) -> Package:
     return Package(OLD_NAME)
 
 
-def _of_tree() -> dict[str, bytes]:
+def _of_tree(folders: tuple[str, ...]) -> dict[str, bytes]:
     found = {}
-    for folder in _FOLDERS:
+    for folder in folders:
         for path in sorted((ROOT / folder).rglob("*")):
             if path.suffix in (".py", ".eds"):
                 found[path.relative_to(ROOT).as_posix()] = path.read_bytes()

@@ -1,0 +1,80 @@
+"""The frames of the loop carry what both ends know, and no master changes that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from driven import driven, write_entry
+from line import Line
+
+from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.simulation import (
+    PLATE_ID,
+    STIMULATOR_ID,
+    plate_od,
+    stimulator_od,
+    stimulator_with_plate,
+)
+from smarttac_can.nodes.loop_frames import (
+    received_drive,
+    received_measurement,
+    sent_drive,
+    sent_measurement,
+)
+from smarttac_can.od.entry import Entry
+
+READ_ONLY = 0x06010002
+OF_STIMULATOR = (0x1604, 0x1605, 0x1606, 0x1A04)
+OF_PLATE = (0x1600, 0x1A00, 0x1A01, 0x1A02)
+DRIVE = [("Voltage", 2), ("Frequency", 4), ("Tick", 1), ("Check", 1)]
+
+
+def layout(entries: list[Entry]) -> list[tuple[str, int]]:
+    return [(entry.name.rpartition(".")[2], entry.size) for entry in entries]
+
+
+def test_both_ends_carry_the_same() -> None:
+    assert layout(sent_drive(stimulator_od())) == layout(received_drive(plate_od())) == DRIVE
+    measurement = layout(received_measurement(stimulator_od()))
+    assert sum(size for _, size in measurement) == 24
+    assert [size for _, size in measurement] == [
+        size for _, size in layout(sent_measurement(plate_od()))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("node_id", "index"),
+    [
+        *((STIMULATOR_ID, index) for index in OF_STIMULATOR),
+        *((PLATE_ID, index) for index in OF_PLATE),
+    ],
+    ids=lambda value: f"{value:X}",
+)
+def test_a_mapping_of_the_loop_is_constant_also_where_its_pdo_is_off(
+    node_id: int, index: int
+) -> None:
+    rig = driven()
+    rig.nmt(0x80)
+    od = rig.od if node_id == STIMULATOR_ID else rig.plate.od
+    cob_id = od.entry(index - 0x200, 1)
+    assert write_entry(rig, od.entry(0x1017, 0), 0, node_id) == 0
+    assert write_entry(rig, cob_id, cob_id.value | 1 << 31, node_id) == 0
+    record = od.objects[index].entries
+    assert len(record) == record[0].value + 1
+    for entry in record.values():
+        before = entry.value
+        assert write_entry(rig, entry, 0, node_id) == READ_ONLY
+        assert write_entry(rig, entry, before, node_id) == READ_ONLY
+        assert entry.value == before
+
+
+def test_python_canopen_saves_all_pdos_and_leaves_the_constant_ones() -> None:
+    line = Line(stimulator_with_plate())
+    eds = Path(__file__).resolve().parents[2] / "eds" / "stimulator.eds"
+    node = LocalNetwork(line.bus).add_node(STIMULATOR_ID, str(eds))
+    node.tpdo.read()
+    node.rpdo.read()
+    node.tpdo.save()
+    node.rpdo.save()
+    assert [variable.length // 8 for variable in node.tpdo[5].map] == [size for _, size in DRIVE]
