@@ -223,7 +223,7 @@ class Supervisor:
             )
         if faults and state in _ARMED_STATES:
             self._fault(faults)
-        elif faults and between and state is State.FAULT:
+        elif between and state is State.FAULT:
             self._latch_all(faults)
         elif state < _ARMED and (faults or not between):
             self.prepare()
