@@ -34,6 +34,12 @@ class Application:
     def on_rpdo(self, number: int) -> None:
         """Act on an RPDO, from 1, whose values are in the object dictionary."""
 
+    def on_loop_rpdo(self, number: int, data: bytes) -> None:
+        """Take the bytes of an RPDO, from 1, of the loop; those of its mapping and in its limits.
+
+        They come where `on_rpdo` would, and nobody else puts them into the object dictionary.
+        """
+
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Act on an RPDO, from 1, that is late, or is not late any more.
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, Final
 
 from smarttac_can.device.access import Access
 from smarttac_can.device.application import Application
@@ -42,6 +43,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
+NO_PDOS: Final[Mapping[int, Callable[[], bytes]]] = MappingProxyType({})
 _CODES = range(1, 1 << 16)
 _REGISTERS = range(1 << 8)
 
@@ -69,7 +71,9 @@ class Device:
     clock
         Device time, where the application has timers of its own: those made before come first.
     loop_tpdos
-        Numbers of the TPDOs that somebody's control loop waits for.
+        TPDOs that somebody's control loop waits for: what returns their bytes, by their numbers.
+    loop_rpdos
+        Numbers of the RPDOs whose bytes the application takes.
     emergencies_of
         Node-ID, 1..127, whose emergency messages the application hears; 0 for none.
 
@@ -94,7 +98,8 @@ class Device:
         storage: Storage | None = None,
         node_id: int | None = None,
         clock: Clock | None = None,
-        loop_tpdos: tuple[int, ...] = (),
+        loop_tpdos: Mapping[int, Callable[[], bytes]] = NO_PDOS,
+        loop_rpdos: tuple[int, ...] = (),
         emergencies_of: int = 0,
     ) -> None:
         if node_id is not None and not (1 <= node_id <= LAST_NODE_ID or node_id == UNCONFIGURED):
@@ -117,10 +122,13 @@ class Device:
         self._error_behaviour = ErrorBehaviour(port, od, nmt.enter)
         self._sync = sync = Sync(port, od, emergency, self._synchronise)
         self._rpdos = {
-            n: RPDO(port, od, n, emergency=emergency, sync=sync, application=application)
+            n: RPDO(
+                port, od, n, emergency=emergency, sync=sync, application=application,
+                as_bytes=n in loop_rpdos,
+            )
             for n in RPDO.numbers(od)
-        }
-        self._tpdos = {n: TPDO(port, od, n) for n in TPDO.numbers(od)}
+        }  # fmt: skip
+        self._tpdos = {n: TPDO(port, od, n, loop_tpdos.get(n)) for n in TPDO.numbers(od)}
         self._access = access = Access(od, application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
         react = self._error_behaviour.react

@@ -82,7 +82,7 @@ class Mapping:
         return self.pack(*values)
 
     def read(self, data: bytes) -> tuple[Any, ...]:
-        """Return the values of a PDO for `write`; nothing changes."""
+        """Return the values in the bytes of a PDO; nothing changes."""
         values = self.unpack(data)
         if self.odd:
             whole = list(values)
@@ -91,17 +91,18 @@ class Mapping:
             values = tuple(whole)
         return values
 
-    def broken(self, values: tuple[Any, ...]) -> Entry | None:
-        """Return the entry whose limits the values break, None if they break none."""
+    def broken(self, data: bytes) -> Entry | None:
+        """Return the entry whose limits the bytes of a PDO break, None if they break none."""
+        values = self.read(data)
         for position, entry, low, high in self.bounded:
             if not low <= values[position] <= high:
                 return entry
         return None
 
-    def write(self, values: tuple[Any, ...]) -> None:
-        """Set the entries to values that break no limits."""
-        for position, entry in enumerate(self.entries):
-            entry.value = values[position]
+    def write(self, data: bytes) -> None:
+        """Set the entries to what the bytes of a PDO say, which break no limits."""
+        for entry, value in zip(self.entries, self.read(data), strict=True):
+            entry.value = value
 
 
 def mapped_entry(od: ObjectDictionary, value: int, direction: Direction) -> Entry | None:

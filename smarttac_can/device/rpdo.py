@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from smarttac_can.device.application import Application
 from smarttac_can.device.emcy import Emergency
@@ -33,6 +33,12 @@ class RPDO(PDO):
     window has closed is dropped. A deadline is kept by values that are in force, not by frames:
     those of a synchronous PDO are at SYNC.
 
+    Parameters
+    ----------
+    as_bytes
+        Whether the application takes the bytes, by `on_loop_rpdo`; else their values are put into
+        the object dictionary, and it is told by `on_rpdo`.
+
     Attributes
     ----------
     deadline
@@ -52,15 +58,17 @@ class RPDO(PDO):
         emergency: Emergency,
         sync: Sync,
         application: Application,
+        as_bytes: bool = False,
     ) -> None:
         super().__init__(port, od, number)
+        self._as_bytes = as_bytes
         self._emergency = emergency
         self._sync = sync
         self._application = application
         self.deadline = port.clock.timer(self._on_deadline)
         self._late = False
         self._faults: set[EmergencyCode] = set()
-        self._latch: tuple[Any, ...] | None = None
+        self._latch: bytes | None = None
 
     @property
     def synchronous(self) -> bool:
@@ -117,18 +125,17 @@ class RPDO(PDO):
             if len(data) < size:
                 return
             data = data[:size]
-        values = mapping.read(data) if mapping.odd else mapping.unpack(data)
         if mapping.bounded:
-            broken = mapping.broken(values)
+            broken = mapping.broken(data)
             if broken is not None:
                 self._report(EmergencyCode.PROTOCOL, _where(broken))
                 return
         if self._faults:
             self._settle(EmergencyCode.PROTOCOL)
         if self.transmission > CYCLIC_LAST:
-            self._deliver(values)
+            self._deliver(data)
         elif self._sync.window_open:
-            self._latch = values
+            self._latch = data
 
     def _judge_length(self, length: int, size: int) -> None:
         """Report a wrong length, and take back what the frame before was reported for."""
@@ -143,20 +150,23 @@ class RPDO(PDO):
             self._report(EmergencyCode.PDO_LENGTH_EXCEEDED, lengths)
 
     def on_sync(self) -> None:
-        """Put what was latched into the object dictionary."""
-        values, self._latch = self._latch, None
-        if values is not None:
-            self._deliver(values)
+        """Put what was latched in force."""
+        data, self._latch = self._latch, None
+        if data is not None:
+            self._deliver(data)
 
-    def _deliver(self, values: tuple[Any, ...]) -> None:
+    def _deliver(self, data: bytes) -> None:
         if self.mapping is None:
             return
         if self.event_time:
             self.deadline.restart()
             if self._late:
                 self._in_time()
-        self.mapping.write(values)
-        self._application.on_rpdo(self.number)
+        if self._as_bytes:
+            self._application.on_loop_rpdo(self.number, data)
+        else:
+            self.mapping.write(data)
+            self._application.on_rpdo(self.number)
 
     def _report(self, code: EmergencyCode, vendor: bytes) -> None:
         if code not in self._faults:

@@ -82,7 +82,6 @@ class BusLoop:
             od, lambda: observe(Watchdog.MEASUREMENT, True), self.source.unexpected
         )
         self._missed = od["Cycle.Missed deadlines"]
-        self._tick = od["Plate input.Tick"]
         self.late_answers = LateAnswers(deadline)
 
     def start_run(self) -> None:
@@ -110,16 +109,21 @@ class BusLoop:
         self.source.sync()
         self.late_answers.sync()
 
-    def take(self, rpdo: int) -> bool:
+    def take(self, rpdo: int, data: bytes) -> bool:
         """Take a PDO; tell whether it completes a measurement that is to be answered."""
-        return self._pairing.take(rpdo) and self.source.may_answer()
+        return self._pairing.take(rpdo, data) and self.source.may_answer()
 
     def answer(self) -> bool:
         """Take note that the measurement gets its drive; tell whether that is late."""
         self._pairing.answered()
         self._unanswered.start(self._deadline.ms * TICK_US)
         self._observe(Watchdog.MEASUREMENT, False)
-        return self.late_answers.late(self._tick.value)
+        return self.late_answers.late(self._pairing.tick)
+
+    @property
+    def measurement(self) -> tuple[int, ...]:
+        """Values of the measurement that was complete last, in the order of the bus."""
+        return self._pairing.values
 
     @property
     def session(self) -> int:

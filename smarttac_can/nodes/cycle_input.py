@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from operator import mul
+from collections.abc import Sequence
+from operator import itemgetter, mul
 from typing import Final, NamedTuple
 
+from smarttac_can.nodes.loop_frames import received_measurement
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.signals import Measurement, Setpoint
 
@@ -26,7 +28,7 @@ class Measured(NamedTuple):
 
 
 class MeasurementInput:
-    """The measurement that stands in the object dictionary.
+    """Takes measurements as they cross a bus.
 
     Parameters
     ----------
@@ -35,20 +37,28 @@ class MeasurementInput:
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
-        self._sensors = [od[f"Plate input.{name}"] for name in SENSORS]
-        self._si = [entry.si for entry in self._sensors]
-        self._saturation = od["Plate input.Saturation"]
-        self._tick = od["Plate input.Tick"]
-        self._serial = od["Plate input.Plate serial number"]
+        entries = received_measurement(od).entries
+        sensors = [od[f"Plate input.{name}"] for name in SENSORS]
+        self._counts = itemgetter(*map(entries.index, sensors))
+        self._si = [entry.si for entry in sensors]
+        others = [
+            od[f"Plate input.{name}"] for name in ("Saturation", "Tick", "Plate serial number")
+        ]
+        self._others = itemgetter(*map(entries.index, others))
 
-    def read(self) -> Measured:
-        """Return the measurement in SI units, and as integers."""
-        counts = tuple([entry.value for entry in self._sensors])
+    def measured(self, values: Sequence[int]) -> Measured:
+        """Return a measurement in SI units, and as integers.
+
+        Parameters
+        ----------
+        values
+            As `Pairing.values`.
+        """
+        counts = self._counts(values)
         s1, s2, s3, s4, s5, s6, W_d, W_q, temperature = map(mul, counts, self._si)
-        gauges = (s1, s2, s3, s4, s5, s6)
-        si = (complex(W_d, W_q), gauges, temperature, self._saturation.value)
-        measurement = tuple.__new__(Measurement, si)
-        return tuple.__new__(Measured, (measurement, counts, self._tick.value, self._serial.value))
+        saturation, tick, serial = self._others(values)
+        si = (complex(W_d, W_q), (s1, s2, s3, s4, s5, s6), temperature, saturation)
+        return tuple.__new__(Measured, (tuple.__new__(Measurement, si), counts, tick, serial))
 
 
 class Setpoints:

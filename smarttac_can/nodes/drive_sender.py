@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from smarttac_can.nodes.frame_check import FrameCheck
-from smarttac_can.nodes.loop_frames import LATCHED, received_drive
+from smarttac_can.nodes.frame_check import last_unsent
+from smarttac_can.nodes.loop_frames import LATCHED
 from smarttac_can.nodes.watches import full_bucket, leaked
 from smarttac_can.od.dictionary import ObjectDictionary
 
@@ -36,8 +36,6 @@ class DriveSender:
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
-        self._check = FrameCheck(received_drive(od))
-        self._voltage = od["Drive.Voltage"]
         self._corrupt = od["Cycle.Corrupt drives"]
         self.forget()
 
@@ -60,12 +58,21 @@ class DriveSender:
         """How near wrong checks are to a bar; 1.0 or more while they bar."""
         return self._wrong / _FULL
 
-    def sound(self, session: int) -> bool:
-        """Whether the drive in the object dictionary is this sender's; a wrong one is counted."""
-        off = self._voltage.value == 0
+    def sound(self, data: bytes, session: int, *, off: bool) -> bool:
+        """Take a drive; tell whether it is this sender's. A wrong one is counted.
+
+        Parameters
+        ----------
+        data
+            Its bytes.
+        session
+            That of the plate, 0..255.
+        off
+            Whether it asks for 0 V.
+        """
         if self._node_id == _NOBODY and not off:
             return False
-        named = self._check.last_unsent(bytes((session,)))
+        named = last_unsent(data, bytes((session,)))
         self.latched = named >= LATCHED
         node_id = named % LATCHED
         if self._node_id == _NOBODY:

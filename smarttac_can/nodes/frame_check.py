@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from itertools import accumulate, pairwise
 from struct import Struct
 from typing import Final
 
@@ -37,6 +38,9 @@ _PAIRS: Final = b"".join(
 """The same for two bytes at a time, by the second and the first."""
 _INVERSE: Final = bytes(_TABLE.index(byte) for byte in range(256))
 """What the table was asked for."""
+_SOUND: Final = _TABLE[0xFF] ^ 0xFF
+"""Sum of bytes whose last one is that of those before."""
+_BYTES: Final = [bytes((byte,)) for byte in range(256)]
 
 
 def crc8(data: bytes) -> int:
@@ -58,39 +62,70 @@ def _pairs_of(size: int) -> Callable[[bytes], tuple[int, ...]]:
     return Struct(f"<{size // 2}H").unpack_from
 
 
-class FrameCheck:
-    """Check sum of what a drive, or a measurement, carries, and of bytes that both ends know.
+class CheckedFrames:
+    """What the frames of a drive, or of a measurement, carry, with a check sum behind it all.
 
     Parameters
     ----------
+    frames
+        Integers of each frame in the order in which they are put on the bus. The last one, an
+        UNSIGNED8, is the sum of the others, and of what is not sent.
+
+    Attributes
+    ----------
     entries
-        Integers in the order in which they are put on the bus; the last, an UNSIGNED8, is the sum
-        of the others, and of what is not sent.
+        All but the check sum.
+    check
+        That of the check sum.
+    unpack
+        Returns the values of the bytes of all frames, the check sum last.
+    parts
+        Where the bytes of each frame are in those of all.
     """
 
-    __slots__ = ("_check", "_entries", "_pack")
+    __slots__ = ("_pack", "check", "entries", "parts", "unpack")
 
-    def __init__(self, entries: Sequence[Entry]) -> None:
-        *self._entries, self._check = entries
+    def __init__(self, frames: Sequence[Sequence[Entry]]) -> None:
+        *entries, self.check = [entry for frame in frames for entry in frame]
+        self.entries = tuple(entries)
         # Little-endian, as a PDO.
-        codes = [_FORMATS[entry.data_type] for entry in self._entries]
-        self._pack = Struct("<" + "".join(codes)).pack
+        code = "<" + "".join([_FORMATS[entry.data_type] for entry in entries])
+        self._pack: Callable[..., bytes] = Struct(code).pack
+        self.unpack: Callable[[bytes], tuple[int, ...]] = Struct(f"{code}B").unpack
+        ends = (0, *accumulate(sum(entry.size for entry in frame) for frame in frames))
+        self.parts = tuple([slice(begin, end) for begin, end in pairwise(ends)])
 
-    def write(self, unsent: bytes = b"") -> None:
-        """Put the check sum of what the entries hold now, and of unsent bytes, into its entry."""
-        self._check.value = self._sum(unsent)
+    def pack(self, unsent: bytes = b"") -> bytes:
+        """Return the bytes of what the entries hold now; the check sum is put into its entry.
 
-    def holds(self) -> bool:
-        """Tell whether the check sum is that of what the entries hold."""
-        return bool(self._check.value == self._sum(b""))
-
-    def last_unsent(self, before: bytes) -> int:
-        """Return the byte not sent that makes the sum right, behind others that are known.
-
-        There is exactly one: a sum that is wrong gives another.
+        Parameters
+        ----------
+        unsent
+            Bytes that both ends know, which the sum is over, too.
         """
-        check = int(self._check.value)
-        return _INVERSE[check ^ 0xFF] ^ self._sum(before) ^ 0xFF
+        body = self._pack(*[entry.value for entry in self.entries])
+        self.check.value = check = crc8(body + unsent)
+        return body + _BYTES[check]
 
-    def _sum(self, unsent: bytes) -> int:
-        return crc8(self._pack(*[entry.value for entry in self._entries]) + unsent)
+    def present(self) -> bytes:
+        """Return the bytes of what the entries hold now, that of the check sum included."""
+        return self._pack(*[entry.value for entry in self.entries]) + self.check.pack()
+
+    def keep(self, values: tuple[int, ...]) -> None:
+        """Put the values of all frames, the check sum last, into the entries."""
+        for entry, value in zip(self.entries, values, strict=False):
+            entry.value = value
+        self.check.value = values[-1]
+
+
+def holds(data: bytes) -> bool:
+    """Tell whether the last byte is the check sum of those before, with nothing unsent."""
+    return crc8(data) == _SOUND
+
+
+def last_unsent(data: bytes, before: bytes) -> int:
+    """Return the byte not sent that makes the last byte the sum, behind others that are known.
+
+    There is exactly one: a sum that is wrong gives another.
+    """
+    return _INVERSE[data[-1] ^ 0xFF] ^ crc8(data[:-1] + before) ^ 0xFF

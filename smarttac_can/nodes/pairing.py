@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from smarttac_can.nodes.frame_check import FrameCheck
+from smarttac_can.nodes.frame_check import holds
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, received_measurement
 from smarttac_can.nodes.plate_block import TICK_MASK
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -15,7 +15,6 @@ UNUSABLE_MAX: Final = 3
 ones do not add up: CAN may deliver a frame twice, and a doubled first PDO begins one that stays
 incomplete. `MissedTime` counts ticks without a cycle."""
 _FIRST, *_, _LAST = MEASUREMENT_RPDOS
-_PARTS: Final = len(MEASUREMENT_RPDOS)
 _NOTHING: Final = -1
 
 
@@ -30,6 +29,13 @@ class Pairing:
         Called when a measurement begins after `UNUSABLE_MAX` that were no good.
     foreign
         Called with each sound one of another session, or that repeats the tick answered last.
+
+    Attributes
+    ----------
+    values
+        Of the measurement that was complete last, in the order of the bus.
+    tick
+        Its tick, 0..255.
     """
 
     def __init__(
@@ -37,13 +43,15 @@ class Pairing:
     ) -> None:
         self._unusable = unusable
         self._on_foreign = foreign
-        self._check = FrameCheck(received_measurement(od))
-        self._tick = od["Plate input.Tick"]
-        self._gauge_tick = od["Plate input.Gauge tick"]
+        self._frames = frames = received_measurement(od)
+        self._tick_at = frames.entries.index(od["Plate input.Tick"])
+        self._gauge_tick_at = frames.entries.index(od["Plate input.Gauge tick"])
+        self.values: tuple[int, ...] = ()
+        self.tick = 0
         self._lost = od["Cycle.Lost cycles"]
         self._foreign = od["Cycle.Foreign ticks"]
         self._corrupt = od["Cycle.Corrupt measurements"]
-        self._come: set[int] = set()
+        self._come: dict[int, bytes] = {}
         self.forget()
 
     def forget(self) -> None:
@@ -57,27 +65,30 @@ class Pairing:
         """Accept any tick as the next one."""
         self._answered = _NOTHING
 
-    def take(self, rpdo: int) -> bool:
-        """Take a PDO, whose values are in the object dictionary.
+    def take(self, rpdo: int, data: bytes) -> bool:
+        """Keep the bytes of a PDO; those of the last one complete a measurement.
 
         Returns
         -------
         bool
-            Whether it completes a measurement that is to be answered; no tick is twice.
+            Whether they do, and it is to be answered: its `values` are then in the object
+            dictionary. No tick is answered twice.
         """
         come = self._come
         if rpdo == _FIRST:
             self._begin()
-        come.add(rpdo)
+        come[rpdo] = data
         # A cycle's last PDO ends it, so that those of two cycles are never mixed.
-        if rpdo != _LAST or len(come) < _PARTS:
+        if rpdo != _LAST or len(come) < len(MEASUREMENT_RPDOS):
             return False
+        data = b"".join(map(come.__getitem__, MEASUREMENT_RPDOS))
         come.clear()
-        if not self._check.holds():
+        if not holds(data):
             self._corrupt.count()
             return False
-        tick = self._tick.value
-        session = self._gauge_tick.value - tick & TICK_MASK
+        values = self._frames.unpack(data)
+        tick = values[self._tick_at]
+        session = values[self._gauge_tick_at] - tick & TICK_MASK
         if self._session == _NOTHING or session == self._next_session:
             self._session = session
         if session != self._session or tick == self._answered:
@@ -87,6 +98,8 @@ class Pairing:
             return False
         self._next_session = _NOTHING
         self._begun = 0
+        self.values, self.tick = values, tick
+        self._frames.keep(values)
         return True
 
     @property
@@ -104,7 +117,7 @@ class Pairing:
 
     def answered(self) -> None:
         """Note that the measurement got its drive."""
-        self._answered = self._tick.value
+        self._answered = self.tick
 
     def _begin(self) -> None:
         if self._come:

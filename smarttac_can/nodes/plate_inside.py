@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from smarttac_can.nodes.frame_check import CheckedFrames
 from smarttac_can.nodes.loop_frames import (
     received_drive,
     received_measurement,
@@ -39,8 +40,10 @@ class PlateInside:
     def __init__(self, od: ObjectDictionary, plate: PlateBlock) -> None:
         self._od = od
         self.plate = plate
-        self._measured = _pairs(sent_measurement(plate.od), received_measurement(od))
-        self._driven = _pairs(sent_drive(od), received_drive(plate.od))
+        self._received = received_measurement(od)
+        self._measured = _linked(sent_measurement(plate.od), self._received)
+        sent, received = sent_drive(od), received_drive(plate.od)
+        self._driven = list(zip(_linked(sent, received), received.entries, strict=True))
 
     def power_on(self) -> None:
         """Begin with the values that the objects of the simulation have now."""
@@ -54,11 +57,13 @@ class PlateInside:
         self.plate.start_run()
         self._od[FAULT_KIND].value = FaultKind.NONE
 
-    def measure(self) -> None:
-        """Have the plate step and sample; the measurement arrives."""
+    def measure(self) -> list[int]:
+        """Have the plate step and sample; return its measurement, as `Pairing.values`."""
         self.plate.cycle()
-        for source, target in self._measured:
-            target.value = source.value
+        values = [entry.value for entry in self._measured]
+        for entry, value in zip(self._received.entries, values, strict=True):
+            entry.value = value
+        return values
 
     def drive(self) -> None:
         """Have the plate take the drive."""
@@ -67,13 +72,12 @@ class PlateInside:
         self.plate.take_drive()
 
 
-def _pairs(sources: list[Entry], targets: list[Entry]) -> list[tuple[Entry, Entry]]:
-    """Link entries as a TPDO and an RPDO would; the check is for what crosses a bus."""
-    if len(sources) != len(targets):
+def _linked(sent: CheckedFrames, received: CheckedFrames) -> tuple[Entry, ...]:
+    """Return what is sent, as a TPDO and an RPDO carry it; the check is for what crosses a bus."""
+    if len(sent.entries) != len(received.entries):
         raise ValueError("the PDOs of the loop carry different numbers of objects")
-    pairs = list(zip(sources[:-1], targets[:-1], strict=True))
-    for source, target in pairs:
+    for source, target in zip(sent.entries, received.entries, strict=True):
         what = source.name.rpartition(".")[2].lower()
         if not target.name.lower().endswith(what):
             raise ValueError(f"{source.name} and {target.name} are mapped at the same place")
-    return pairs
+    return sent.entries

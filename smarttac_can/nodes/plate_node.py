@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from smarttac_can.device.application import Application
@@ -13,10 +13,14 @@ from smarttac_can.device.port import Identifiers
 from smarttac_can.device.storage import Storage
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.drive_sender import DriveSender
-from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.hardware_watch import HardwareWatch
 from smarttac_can.nodes.lock import OF_PLATE, Lock
-from smarttac_can.nodes.loop_frames import DRIVE_RPDO, MEASUREMENT_TPDOS, sent_measurement
+from smarttac_can.nodes.loop_frames import (
+    DRIVE_RPDO,
+    MEASUREMENT_TPDOS,
+    received_drive,
+    sent_measurement,
+)
 from smarttac_can.nodes.loop_time import LoopPeriod, MissedTime, deadlines, set_deadline
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
 from smarttac_can.nodes.plate_link import plate_serial
@@ -72,12 +76,16 @@ class PlateNode(Application):
         (self._deadline,) = deadlines(od, (DRIVE_RPDO,))
         self.clock = clock = Clock()
         self._unanswered = clock.timer(self._on_unanswered)
+        self._sent = sent = sent_measurement(od)
+        self._measurement = sent.present()
+        self._driven = received_drive(od)
         self.device = Device(
-            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=MEASUREMENT_TPDOS
-        )
+            od, self, storage=storage, node_id=node_id, clock=clock,
+            loop_tpdos=dict(zip(MEASUREMENT_TPDOS, map(self._part, sent.parts), strict=True)),
+            loop_rpdos=(DRIVE_RPDO,),
+        )  # fmt: skip
         self.segments = self.device.segments
         self._period = LoopPeriod(self.device)
-        self._sent = FrameCheck(sent_measurement(od))
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_time = MissedTime(clock)
         self._overtaken = False
@@ -154,6 +162,7 @@ class PlateNode(Application):
         if state is NMTState.RESET_COMMUNICATION:
             self._protecting.clear()
             self._serial.value = plate_serial(self._serial, self.device.node_id)
+            self._measurement = self._sent.present()
             self._sender.forget()
         if state is NMTState.OPERATIONAL:
             self.block.session = self._next_session
@@ -179,7 +188,7 @@ class PlateNode(Application):
         self._sender.follow()
         self._heed_front_end()
         if measured:
-            self._sent.write()
+            self._measurement = self._sent.pack()
         if self._temperature.value > self._temperature_max.value:
             self._protect(FaultCode.TEMPERATURE)
         elif self.block.state is StageState.TRIPPED and not self._protecting:
@@ -187,19 +196,20 @@ class PlateNode(Application):
         return measured
 
     def on_rpdo(self, number: int) -> None:
+        """Hear hardware that watches the stage."""
+        if number in self._hardware.sources:
+            self._hardware.hear(number, self.block.commanded)
+            self._heed_hardware()
+
+    def on_loop_rpdo(self, _number: int, data: bytes) -> None:
         """Take a drive if it is sound, its voltage below the limit, the plate cool and alone.
 
         A corrupt one, and a stranger's, is a drive that did not come; several of them bar. What
         hardware keeps from a voltage is reported for each time that one is asked for.
         """
-        hardware = self._hardware
-        if number in hardware.sources:
-            hardware.hear(number, self.block.commanded)
-            self._heed_hardware()
-        if number != DRIVE_RPDO:
-            return
-        sender = self._sender
-        if not sender.sound(self.block.session):
+        self._driven.keep(self._driven.unpack(data))
+        hardware, sender = self._hardware, self._sender
+        if not sender.sound(data, self.block.session, off=not self._voltage.value):
             if sender.disturbed:
                 self.block.inhibit()
             return
@@ -226,6 +236,10 @@ class PlateNode(Application):
             for code in sorted(self._protecting):
                 self.device.clear_emergency(code)
             self._protecting.clear()
+
+    def _part(self, part: slice) -> Callable[[], bytes]:
+        """Return what returns a part of the bytes of the last measurement."""
+        return lambda: self._measurement[part]
 
     def _count_late(self, taken: Taken) -> None:
         """Count a drive that came after the instant of a tick at which it should be in force."""

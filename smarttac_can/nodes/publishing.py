@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.device.device import Device
-from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, LATCHED, sent_drive
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import EVENT_MANUFACTURER, PDO_TRANSMISSION, TPDO_COMMUNICATION
@@ -28,13 +27,19 @@ class Publishing:
         That of the stimulator.
     supervisor
         Latches what is told.
+
+    Attributes
+    ----------
+    drive_frame
+        Bytes of the last drive.
     """
 
     def __init__(self, device: Device, supervisor: Supervisor) -> None:
         self._device = device
         self._supervisor = supervisor
         self._reported = 0
-        self._drive = FrameCheck(sent_drive(device.od))
+        self._drive = sent_drive(device.od)
+        self.drive_frame = self._drive.present()
         self._types = [
             (number, device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
             for number in _MEASURED_TPDOS
@@ -55,7 +60,7 @@ class Publishing:
     def drive(self, session: int) -> None:
         """Send the drive; who sends it, and whether in FAULT, is in its check alone."""
         latched = LATCHED if self._supervisor.state is State.FAULT else 0
-        self._drive.write(bytes((session, self._device.od.node_id | latched)))
+        self.drive_frame = self._drive.pack(bytes((session, self._device.od.node_id | latched)))
         self._device.trigger(DRIVE_TPDO)
 
     def all(self) -> None:
@@ -78,6 +83,7 @@ class Publishing:
     def hold(self) -> None:
         """Tell nothing of what is latched now: there is no device to tell it, in a reset."""
         self._reported = self._supervisor.latched
+        self.drive_frame = self._drive.present()
 
     def report_all(self) -> None:
         """Tell all that is latched, also what was so in a reset or before it."""

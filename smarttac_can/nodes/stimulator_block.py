@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 from smarttac_can.control.cascade import Cascade
@@ -153,19 +154,20 @@ class StimulatorBlock:
         """Have one cycle with the plate inside: it steps and samples, the controllers answer."""
         inside = self._inside
         assert inside is not None
-        inside.measure()
-        self.cycle()
+        self.cycle(inside.measure())
         inside.drive()
 
-    def cycle(self, *, late: bool = False) -> None:
-        """Compute the drive that answers the measurement in the object dictionary.
+    def cycle(self, measurement: Sequence[int], *, late: bool = False) -> None:
+        """Compute the drive that answers a measurement.
 
         Parameters
         ----------
+        measurement
+            As `Pairing.values`; it is in the object dictionary.
         late
             Whether the plate gets it too late for the cycle that begins with that measurement.
         """
-        measured = self._inbox.read()
+        measured = self._inbox.measured(measurement)
         mode = self._prepare()
         asked = self.cascade.update(measured.si, self._setpoints.read())
         mode, asked = self._begin_at_zero(mode, asked)

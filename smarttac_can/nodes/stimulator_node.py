@@ -97,8 +97,9 @@ class StimulatorNode(Application):
         self._missed_time = MissedTime(clock)
         self._ticker = clock.timer(self._tick)
         self.device = Device(
-            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=(DRIVE_TPDO,),
-            emergencies_of=plate_node_id,
+            od, self, storage=storage, node_id=node_id, clock=clock,
+            loop_tpdos={DRIVE_TPDO: lambda: self._publishing.drive_frame},
+            loop_rpdos=MEASUREMENT_RPDOS, emergencies_of=plate_node_id,
         )  # fmt: skip
         self._period = LoopPeriod(self.device)
         self._commander = Commander(self.device, plate_node_id, self._observe, lockstep=lockstep)
@@ -229,23 +230,25 @@ class StimulatorNode(Application):
             self._commander.late(number, late)
 
     def on_rpdo(self, number: int) -> None:
-        """Obey a controlword; answer a measurement that is complete."""
-        if number not in MEASUREMENT_RPDOS:
-            if self.device.carries(number, self._controlword):
-                before = self.block.state
-                self.block.note_supervision(self._commander.kept)
-                self.block.take_controlword()
-                self._report()
-                self._show_change(before)
-            return
-        if self._plate_node_id and self._loop.take(number):
+        """Obey a controlword."""
+        if self.device.carries(number, self._controlword):
+            before = self.block.state
+            self.block.note_supervision(self._commander.kept)
+            self.block.take_controlword()
+            self._report()
+            self._show_change(before)
+
+    def on_loop_rpdo(self, number: int, data: bytes) -> None:
+        """Answer a measurement that is complete."""
+        loop = self._loop
+        if self._plate_node_id and loop.take(number, data):
             if not self._period.agrees():
                 self._observe(Watchdog.MEASUREMENT, True)
                 return
-            self.block.cycle(late=self._loop.answer())
+            self.block.cycle(loop.measurement, late=loop.answer())
             self._judge_time()
             self._report()
-            self._publishing.drive(self._loop.session)
+            self._publishing.drive(loop.session)
             self._publish()
 
     def on_store(self) -> None:

@@ -10,7 +10,6 @@ import pytest
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.bus_loop import BusLoop
-from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, received_measurement
 from smarttac_can.nodes.loop_time import Deadline
 from smarttac_can.vocabulary.watchdogs import Watchdog
@@ -31,7 +30,9 @@ class Loop:
             entry.value = 3
         self.deadline = Deadline(self.od, MEASUREMENT_RPDOS)
         self.loop = BusLoop(self.od, self.clock, self.deadline, self._observe, self._unanswered)
-        FrameCheck(received_measurement(self.od)).write()
+        sent = received_measurement(stimulator_od())
+        data = sent.pack()
+        self.parts = dict(zip((FIRST, SECOND, LAST), [data[p] for p in sent.parts], strict=True))
 
     def _observe(self, watchdog: Watchdog, present: bool) -> None:
         (self.faults.add if present else self.faults.discard)(watchdog)
@@ -44,7 +45,7 @@ class Loop:
         self.loop.sync(device)
 
     def take(self, *rpdos: int) -> list[bool]:
-        return [self.loop.take(rpdo) for rpdo in rpdos]
+        return [self.loop.take(rpdo, self.parts[rpdo]) for rpdo in rpdos]
 
     def write(self, at: int, milliseconds: int) -> None:
         """Write a deadline."""

@@ -6,7 +6,6 @@ import pytest
 
 from smarttac_can.bench.simulation import plate_od
 from smarttac_can.nodes.drive_sender import DriveSender
-from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import received_drive
 
 ONE, OTHER = 32, 127
@@ -20,13 +19,12 @@ class Plate:
     def __init__(self) -> None:
         self.od = plate_od()
         self.sender = DriveSender(self.od)
-        self._check = FrameCheck(received_drive(self.od))
+        self._sent = received_drive(plate_od())
 
     def sound(self, voltage: int, source: int = ONE, session: int = 0, of: int = 0) -> bool:
         """Whether a drive of a source, made in one session, is sound in another."""
-        self.od["Drive.Voltage"].value = voltage
-        self._check.write(bytes((of, source)))
-        return self.sender.sound(session)
+        self._sent.entries[0].value = voltage
+        return self.sender.sound(self._sent.pack(bytes((of, source))), session, off=not voltage)
 
     @property
     def corrupt(self) -> int:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,9 +20,9 @@ from line import (
     stimulator_alone,
 )
 
-from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.device.frame import Frame
-from smarttac_can.nodes.frame_check import crc8
+from smarttac_can.nodes.frame_check import crc8, last_unsent
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.states import State
@@ -227,17 +225,11 @@ def test_one_measurement_of_another_session_is_foreign_and_two_are_the_plates() 
 @given(st.binary(min_size=8, max_size=8))
 def test_what_a_stranger_makes_up_passes_with_one_of_256(data: bytes) -> None:
     """The byte that the check stands for is another for each check."""
-    plate = PlateNode(plate_od())
-    named = set()
-    voltage, frequency, number, _ = struct.unpack("<HIBB", data)
-    for name, raw in (("Voltage", voltage), ("Frequency", frequency), ("Tick", number)):
-        plate.od[f"Drive.{name}"].value = raw
-    for check in range(256):
-        plate.od["Drive.Check"].value = check
-        named.add(plate._sender._check.last_unsent(b"\0"))
+    body = data[:7]
+    named = {last_unsent(body + bytes((check,)), b"\0") for check in range(256)}
     assert len(named) == 256
-    plate.od["Drive.Check"].value = crc8(data[:7] + bytes((0, STIMULATOR_ID)))
-    assert plate._sender._check.last_unsent(b"\0") == STIMULATOR_ID
+    check = crc8(body + bytes((0, STIMULATOR_ID)))
+    assert last_unsent(body + bytes((check,)), b"\0") == STIMULATOR_ID
 
 
 @pytest.mark.parametrize("sender", [0, 128])

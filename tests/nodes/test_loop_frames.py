@@ -16,13 +16,13 @@ from smarttac_can.bench.simulation import (
     stimulator_od,
     stimulator_with_plate,
 )
+from smarttac_can.nodes.frame_check import CheckedFrames
 from smarttac_can.nodes.loop_frames import (
     received_drive,
     received_measurement,
     sent_drive,
     sent_measurement,
 )
-from smarttac_can.od.entry import Entry
 
 READ_ONLY = 0x06010002
 OF_STIMULATOR = (0x1604, 0x1605, 0x1606, 0x1A04)
@@ -30,7 +30,8 @@ OF_PLATE = (0x1600, 0x1A00, 0x1A01, 0x1A02)
 DRIVE = [("Voltage", 2), ("Frequency", 4), ("Tick", 1), ("Check", 1)]
 
 
-def layout(entries: list[Entry]) -> list[tuple[str, int]]:
+def layout(frames: CheckedFrames) -> list[tuple[str, int]]:
+    entries = [*frames.entries, frames.check]
     return [(entry.name.rpartition(".")[2], entry.size) for entry in entries]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.nodes.frame_check import FrameCheck
 from smarttac_can.nodes.loop_frames import received_measurement
 from smarttac_can.nodes.pairing import Pairing
 
@@ -19,7 +18,7 @@ class Pair:
         self.od = stimulator_od()
         self.unusable = self.foreign = 0
         self.pairing = Pairing(self.od, self._unusable, self._foreign)
-        self._check = FrameCheck(received_measurement(self.od))
+        self._sent = received_measurement(stimulator_od())
 
     def _unusable(self) -> None:
         self.unusable += 1
@@ -27,17 +26,21 @@ class Pair:
     def _foreign(self) -> None:
         self.foreign += 1
 
-    def take(self, *rpdos: int) -> list[bool]:
-        return [self.pairing.take(rpdo) for rpdo in rpdos]
+    def take(self, *rpdos: int, data: bytes | None = None) -> list[bool]:
+        """Take some of the three PDOs of a measurement, which is sound by default."""
+        data = self._sent.pack() if data is None else data
+        part = dict(zip((FIRST, SECOND, LAST), self._sent.parts, strict=True))
+        return [self.pairing.take(rpdo, data[part[rpdo]]) for rpdo in rpdos]
 
     def whole(self, tick: int, session: int = 0, *, corrupt: bool = False) -> bool:
         """Whether all three of a tick are to be answered."""
-        self.od["Plate input.Tick"].value = tick
-        self.od["Plate input.Gauge tick"].value = (tick + session) & 0xFF
-        self._check.write()
+        values = {"Tick": tick, "Gauge tick": (tick + session) & 0xFF}
+        for entry in self._sent.entries:
+            entry.value = values.get(entry.name.rpartition(".")[2], 0)
+        data = self._sent.pack()
         if corrupt:
-            self.od["Plate input.Tick"].value = tick ^ 1
-        first, second, whole = self.take(FIRST, SECOND, LAST)
+            data = bytes((data[0] ^ 1,)) + data[1:]
+        first, second, whole = self.take(FIRST, SECOND, LAST, data=data)
         assert not (first or second)
         return whole
 
@@ -70,7 +73,6 @@ def test_all_three_are_answered_and_nothing_is_counted() -> None:
 )  # fmt: skip
 def test_without_one_or_in_another_order_they_are_no_measurement(rpdos: tuple[int, ...]) -> None:
     pair = Pair()
-    pair._check.write()
     assert not any(pair.take(*rpdos))
     assert pair.answered(0)
 

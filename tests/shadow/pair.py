@@ -10,6 +10,7 @@ import state_now
 from frozen import Package
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.vocabulary.watchdogs import COUNTED, Watchdog
 
 State = dict[str, Any]
 _MOST_SHOWN: Final = 400
@@ -79,6 +80,10 @@ def side(package: Package, node: Any, kind: str) -> Side:
     )
 
 
+_HOT: Final = COUNTED.index(Watchdog.TEMPERATURE)
+"""Place of the temperature of a measurement among the levels of a stimulator."""
+
+
 class _Clocks:
     """The clocks of both nodes, for a host that moves them."""
 
@@ -119,6 +124,7 @@ class Pair:
         self.clock = _Clocks(old.node.clock, new.node.clock)
         self.calls = 0
         self._last: tuple[str, tuple[Any, ...]] = ("nothing", ())
+        self._measurement: tuple[int, ...] = ()
 
     def start(self) -> list[Frame]:
         return self.call("start")
@@ -172,7 +178,10 @@ class Pair:
         state, expected = new.state(new.node), old.state(old.node)
         if state != expected:
             self._compare(expected, state)
-        levels, expected_levels = new.levels(), old.levels()
+        comes = self._comes()
+        levels, expected_levels = list(new.levels()), list(old.levels())
+        if comes and levels:
+            levels[_HOT] = expected_levels[_HOT] = 0.0
         if levels != expected_levels:
             self._require("levels", expected_levels, levels)
         if not all_of_it:
@@ -186,7 +195,18 @@ class Pair:
         expected_values += [read() for read in old.computed]
         if values != expected_values:
             for before, now in zip(old.entries, new.entries, strict=True):
-                self._require(f"od {now.name}", before.read(), now.read())
+                if not (comes and now.name.startswith("Plate input.")):
+                    self._require(f"od {now.name}", before.read(), now.read())
+
+    def _comes(self) -> bool:
+        """Whether since a whole measurement was answered frames of another may have come.
+
+        The old stimulator shows each of them at once, this one all three if they are answered.
+        """
+        if not getattr(self.new.node, "_plate_node_id", 0):
+            return False
+        before, self._measurement = self._measurement, self.new.node._loop.measurement
+        return self._measurement is before
 
     def _compare(self, expected: State, state: State) -> None:
         for name in sorted({*expected, *state}):

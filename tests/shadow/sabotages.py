@@ -143,9 +143,9 @@ SABOTAGES: Final = (
         "", (("echo", "measurement"),),
     ),
     Sabotage(
-        "half a measurement is answered", "nodes.pairing Pairing.take",
-        "or len(come) < _PARTS", "or len(come) < 2",
-        "bus", (("disturb", "LOSS", "measurement 2", 1), ("cycles", 2)),
+        "a measurement with a wrong check is answered", "nodes.pairing Pairing.take",
+        "if not holds(data)", "if not data",
+        "bus", (("disturb", "CORRUPTION", "measurement", 1), ("cycles", 2)),
     ),
     Sabotage(
         "the drive answers another tick", "nodes.drive_output DriveOutput.write",
