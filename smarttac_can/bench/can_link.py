@@ -217,11 +217,7 @@ class CanLink:
         network = self._network
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
         told = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
-
-        def tap(can_id: int, data: bytes) -> None:
-            if can_id in told:
-                hear(can_id, data)
-
+        tap = (told, hear)
         if self._threaded:
             hold_more(network.bus)
         # Before all types are set there is no whole cycle, and after the first is put back none.

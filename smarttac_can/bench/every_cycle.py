@@ -63,7 +63,7 @@ class EveryCycle:
         self._at = {(entry.index, entry.subindex): entry for entry in self._types}
         self._undone: set[Entry] = set()
         services = (HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID)
-        self._told = {service + device.od.node_id for service in services}
+        self._tap = ({service + device.od.node_id for service in services}, self._keep)
         self._before: list[int] = []
         self._users = 0
         self._ends = False
@@ -80,7 +80,7 @@ class EveryCycle:
             self._others.clear()
             self._before = [self._take(entry) for entry in self._types]
             self._undone.clear()
-            self._network.taps += (self._keep,)
+            self._network.taps += (self._tap,)
         self._users += 1
         try:
             yield
@@ -108,7 +108,7 @@ class EveryCycle:
             needed = self._others_need_it()
         finally:
             network = self._network
-            network.taps = tuple(tap for tap in network.taps if tap != self._keep)
+            network.taps = tuple(tap for tap in network.taps if tap is not self._tap)
         if not needed:
             for entry, kind in zip(self._types, self._before, strict=True):
                 self._device.write(entry, kind)
@@ -124,8 +124,6 @@ class EveryCycle:
 
     def _keep(self, can_id: int, data: bytes) -> None:
         """Hear what others ask for, answer, and ask again for what they have undone."""
-        if can_id not in self._told:
-            return
         node_id, undone = self._device.od.node_id, self._undone
         frame = Frame(can_id, data)
         if can_id == HEARTBEAT_ID + node_id and data == BOOT_UP:

@@ -8,6 +8,9 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple, NoReturn, Protocol
 
+import numpy as np
+import numpy.typing as npt
+
 from smarttac_can.bench.errors import BusyError
 from smarttac_can.bench.published import PublishedPdo
 from smarttac_can.bench.traces import COLUMNS
@@ -38,16 +41,12 @@ Row = tuple[int, ...]
 """Raw values of `RECORDED` in one cycle."""
 
 
-def unwrapped(rows: list[Row]) -> list[Row]:
-    """Extend the 16-bit ticks of the rows so that they keep rising."""
-    if not rows:
-        return rows
-    tick = rows[0][0]
-    extended = []
-    for row in rows:
-        tick += row[0] - tick & 0xFFFF
-        extended.append((tick, *row[1:]))
-    return extended
+def unwrapped(rows: list[Row]) -> npt.NDArray[np.int64]:
+    """Return one or more rows, with 16-bit ticks that were extended so that they keep rising."""
+    counts = np.array(rows, dtype=np.int64)
+    ticks = counts[:, 0]
+    ticks[1:] = ticks[0] + np.cumsum(np.diff(ticks) & 0xFFFF)
+    return counts
 
 
 class Snapshot(NamedTuple):

@@ -29,8 +29,9 @@ class LocalNetwork(TappedNetwork):
         """Send a frame; all that it causes has happened on return."""
         frame = Frame(can_id, bytes(data), remote)
         if not remote:
-            for tap in self.taps:
-                tap(can_id, frame.data)
+            for can_ids, hear in self.taps:
+                if can_id in can_ids:
+                    hear(can_id, frame.data)
         self._port.send(frame)
 
     def disconnect(self) -> None:
@@ -41,7 +42,8 @@ class LocalNetwork(TappedNetwork):
     def _on_frame(self, frame: Frame) -> None:
         can_id, data, rtr = frame
         if not rtr:
-            for tap in self.taps:
-                tap(can_id, data)
+            for can_ids, hear in self.taps:
+                if can_id in can_ids:
+                    hear(can_id, data)
             for callback in self.subscribers.get(can_id, ()):
                 callback(can_id, bytearray(data), self._local_bus.time * 1e-6)

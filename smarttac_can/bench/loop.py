@@ -22,6 +22,8 @@ from smarttac_can.master.errors import BenchError
 CYCLES_PER_SECOND: Final = 1000
 _LEAST_RECORDED: Final = 0.5
 _MOST_S: Final = 604_800
+_SHOWN_EVERY: Final = 16
+"""Cycles after which it is shown how far a run is."""
 _LONG_S: Final = 2.0
 """Who waits for longer is shown how far it is."""
 _MOST_CYCLES: Final = 100
@@ -103,7 +105,8 @@ class Loop:
             with progress_bar(experiment, _LONG_S) as progress:
 
                 def ends() -> bool:
-                    progress(len(rows) / cycles)
+                    if not len(rows) % _SHOWN_EVERY:
+                        progress(len(rows) / cycles)
                     return interrupted()
 
                 self._objects.link.run(cycles, rows, ends)
@@ -116,7 +119,7 @@ class Loop:
                     "busy, or the bus too slow for it?"
                 )
             state = self._control.state
-        trace = Trace.from_rows(experiment, subject, unwrapped(rows[:cycles]))
+        trace = Trace(experiment, subject, unwrapped(rows[:cycles]))
         if not knew_fault:
             self._control.require_no_fault(state, trace)
         return trace
@@ -192,7 +195,7 @@ class Loop:
     def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
         """Keep what a run has recorded that an error ends, and disarm."""
         if rows:
-            error.trace = Trace.from_rows(experiment, subject, unwrapped(rows))
+            error.trace = Trace(experiment, subject, unwrapped(rows))
             error.add_note(f".trace holds the {len(rows)} cycles until then")
         if not self._objects.link.only_read:
             error.add_note(

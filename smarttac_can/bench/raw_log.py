@@ -15,7 +15,7 @@ from typing import Final
 import can
 
 from smarttac_can.bench.local_network import LocalNetwork
-from smarttac_can.bench.tapped_network import TappedNetwork
+from smarttac_can.bench.tapped_network import ALL, TappedNetwork
 from smarttac_can.host.background import Background
 from smarttac_can.host.file_errors import reason
 from smarttac_can.host.kernel_filter import hold_more
@@ -127,11 +127,12 @@ def _tapping(network: LocalNetwork, file: _File) -> Iterator[None]:
     def tap(can_id: int, data: bytes) -> None:
         file.log(can.Message(begun + network.now(), can_id, is_extended_id=False, data=data))
 
-    network.taps += (tap,)
+    every = (ALL, tap)
+    network.taps += (every,)
     try:
         yield
     finally:
-        network.taps = tuple(other for other in network.taps if other is not tap)
+        network.taps = tuple(other for other in network.taps if other is not every)
 
 
 @contextmanager
@@ -184,11 +185,12 @@ def _beside(network: TappedNetwork, file: _File) -> Iterator[None]:
     def tap(can_id: int, data: bytes) -> None:
         file.log(can.Message(time(), can_id, is_extended_id=False, is_rx=False, data=data))
 
+    own = (ALL, tap)
     if not network.hears_itself:
-        network.own_taps += (tap,)
+        network.own_taps += (own,)
     network.notifier.add_listener(file.log)
     try:
         yield
     finally:
-        network.own_taps = tuple(other for other in network.own_taps if other is not tap)
+        network.own_taps = tuple(other for other in network.own_taps if other is not own)
         network.notifier.remove_listener(file.log)

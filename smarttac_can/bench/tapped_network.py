@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Self
+from collections.abc import Container, Mapping
+from typing import Any, Final, Self
 
 import can
 import canopen
@@ -13,6 +13,11 @@ from smarttac_can.host.bus_options import configured, kept_here
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.python_can import is_stray
 from smarttac_can.master.errors import BenchError
+from smarttac_can.od.cia import CAN_ID_MASK
+
+Tap = tuple[Container[int], Hear]
+ALL: Final = range(CAN_ID_MASK + 1)
+"""All identifiers."""
 
 
 class _Strays(can.Listener):
@@ -44,8 +49,8 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
     Attributes
     ----------
     taps
-        Each is called with the identifier and the data of a frame, before who subscribes to it; in
-        the thread that sends or receives.
+        Each has identifiers, and is called with the identifier and the data of a frame with one of
+        them, before who subscribes to it; in the thread that sends or receives.
     own_taps
         These are told of sent frames alone.
     hears_itself
@@ -56,8 +61,8 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         super().__init__()
         self._strays = _Strays(self)
         self.listeners.append(self._strays)
-        self.taps: tuple[Hear, ...] = ()
-        self.own_taps: tuple[Hear, ...] = ()
+        self.taps: tuple[Tap, ...] = ()
+        self.own_taps: tuple[Tap, ...] = ()
         self._options: Mapping[str, Any] = {}
         self.hears_itself = False
 
@@ -90,12 +95,14 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""
         if not remote:
-            for tap in (*self.taps, *self.own_taps):
-                tap(can_id, bytes(data))
+            for can_ids, hear in (*self.taps, *self.own_taps):
+                if can_id in can_ids:
+                    hear(can_id, bytes(data))
         super().send_message(can_id, data, remote)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Take a received frame."""
-        for tap in self.taps:
-            tap(can_id, bytes(data))
+        for can_ids, hear in self.taps:
+            if can_id in can_ids:
+                hear(can_id, bytes(data))
         super().notify(can_id, data, timestamp)

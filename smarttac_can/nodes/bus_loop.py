@@ -24,7 +24,6 @@ from smarttac_can.vocabulary.watchdogs import (
     Watchdog,
     sync_drift_tolerance,
     sync_tolerance,
-    sync_window,
 )
 
 Observe = Callable[[Watchdog, bool], None]
@@ -169,8 +168,12 @@ class _Window:
     ----------
     count
         How many came.
+    open
+        Whether it counts.
     deadline_ms
         Deadline of the loop when it began: another one is for the next.
+    most
+        Most that may come.
     """
 
     def __init__(
@@ -183,18 +186,16 @@ class _Window:
         self._tolerance = tolerance
         self._judge = judge
         self._timer = clock.timer(self._end)
-        self.count = self.deadline_ms = 0
+        self.count = self.deadline_ms = self.most = 0
+        self.open = False
         self._begun = 0
-
-    @property
-    def open(self) -> bool:
-        """Whether it counts."""
-        return self._timer.running
 
     def begin(self, periods: int, deadline_ms: int) -> None:
         """Count anew for so many periods."""
+        self.open = True
         self.count = 0
         self.deadline_ms = deadline_ms
+        self.most = periods + self._tolerance(deadline_ms)
         self._begun = self._clock.now
         self._timer.start(periods * TICK_US)
 
@@ -207,10 +208,12 @@ class _Window:
 
     def stop(self) -> None:
         """Count no more."""
+        self.open = False
         self._timer.stop()
         self.count = 0
 
     def _end(self) -> None:
+        self.open = False
         self._judge(self.count, (self._clock.now - self._begun) // TICK_US)
 
 
@@ -255,13 +258,12 @@ class SyncWatch:
         deadline_ms = self._deadline.ms
         window = self._window
         if not window.open:
-            window.begin(sync_window(deadline_ms), deadline_ms)
+            window.begin(self._deadline.window, deadline_ms)
         if not self._long.open:
             self._long.begin(SYNC_DRIFT_WINDOW, deadline_ms)
         window.count += 1
         self._long.count += 1
-        most = sync_window(window.deadline_ms) + sync_tolerance(window.deadline_ms)
-        if window.count > most:
+        if window.count > window.most:
             # At once, also where device time stands still and no window ends.
             self._irregular()
         self._silence.start(deadline_ms * TICK_US)
@@ -293,8 +295,7 @@ class SyncWatch:
             self._irregular()
         elif not self._drifts:
             self._observe(Watchdog.SYNC_IRREGULAR, False)
-        deadline_ms = self._deadline.ms
-        self._window.begin(sync_window(deadline_ms), deadline_ms)
+        self._window.begin(self._deadline.window, self._deadline.ms)
 
     def _judge_drift(self, count: int, periods: int) -> None:
         self._drifts = abs(count - periods) > sync_drift_tolerance(self._long.deadline_ms)
@@ -347,16 +348,16 @@ class SourceWatch:
 
         What came while SYNC was lost is no sign of another source, nor is what comes late.
         """
-        deadline_ms = self._deadline.ms
+        deadline = self._deadline
         before, self._heard = self._heard, self._clock.now
-        if self._heard - before > deadline_ms * TICK_US:
+        if self._heard - before > deadline.ms * TICK_US:
             self._begin_window()
-        self._credits = min(self._credits + 1, deadline_ms)
+        self._credits = min(self._credits + 1, deadline.ms)
         self._owed = min(self._owed + 1, BACKLOG)
         self._syncs += 1
-        if self._unexpected > sync_tolerance(deadline_ms):
+        if self._unexpected > deadline.tolerance:
             self.plate_reports_another()
-        if self._syncs >= sync_window(deadline_ms):
+        if self._syncs >= deadline.window:
             if self._measured == self._syncs:
                 self._owed = 0
                 self._credits = min(self._credits, 1)
@@ -387,7 +388,7 @@ class SourceWatch:
     @property
     def level(self) -> float:
         """How near measurements that are not those of a SYNC are to a fault, of 1.0."""
-        return self._unexpected / (sync_tolerance(self._deadline.ms) + 1)
+        return self._unexpected / (self._deadline.tolerance + 1)
 
     def plate_reports_another(self) -> None:
         """Take note that the plate has noticed another source of its frames."""

@@ -49,7 +49,7 @@ class DriveSender:
 
     def follow(self) -> None:
         """Begin a cycle; one without a wrong check makes up for some of those before."""
-        if self._undisturbed:
+        if self._wrong and self._undisturbed:
             self._count(False)
         self._undisturbed = True
 

@@ -16,6 +16,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.watchdogs import sync_tolerance, sync_window
 
 TICKS: Final = 1000
 """Ticks over which they are counted: a second."""
@@ -67,9 +68,13 @@ class Deadline:
     ----------
     ms
         In ms, as of the last `configure`.
+    window
+        Periods over which SYNCs are counted under it.
+    tolerance
+        How many SYNCs, or measurements, too many or too few are then no fault.
     """
 
-    __slots__ = ("_entries", "ms")
+    __slots__ = ("_entries", "ms", "tolerance", "window")
 
     def __init__(self, od: ObjectDictionary, rpdos: tuple[int, ...]) -> None:
         self._entries = deadlines(od, rpdos)
@@ -78,6 +83,8 @@ class Deadline:
     def configure(self) -> None:
         """Read the event timers; for when parameters have changed."""
         self.ms = int(min([entry.value for entry in self._entries]))
+        self.window = sync_window(self.ms)
+        self.tolerance = sync_tolerance(self.ms)
 
     def with_write(self, entry: Entry, value: int) -> int | None:
         """Return what it would be in ms after a write; None if the entry is none of its own."""

@@ -11,7 +11,7 @@ from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.nodes.states import StageEvent, StageState, stage_after
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.od.scaling import Quantiser
+from smarttac_can.od.scaling import QuantisedOnDemand, Quantiser
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.plant.plate import Plate
 from smarttac_can.vocabulary.objects import START_RUN
@@ -94,7 +94,7 @@ class PlateBlock:
                 *(od[f"Gauge.S{number}"] for number in range(1, 7)),
             ]
         )
-        self._stage_shown = Quantiser([od["Stage.Voltage"], od["Stage.Frequency"]])
+        self._stage_shown = QuantisedOnDemand([od["Stage.Voltage"], od["Stage.Frequency"]])
         self._ticks = od["Cycle.Ticks"]
         self._lost = od["Cycle.Lost drives"]
         self._foreign = od["Cycle.Foreign ticks"]
@@ -114,7 +114,7 @@ class PlateBlock:
         self.tick.value = TICK_MASK
         for count in (self._ticks, self._lost, self._foreign, self._late):
             count.value = 0
-        self._show_stage()
+        self._stage_shown.row = self._stage
 
     def cycle(self, *, overtaken: bool = False) -> bool:
         """Step to the next tick with the drive that arrived, and sample the sensors there.
@@ -142,9 +142,7 @@ class PlateBlock:
             self.backend.move()
         else:
             measured = self.backend.sample()
-        if self.backend.stage is not self._stage:
-            self._stage = self.backend.stage
-            self._show_stage()
+        self._stage_shown.row = self._stage = self.backend.stage
         if measured is None:
             return False
         W, gauges, temperature, saturated = measured
@@ -188,8 +186,7 @@ class PlateBlock:
         if read_back != commanded and abs(read_back - commanded) > STAGE_TOLERANCE:
             self.inhibit()
             return Taken.DISOBEYED
-        self._stage = self.backend.stage
-        self._show_stage()
+        self._stage_shown.row = self._stage = self.backend.stage
         return Taken.IN_TIME if in_time else Taken.LATE
 
     @property
@@ -213,8 +210,7 @@ class PlateBlock:
         self._voltage.value = 0
         self.commanded = 0.0
         self.backend.switch_off(Drive(0.0, self._stage.frequency))
-        self._stage = self.backend.stage
-        self._show_stage()
+        self._stage_shown.row = self._stage = self.backend.stage
 
     def _follow(self, event: StageEvent) -> None:
         self.state = stage_after(self.state, event)
@@ -255,6 +251,3 @@ class PlateBlock:
         if isinstance(self.backend, FrontEnd):
             raise AttributeError("behind a front end no plate is simulated")
         return self.backend.plate
-
-    def _show_stage(self) -> None:
-        self._stage_shown.write(self._stage)

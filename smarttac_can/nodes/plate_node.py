@@ -313,7 +313,7 @@ class PlateNode(Application):
         Abort
             STATE while the power stage has a voltage.
         """
-        if self._stage_voltage.value:
+        if self._stage_voltage.read():
             raise Abort(AbortCode.STATE)
 
     def on_write(self, entry: Entry, value: Any) -> None:

@@ -90,7 +90,7 @@ class SimulatedPlate:
     def put_out(self, drive: Drive) -> float:
         """Put a drive out from the end of the dead time on; return the voltage read back in V."""
         voltage = self._power_stage.put_out(drive.voltage)
-        self.stage = Drive(voltage, drive.frequency)
+        self.stage = drive if voltage == drive.voltage else Drive(voltage, drive.frequency)
         return voltage
 
     def switch_off(self, stage: Drive) -> None:

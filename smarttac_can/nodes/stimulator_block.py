@@ -170,7 +170,8 @@ class StimulatorBlock:
         measured = self._inbox.measured(measurement)
         mode = self._prepare()
         asked = self.cascade.update(measured.si, self._setpoints.read())
-        mode, asked = self._begin_at_zero(mode, asked)
+        if not self._begun:
+            mode, asked = self._begin_at_zero(mode, asked)
         self._taring.tare_when_due(self.cascade)
         drive = self.supervisor.permit(asked, measured, mode, self.cascade, late=late)
         if drive.voltage and self._hint:
@@ -198,7 +199,7 @@ class StimulatorBlock:
 
         A mode that asks for one begins with the next cycle.
         """
-        if not self._begun and asked.voltage > 0.0:
+        if asked.voltage > 0.0:
             mode = int(Mode.OFF)
             self.cascade.set_mode(mode)
             asked = self.cascade.drive

@@ -247,20 +247,7 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
         ticks = 1
     vibration = follow(plan.bound, vibration, in_force, measurement, contact, ticks)
     amplitude = abs(W)
-    # In a row: noise repeats single samples of a sound sensor, which would add up.
-    was_at = rests_at
-    rests_at = tuple(
-        [
-            at if -within <= value - at <= within else value
-            for value, at, within in zip(measured.counts, was_at, _WITHIN, strict=True)
-        ]
-    )
-    rests = tuple(
-        [
-            rest + 1 if at == was else 1
-            for rest, at, was in zip(rests, rests_at, was_at, strict=True)
-        ]
-    )
+    rests_at, rests = _rested(measured.counts, rests_at, rests)
     faults = _at_once(plan, seen, rests)
     faulty = _of_vibration(plan, vibration, W, amplitude, mode)
     if saturation:
@@ -335,6 +322,23 @@ def _counted(
         if count >= most:
             tripped |= watchdog
     return tuple(stepped), tripped
+
+
+def _rested(
+    counts: tuple[int, ...], rests_at: tuple[int, ...], rests: tuple[int, ...]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return where each sensor rests, and for how many samples in a row it has.
+
+    In a row: noise repeats single samples of a sound sensor, which would add up.
+    """
+    now_at, now = list(rests_at), list(rests)
+    for sensor, within in enumerate(_WITHIN):
+        if -within <= counts[sensor] - now_at[sensor] <= within:
+            now[sensor] += 1
+        else:
+            now_at[sensor] = counts[sensor]
+            now[sensor] = 1
+    return tuple(now_at), tuple(now)
 
 
 def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:

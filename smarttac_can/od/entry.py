@@ -128,8 +128,9 @@ class Entry:
 
         `value` is gone then: who forgets to `read` finds nothing, rather than what is out of date.
         """
+        if self.source is None:
+            del self.value
         self.source = source
-        del self.value
 
     def counts(self, text: str) -> int:
         """Nearest raw value to a quantity such as ``80 V``, ties to even, whatever the limits.

@@ -209,7 +209,7 @@ def _cycles_to_zero(rig: Rig, bound: int) -> int | None:
     window = bound + _LOGGED_CYCLES
     last = 0
     for count in range(1, window + 1):
-        if rig.stage.value:
+        if rig.stage.read():
             last = count
         rig.cycle()
     return None if last > window - _LATE else last
@@ -219,7 +219,7 @@ def _cycles_at_zero(rig: Rig, hold: int, traffic: MasterTraffic) -> int:
     for count in range(hold):
         traffic.send()
         rig.cycle()
-        if rig.stage.value:
+        if rig.stage.read():
             return count
     return hold
 
@@ -241,7 +241,7 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
     except (Abort, HeartbeatLostError):
         return False
     rig.cycle(_RUN_UP.get(mode, _OTHER_RUN_UP))
-    return rig.state is State.RUNNING and rig.stage.value > 0
+    return rig.state is State.RUNNING and rig.stage.read() > 0
 
 
 def _await_none_present(rig: Rig) -> None:
@@ -257,7 +257,7 @@ def tolerated(case: FaultCase, mode: Mode) -> bool:
     rig = driving_rig(case, mode)
     case.inject(rig)
     rig.cycle(_GO_ON if mode is not Mode.IDENTIFY else _LOGGED_CYCLES)
-    return rig.state is State.RUNNING and rig.stage.value > 0
+    return rig.state is State.RUNNING and rig.stage.read() > 0
 
 
 def reached_unseen(case: FaultCase, mode: Mode) -> float | None:

@@ -76,7 +76,7 @@ class GoodMaster:
     def act(self) -> None:
         """Look at the pair after a cycle, and do what is due."""
         rig = self._rig
-        self._at_zero = 0 if rig.stage.value else self._at_zero + 1
+        self._at_zero = 0 if rig.stage.read() else self._at_zero + 1
         if rig.cycles % _LOOK_CYCLES:
             return
         state = rig.state

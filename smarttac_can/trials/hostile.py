@@ -201,7 +201,7 @@ class Hostile:
         for _ in range(_BACK_CYCLES):
             rig.cycle()
             self._master.act()
-            if rig.state is State.RUNNING and rig.stage.value:
+            if rig.state is State.RUNNING and rig.stage.read():
                 return
         self._violate(f"in state {rig.state.name.lower()} {_BACK_CYCLES} cycles after the attack")
 

@@ -91,7 +91,7 @@ class Invariants:
             self._high_for = self._high_for + 1 if self._trip.si_value < W else 0
         if self._high_for > AMPLITUDE_CYCLES + AFTERGLOW_CYCLES + self.hidden_cycles:
             self.violate(f"an amplitude of {W * 1e6:.2f} um for {self._high_for} cycles")
-        if self._machine.state is _RUNNING or self.deaf or not rig.stage.value:
+        if self._machine.state is _RUNNING or self.deaf or not rig.stage.read():
             self._undriven_for = 0
         else:
             self._undriven_for += 1

@@ -176,7 +176,7 @@ class Soak:
         self._cycle(450 if self._watch.mode is Mode.IDENTIFY else self._random.randint(300, 700))
         self._expect_no_fault("a stroke")
         self._watch.end_sound()
-        if not self._rig.stage.value:
+        if not self._rig.stage.read():
             return
         if case.detunes and self._watch.mode not in TRACKED and not self._tune():
             return
@@ -207,7 +207,7 @@ class Soak:
             rig.write("Controlword", 0)
             return
         self._faults[case.name] += 1
-        if rig.stage.value:
+        if rig.stage.read():
             self._invariants.violate(f"{case.name}: {rig.stage.si_value:g} V too late")
         self._cycle(self._random.randint(20, 400), traffic=0.2)
         if rig.state is State.FAULT:
@@ -263,7 +263,7 @@ class Soak:
         self._watch.end_sound()
         rig.heartbeat, rig.syncs = False, 0
         self._cycle(self._random.randint(100, 2000))
-        if rig.stage.value:
+        if rig.stage.read():
             self._invariants.violate("a voltage without a master")
         rig.heartbeat, rig.syncs = True, 1
         rig.nmt(NMTCommand.RESET_NODE)

@@ -79,7 +79,7 @@ class SoakWatch:
         self.invariants.check()
         self._trip_cause.look()
         self._look_closer()
-        voltage = self._rig.stage.value
+        voltage = self._rig.stage.read()
         if voltage:
             self._driven.count(self.mode)
         self._check_sum = crc32(voltage.to_bytes(4, "little"), self._check_sum)

@@ -47,5 +47,5 @@ class StageHardware:
 
     def _hear(self, frame: Frame) -> None:
         if frame.can_id == SYNC_ID and self.speaks:
-            reading = int(self._stage.value) + self.excess
+            reading = int(self._stage.read()) + self.excess
             self._port.send(Frame(_CAN_ID, pack("<BH", self.enable, reading)))

@@ -316,7 +316,7 @@ def test_a_plate_node_by_the_clock_with_the_stimulator_as_its_tick(virtual: dict
     ):
         trace = bench.run(0.2)
         assert len(trace) > 100
-    until(lambda: plate.od["Stage.Voltage"].value == 0)
+    until(lambda: plate.od["Stage.Voltage"].read() == 0)
 
 
 def test_without_sync_the_loop_gives_no_cycles(

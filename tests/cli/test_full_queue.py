@@ -192,7 +192,7 @@ def test_stimulator_whose_drive_was_not_taken_stops_in_that_cycle() -> None:
     drives = [f for f in run.bus.sent_between(FULL[1], END) if f.can_id == 0x221]
     assert drives, "the plate hears of it"
     assert all(frame.data[:2] == bytes(2) for frame in drives), "at 0 V"
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
 
 
 def test_plate_whose_measurement_was_not_taken_is_barred_in_that_cycle() -> None:

@@ -29,7 +29,7 @@ _SOUND = FaultCase("none", 0, None, nothing, nothing, prepare=_count_and_send)
 def driven(mode: Mode = Mode.OPEN_LOOP, log: LogHook | None = None) -> Rig:
     """A rig that drives; its master counts SYNCs and sends set-points, both under watch."""
     rig = driving_rig(_SOUND, mode, log)
-    assert rig.stage.value > 0
+    assert rig.stage.read() > 0
     return rig
 
 
@@ -46,7 +46,7 @@ def driven_within(deadline_ms: int, mode: Mode = Mode.OPEN_LOOP) -> Rig:
     rig.cycle(5)
     rig.drive(mode)
     rig.cycle(60)
-    assert rig.stage.value > 0
+    assert rig.stage.read() > 0
     return rig
 
 

@@ -45,7 +45,7 @@ def test_a_master_that_boots_again_is_gone_at_once() -> None:
     rig = driven()
     say(rig, BOOT_UP)
     assert rig.state is State.FAULT
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
     assert only_fault(rig) == 1 << Watchdog.HEARTBEAT
     assert write(rig, "Controlword", 0) == 0
     assert write(rig, "Controlword", 0x80) == STATE, "it was not heard since"
@@ -59,7 +59,7 @@ def test_a_master_that_has_left_operational_is_gone_after_a_second(state: int) -
     rig = driven()
     rig.heartbeat = False
     assert 1000 <= cycles_until_fault(rig, 2000, state) <= 1020
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
     assert only_fault(rig) == 1 << Watchdog.HEARTBEAT
     say(rig, state)
     assert write(rig, "Controlword", 0) == 0

@@ -31,7 +31,7 @@ def recover(rig: Rig) -> None:
     rig.start_run()
     rig.drive(Mode.OPEN_LOOP)
     rig.cycle(20)
-    assert rig.stage.value > 0
+    assert rig.stage.read() > 0
 
 
 def test_a_fault_is_kept_with_its_cause_and_what_was_asked_for() -> None:

@@ -89,7 +89,7 @@ def test_stimulator_without_the_plate_inside_refuses() -> None:
 def asked(plate: PlateNode, voltage: int) -> int:
     """What the stage puts out when the controller asks for a voltage in this tick."""
     plate.receive(drive(voltage, plate.od["Vibration.Tick"].value))
-    return int(plate.od["Stage.Voltage"].value)
+    return int(plate.od["Stage.Voltage"].read())
 
 
 def test_stage_that_does_not_obey_is_barred_until_0_v(running: tuple[Line, PlateNode]) -> None:
@@ -116,4 +116,4 @@ def test_stage_gets_stuck_at_another_voltage(running: tuple[Line, PlateNode]) ->
     assert asked(plate, 2000) == 2000
     break_it(line, plate, FaultKind.STAGE_STUCK, 1, 6000)
     line.sync()
-    assert plate.od["Stage.Voltage"].value == 6000
+    assert plate.od["Stage.Voltage"].read() == 6000

@@ -184,7 +184,7 @@ def assert_at_0_v_in_time(rig: Rig, case: FaultCase, mode: Mode) -> None:
             to_show = SWUNG.get((case.name, mode), TO_SHOW.get(case.name, 0))
             assert latched <= told + to_show + 1
     rig.cycle(max(0, bound + 1 - latched))
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
 
 
 def assert_told(rig: Rig, case: FaultCase, mode: Mode, frames: list[Frame]) -> None:
@@ -250,7 +250,7 @@ def assert_drives_again(rig: Rig, case: FaultCase, mode: Mode) -> None:
     rig.drive(mode)
     rig.cycle(130 if mode is Mode.IDENTIFY else 60)
     assert rig.state is State.RUNNING
-    assert rig.stage.value > 0
+    assert rig.stage.read() > 0
 
 
 @pytest.mark.parametrize(("case", "mode"), ROWS)
@@ -258,13 +258,13 @@ def test_fault(case: FaultCase, mode: Mode) -> None:
     frames: list[Frame] = []
     rig = driving_rig(case, mode, lambda _time, frame: frames.append(frame))
     rig.cycle(50)
-    assert rig.stage.value > 0
+    assert rig.stage.read() > 0
     frames.clear()
     case.inject(rig)
     assert_at_0_v_in_time(rig, case, mode)
 
     def stays_at_0_v() -> None:
-        assert rig.stage.value == 0
+        assert rig.stage.read() == 0
 
     rig.observe = stays_at_0_v
     assert_told(rig, case, mode, frames)

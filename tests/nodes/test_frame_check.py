@@ -48,11 +48,11 @@ def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
     line, plate = ready_plate()
     for bit in range(64):
         line.send(flipped(drive(2000, 0), bit))
-        assert plate.od["Stage.Voltage"].value == 0, f"bit {bit}"
+        assert plate.od["Stage.Voltage"].read() == 0, f"bit {bit}"
     assert plate.od["Cycle.Corrupt drives"].value == 49, "the others are outside their limits"
     line.sync(22)
     line.send(drive(0, 99), drive(2000, 22))
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
 
 
 def test_a_second_corrupt_drive_in_a_row_bars_the_plate() -> None:
@@ -60,11 +60,11 @@ def test_a_second_corrupt_drive_in_a_row_bars_the_plate() -> None:
     line.send(drive(2000, 0))
     for tick in (1, 2):
         line.send(SYNC, flipped(drive(2000, tick), 3))
-        assert plate.od["Stage.Voltage"].value == 2000
+        assert plate.od["Stage.Voltage"].read() == 2000
     line.send(SYNC)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     line.send(drive(2000, 3))
-    assert plate.od["Stage.Voltage"].value == 0, "it was not told 0 V"
+    assert plate.od["Stage.Voltage"].read() == 0, "it was not told 0 V"
     assert plate.od["Cycle.Corrupt drives"].value == 2
 
 
@@ -75,7 +75,7 @@ def running() -> tuple[Line, PlateNode, StimulatorNode]:
     line.write(stimulator, "Setpoint.Voltage", 2000)
     line.run(stimulator, 1)
     line.sync(5)
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     return line, plate, stimulator
 
 

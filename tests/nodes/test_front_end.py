@@ -91,7 +91,7 @@ def ready(front_end: Any) -> tuple[Line, PlateNode]:
 def cycle(line: Line, plate: PlateNode, volts: float) -> float:
     line.sync()
     line.send(drive(round(100 * volts), tick_of(plate), session=plate.block.session))
-    return plate.od["Stage.Voltage"].value / 100
+    return plate.od["Stage.Voltage"].read() / 100
 
 
 def driven() -> tuple[Line, PlateNode, Fake]:
@@ -121,7 +121,7 @@ def regulating(front_end: Any) -> tuple[Line, PlateNode, StimulatorNode]:
     line.write(stimulator, "Setpoint.Amplitude", 1000)
     line.run(stimulator, 2)
     line.sync(100)
-    assert plate.od["Stage.Voltage"].value > 1000
+    assert plate.od["Stage.Voltage"].read() > 1000
     return line, plate, stimulator
 
 
@@ -441,7 +441,7 @@ def test_a_stage_that_does_not_obey_0_v_is_told_again_with_each_sync(failure: st
     fake.read_back = read_back
     line.sync(4)
     assert emergencies(line)[-1] == STAGE
-    assert plate.od["Stage.Voltage"].value >= 2000, (
+    assert plate.od["Stage.Voltage"].read() >= 2000, (
         "what is not known to be 0 V does not show as it"
     )
     for nmt in (START, PREOP):
@@ -453,7 +453,7 @@ def test_a_stage_that_does_not_obey_0_v_is_told_again_with_each_sync(failure: st
     line.nmt(START)
     for _ in range(22):
         cycle(line, plate, 0)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     assert cycle(line, plate, 20) == 20
 
 
@@ -462,7 +462,7 @@ def test_the_stimulator_ends_its_run_for_what_the_front_end_does() -> None:
     line, plate, stimulator = regulating(hardware)
     hardware.sample = raises(OSError("cable out"))  # type: ignore[method-assign]
     line.sync()
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     assert hardware._drive.voltage == 0
     assert stimulator.block.state is State.FAULT
     assert stimulator.od["Diagnosis.Latched"].value == 1 << Watchdog.NOT_ENABLED

@@ -32,7 +32,7 @@ LATCHED = STIMULATOR_ID | 0x80
 
 
 def stage(plate: PlateNode) -> int:
-    return int(plate.od["Stage.Voltage"].value)
+    return int(plate.od["Stage.Voltage"].read())
 
 
 def tick(plate: PlateNode) -> int:

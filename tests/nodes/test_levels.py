@@ -210,7 +210,7 @@ def test_drives_with_a_wrong_check() -> None:
     calm(rig)
     assert of_plate(rig, "wrong checks") == pytest.approx(2 / 3)
     rig.cycle()
-    assert rig.stage.value > 0
+    assert rig.stage.read() > 0
 
 
 def test_limits_of_the_plate() -> None:

@@ -203,7 +203,7 @@ def test_a_sync_that_drifts_ends_a_run(deadline_ms: int, period_us: int, fault: 
     assert (rig.state is State.FAULT) == fault
     assert rig.od["Diagnosis.Latched"].value == fault << Watchdog.SYNC_IRREGULAR
     if fault:
-        assert rig.stage.value == 0
+        assert rig.stage.read() == 0
         assert reset_fault(rig) == STATE
         rig.cycle(2001)
         assert reset_fault(rig) == 0

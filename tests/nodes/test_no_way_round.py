@@ -108,7 +108,7 @@ def test_rewriting_a_watch_does_not_end_it(
     silence(rig)
     rig.cycle(cycles)
     assert latched(rig, watchdog)
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
 
 
 def test_setpoints_outside_their_limits_are_none() -> None:
@@ -118,7 +118,7 @@ def test_setpoints_outside_their_limits_are_none() -> None:
         rig.master.send(Frame(0x320, struct.pack("<HI", 0xFFFF, 4_339_000)))
         rig.cycle()
     assert latched(rig, Watchdog.SETPOINT)
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
 
 
 def test_a_period_that_disagrees_ends_the_drive_at_once() -> None:
@@ -126,7 +126,7 @@ def test_a_period_that_disagrees_ends_the_drive_at_once() -> None:
     # No write does this to a run; a program in the device might.
     rig.od.entry(0x1006).value = 2000
     rig.cycle(2)
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
     assert latched(rig, Watchdog.MEASUREMENT)
 
 
@@ -140,9 +140,9 @@ def test_nobody_else_produces_the_sync_of_a_producer() -> None:
     assert line.write(node, "Setpoint.Voltage", 2000) == 0
     line.run(node, 1)
     line.advance(50)
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     line.send(SYNC)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     assert node.od["Diagnosis.Latched"].value == 1 << Watchdog.DOUBLE
     line.send(SYNC)
     line.advance(2999)
@@ -153,7 +153,7 @@ def test_nobody_else_produces_the_sync_of_a_producer() -> None:
     assert line.write(node, "Controlword", FAULT_RESET) == 0
     line.run(node, 1)
     line.advance(50)
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
 
 
 def test_a_loop_that_pauses_does_not_hide_a_lost_resonance() -> None:
@@ -164,7 +164,7 @@ def test_a_loop_that_pauses_does_not_hide_a_lost_resonance() -> None:
             assert write(rig, "Setpoint.Amplitude", amplitude) == 0
         rig.cycle(40)
     assert latched(rig, Watchdog.RESONANCE)
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
 
 
 PRESSED = ("Gauge zero.Zero of S3", "Calibration.Fx from S1", "Calibration.Position of S3")

@@ -48,7 +48,7 @@ def running(deadline_ms: int = 3) -> tuple[Line, PlateNode, StimulatorNode]:
     assert line.write(node, "Setpoint.Voltage", 2000) == 0
     line.run(node, OPEN_LOOP)
     line.sync(5)
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     return line, plate, node
 
 
@@ -120,14 +120,14 @@ def test_a_second_plate_ends_a_run_at_once() -> None:
     line, plate, node = running()
     second = PlateNode(plate_od(), deadline_ms=3)
     line.bus.attach(second)
-    assert plate.od["Stage.Voltage"].value == 0, "its boot-up message is enough"
+    assert plate.od["Stage.Voltage"].read() == 0, "its boot-up message is enough"
     assert node.block.state is State.FAULT
     assert node.od["Diagnosis.Code"].value == 0x8150
     assert node.od["Message"].value == TWO
     line.nmt(START)
     for _ in range(50):
         line.sync()
-        assert plate.od["Stage.Voltage"].value == second.od["Stage.Voltage"].value == 0
+        assert plate.od["Stage.Voltage"].read() == second.od["Stage.Voltage"].read() == 0
 
 
 @pytest.mark.parametrize("deadline_ms", [3, 20])
@@ -231,7 +231,7 @@ def test_a_frame_with_an_identifier_of_the_stimulator_ends_a_run(frame: Frame) -
     line, plate, node = running()
     line.send(frame)
     assert node.block.state is State.FAULT
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     (emcy,) = told(line, EMCY_STIMULATOR)[-1:]
     assert emcy[:4] == COLLISION + bytes((0x11, Watchdog.DOUBLE))
 
@@ -272,7 +272,7 @@ def test_a_plate_inside_is_at_0_v_too() -> None:
     assert node.block._inside is not None
     line.send(OWN["heartbeat"])
     assert node.block.state is State.FAULT
-    assert node.block._inside.plate.od["Stage.Voltage"].value == 0
+    assert node.block._inside.plate.od["Stage.Voltage"].read() == 0
 
 
 def test_remote_frames_are_anybodys() -> None:
@@ -294,7 +294,7 @@ PLATES = {
 def test_a_plate_that_is_not_alone_is_at_0_v_and_barred(frame: Frame) -> None:
     line, plate = ready_plate()
     line.send(drive(2000, 0))
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     (emcy,) = line.send(frame)
     assert emcy == Frame(EMCY_PLATE, COLLISION + bytes((0x11, 0, 0, 0, 0, 0)))
     for _ in range(GONE_MS - 1):
@@ -302,14 +302,14 @@ def test_a_plate_that_is_not_alone_is_at_0_v_and_barred(frame: Frame) -> None:
         # The last 0 V has freed it, but for the other.
         for voltage in (2000, 0):
             line.send(drive(voltage, plate.od["Vibration.Tick"].value))
-            assert plate.od["Stage.Voltage"].value == 0
+            assert plate.od["Stage.Voltage"].read() == 0
     assert told(line, EMCY_PLATE)[-1] == emcy.data, "it is not taken back before"
     line.sync()
     line.send(drive(0, plate.od["Vibration.Tick"].value))
     assert told(line, EMCY_PLATE)[-1] == bytes(8)
     line.sync()
     line.send(drive(2000, plate.od["Vibration.Tick"].value))
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
 
 
 def test_nmt_is_obeyed_and_the_boot_up_sent_all_the_same() -> None:
@@ -329,7 +329,7 @@ def test_two_stimulators_of_one_node_id_cannot_drive() -> None:
     line.nmt(START)
     for _ in range(100):
         line.sync()
-        assert plate.od["Stage.Voltage"].value == 0
+        assert plate.od["Stage.Voltage"].read() == 0
     for each in (node, second):
         assert each.od["Diagnosis.Present"].value & DOUBLE
 
@@ -340,7 +340,7 @@ def test_two_stimulators_at_one_plate_cannot_drive() -> None:
     line.bus.attach(second)
     line.nmt(START)
     line.sync()
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     assert node.block.state is State.FAULT
 
 

@@ -26,7 +26,7 @@ def driven(plate: PlateNode) -> PlateNode:
         plate.advance(1000)
         plate.receive(requests.sync())
         plate.receive(drive(2000 if tick > 25 else 0, tick))
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     return plate
 
 
@@ -63,16 +63,16 @@ def test_its_deadline_begins_anew_with_the_drive_for_the_newest() -> None:
     assert len(paused(plate, 19)) == len(MEASUREMENT), "one measurement, so one drive is in time"
     plate.receive(drive(3000, FIRST + 18))
     plate.advance(19_999)
-    assert plate.od["Stage.Voltage"].value == 3000
+    assert plate.od["Stage.Voltage"].read() == 3000
     plate.advance(1)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
 
 
 def test_frames_other_than_sync_are_heard_as_ever() -> None:
     plate = driven(PlateNode(plate_od()))
     plate.receive(requests.sync())
     plate.overtaken(drive(0, FIRST))
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     assert len(plate.receive(requests.sync())) == len(MEASUREMENT), "and the next SYNC, too"
 
 
@@ -82,7 +82,7 @@ def test_hardware_is_asked_for_no_more_than_it_has() -> None:
     new = iter([Measurement(0j, (0.0,) * 6, 20.0, 0)])
     fake.answer = lambda: next(new, None)
     assert len(paused(plate, 14)) == len(MEASUREMENT)
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
 
 
 @pytest.mark.parametrize(

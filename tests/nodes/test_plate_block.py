@@ -85,7 +85,7 @@ def in_use() -> tuple[PlateBlock, Behind]:
 
 
 def shown(block: PlateBlock) -> int:
-    return int(block.od["Stage.Voltage"].value)
+    return int(block.od["Stage.Voltage"].read())
 
 
 def counted(block: PlateBlock) -> tuple[int, ...]:

@@ -28,7 +28,7 @@ def says(enable: int = 1, volts: float = 0.0) -> Frame:
 
 
 def stage(plate: PlateNode) -> float:
-    return plate.od["Stage.Voltage"].value / 100
+    return plate.od["Stage.Voltage"].read() / 100
 
 
 def map_inputs(line: Line, plate: PlateNode, *mapped: int, timer_ms: int = 3) -> None:

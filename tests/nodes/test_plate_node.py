@@ -29,7 +29,7 @@ STATE, TOO_HIGH, TOO_LOW = 0x08000022, 0x06090031, 0x06090032
 
 
 def stage(plate: PlateNode) -> int:
-    return int(plate.od["Stage.Voltage"].value)
+    return int(plate.od["Stage.Voltage"].read())
 
 
 def test_silent_outside_operational() -> None:
@@ -377,9 +377,9 @@ def test_sdo_between_the_ticks_changes_nothing() -> None:
 )
 def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
     line, plate = ready_plate()
-    before = [entry.value for entry in plate.od]
+    before = [entry.read() for entry in plate.od]
     assert line.write(plate, name, raw) == code
-    assert [entry.value for entry in plate.od] == before
+    assert [entry.read() for entry in plate.od] == before
 
 
 def test_recorded_finger() -> None:

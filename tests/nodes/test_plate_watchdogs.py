@@ -16,7 +16,7 @@ from smarttac_can.vocabulary.fault_codes import FaultCode
 def driven_plate() -> tuple[Line, PlateNode]:
     line, plate = ready_plate()
     line.send(drive(2000, 0))
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     return line, plate
 
 
@@ -34,18 +34,18 @@ def assert_barred_until_0_v(line: Line, plate: PlateNode) -> None:
     for _ in range(5):
         line.sync()
         line.send(drive(2000, tick_of(plate)))
-        assert plate.od["Stage.Voltage"].value == 0
+        assert plate.od["Stage.Voltage"].read() == 0
     line.send(drive(0, tick_of(plate)))
     line.sync()
     line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     assert emergencies(line)[-1] == 0
 
 
 def test_plate_without_drives() -> None:
     line, plate = driven_plate()
     line.sync(3)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     assert emergencies(line) == [EmergencyCode.RPDO_TIME_OUT, FaultCode.DRIVE_LOST]
     assert_barred_until_0_v(line, plate)
 
@@ -53,14 +53,14 @@ def test_plate_without_drives() -> None:
 def test_plate_without_drives_and_without_sync() -> None:
     line, plate = driven_plate()
     line.advance(3)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
 
 
 def test_plate_whose_measurements_are_not_answered_in_time() -> None:
     line, plate = driven_plate()
     for count in range(3):
         line.sync()
-        assert (plate.od["Stage.Voltage"].value == 0) == (count == 2)
+        assert (plate.od["Stage.Voltage"].read() == 0) == (count == 2)
         line.send(drive(2000, tick_of(plate) - 1 & 0xFF))
     assert emergencies(line) == [FaultCode.DRIVE_LOST]
     assert_barred_until_0_v(line, plate)
@@ -70,10 +70,10 @@ def test_plate_asked_for_more_than_its_limit() -> None:
     line, plate = driven_plate()
     line.sync()
     line.send(drive(15_000, 1))
-    assert plate.od["Stage.Voltage"].value == 15_000
+    assert plate.od["Stage.Voltage"].read() == 15_000
     line.sync()
     line.send(drive(15_001, 2))
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     assert emergencies(line) == [FaultCode.VOLTAGE]
     assert plate.od["Error register"].value & 4
     assert_barred_until_0_v(line, plate)
@@ -83,12 +83,12 @@ def test_plate_too_hot() -> None:
     line, plate = driven_plate()
     assert line.write(plate, "Limit.Temperature", 1500) == 0
     line.sync()
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     for _ in range(5):
         line.sync()
         # 0 V of any tick frees it, but for the heat.
         line.send(drive(0, 99), drive(2000, tick_of(plate)))
-        assert plate.od["Stage.Voltage"].value == 0
+        assert plate.od["Stage.Voltage"].read() == 0
     assert emergencies(line) == [FaultCode.TEMPERATURE], "once"
     assert line.write(plate, "Limit.Temperature", 7000) == 0
     line.sync()
@@ -99,18 +99,18 @@ def test_plate_too_hot() -> None:
 def assert_barred_after_reset(line: Line, plate: PlateNode) -> None:
     line.sync()
     line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     assert emergencies(line)[-1] == 0
 
 
 def test_plate_that_left_operational_waits_for_0_v() -> None:
     line, plate = driven_plate()
     line.nmt(PREOP)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     line.nmt(START)
     line.sync()
     line.send(drive(2000, tick_of(plate), session=1))
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
 
 
 @pytest.mark.parametrize(("name", "cap"), [("Voltage", 20_000), ("Temperature", 8000)])
@@ -126,7 +126,7 @@ def test_plate_keeps_its_deadline() -> None:
     assert deadline.value == 3
     assert line.write_entry(plate, deadline, 0) == 0
     plate.advance(1000)
-    assert plate.od["Stage.Voltage"].value == 0, "no deadline is no drive"
+    assert plate.od["Stage.Voltage"].read() == 0, "no deadline is no drive"
 
 
 def test_a_first_drive_above_the_limit_bars_as_well() -> None:
@@ -134,7 +134,7 @@ def test_a_first_drive_above_the_limit_bars_as_well() -> None:
     line.send(drive(15_001, tick_of(plate)))
     line.sync()
     line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     assert_barred_until_0_v(line, plate)
 
 
@@ -156,7 +156,7 @@ def test_a_plate_that_cools_down_waits_for_0_v_which_may_come_while_it_is_hot(
     line.write(plate, "Limit.Temperature", 7000)
     line.sync()
     line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].value == after
+    assert plate.od["Stage.Voltage"].read() == after
     assert emergencies(line) == codes
 
 
@@ -171,4 +171,4 @@ def test_plate_without_sync_is_not_fed_by_drives_that_do_not_count(kind: str) ->
     for _ in range(3):
         plate.advance(1000)
         line.send(frame)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0

@@ -48,7 +48,7 @@ def driven_plate(**options: int) -> PlateNode:
 
 
 def stage(plate: PlateNode) -> int:
-    return int(plate.od["Stage.Voltage"].value)
+    return int(plate.od["Stage.Voltage"].read())
 
 
 @pytest.mark.parametrize(("options", "deadline_us"), [({}, DEFAULT_US), ({"deadline_ms": 3}, 3000)])

@@ -222,9 +222,9 @@ def test_a_plate_node_is_told_of_a_quick_stop_at_once() -> None:
     assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
     line.run(stimulator, OPEN_LOOP)
     line.sync(3)
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
     assert line.write(stimulator, "Controlword", QUICK_STOP) == 0
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
 
 
 def test_start_run_disarms_and_what_stands_is_not_obeyed() -> None:

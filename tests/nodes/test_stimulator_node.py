@@ -61,7 +61,7 @@ def driving(mode: int = AMPLITUDE) -> tuple[Line, PlateNode, StimulatorNode]:
     assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
     line.run(stimulator, mode)
     line.sync(10)
-    assert plate.od["Stage.Voltage"].value > 1000
+    assert plate.od["Stage.Voltage"].read() > 1000
     return line, plate, stimulator
 
 
@@ -145,7 +145,7 @@ def test_a_master_that_downloads_the_defaults_stops_no_loop(produce_sync: bool) 
     assert line.write(node, "Setpoint.Voltage", 2000) == 0
     line.run(node, OPEN_LOOP)
     cycles(5)
-    assert plate.od["Stage.Voltage"].value == 2000
+    assert plate.od["Stage.Voltage"].read() == 2000
 
 
 def test_event_timers_alone_publish_every_100_ms() -> None:
@@ -197,25 +197,25 @@ def test_a_stimulator_that_leaves_operational_ends_the_drive_by_the_deadline(com
     line, plate, stimulator = driving()
     line.nmt(command, 0x20)
     line.sync(3)
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
     line.nmt(START, 0x20)
     line.sync(20)
     assert line.read(stimulator, "Mode") == line.read(stimulator, "Mode display") == OFF
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
 
 
 @pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
 def test_stopping_all_is_0_v_at_once(command: int) -> None:
     line, plate, stimulator = driving()
     line.nmt(command)
-    assert plate.od["Stage.Voltage"].value == stimulator.od["Drive.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == stimulator.od["Drive.Voltage"].value == 0
 
 
 def test_shutdown_tells_the_plate_0_v() -> None:
     line, plate, _ = driving()
     line.bus.shutdown()
     ((voltage, _, _),) = driven(line.frames[-5:])
-    assert voltage == plate.od["Stage.Voltage"].value == 0
+    assert voltage == plate.od["Stage.Voltage"].read() == 0
 
 
 def test_without_a_plate_there_are_no_cycles() -> None:
@@ -246,7 +246,7 @@ def test_mode_by_pdo() -> None:
     assert abs(plate.od["Vibration.W_d"].value - 5000) < 100, "0.5 um in 0.1 nm"
     line.send(Frame(0x220, struct.pack("<HB", 3, OFF)))
     line.sync()
-    assert plate.od["Stage.Voltage"].value == 0
+    assert plate.od["Stage.Voltage"].read() == 0
 
 
 @pytest.mark.parametrize(

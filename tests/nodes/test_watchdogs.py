@@ -42,7 +42,7 @@ def test_a_limit_that_is_lowered_is_in_force_in_the_next_cycle(
     rig = driven(mode)
     rig.write(f"Limit.{name}", low)
     rig.cycle(2)
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
     assert rig.od["Diagnosis.Code"].value == WATCHDOGS[watchdog].code
     assert reset_fault(rig) == STATE
     rig.write(f"Limit.{name}", high)
@@ -56,7 +56,7 @@ def test_measurements_without_one_of_their_three_pdos_are_none(can_id: int, mode
     rig = driven(mode)
     disturb(FrameFault.LOSS, can_id)(rig)
     rig.cycle(4)
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
     assert rig.od["Diagnosis.Code"].value == FaultCode.MEASUREMENT_LOST
 
 
@@ -66,7 +66,7 @@ def test_a_pickup_that_reads_too_much_is_a_fault_before_it_is_at_its_end() -> No
     rig.cycle(20)
     rig.inject(FaultKind.GAIN, PICKUP_D, 4000)
     rig.cycle(4)
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
     assert rig.od["Diagnosis.Code"].value == FaultCode.PICKUP_IMPLAUSIBLE
 
 
@@ -105,7 +105,7 @@ def test_no_wrong_drive_goes_out(
     monkeypatch.setattr(Cascade, "update", update)
     drives = [frame for frame in frames if frame.can_id == DRIVE]
     assert [struct.unpack_from("<HIB", frame.data)[0] for frame in drives] == [0]
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
     assert rig.od["Diagnosis.Code"].value == WATCHDOGS[watchdog].code
 
 
@@ -118,7 +118,7 @@ def test_a_cascade_in_doubt_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Cascade, "update", doubt)
     rig.cycle()
-    assert rig.stage.value == 0
+    assert rig.stage.read() == 0
     assert rig.od["Diagnosis.Code"].value == FaultCode.CONTROLLER
 
 

@@ -104,7 +104,7 @@ def _tick(frames: list[tuple[int, bytes, bool]], sides: list[Side]) -> Tick:
         names.append("levels")
         values.append(one.levels())
         names.append("od")
-        values.append([entry.value for entry in one.plain] + [read() for read in one.computed])
+        values.append(one.values())
     return Tick(frames, _NAMES.setdefault(tuple(names), tuple(names)), values)
 
 

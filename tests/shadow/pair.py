@@ -54,9 +54,10 @@ class Side(NamedTuple):
     levels: Callable[[], tuple[float, ...]]
     entries: list[Any]
     """Of its object dictionary, but for constants."""
-    plain: list[Any]
-    """Those whose value is held; `computed` reads the others."""
-    computed: list[Callable[[], Any]]
+
+    def values(self) -> list[Any]:
+        """Return the values of the entries."""
+        return [e.value if e.source is None else e.source() for e in self.entries]
 
 
 def side(package: Package, node: Any, kind: str) -> Side:
@@ -75,8 +76,6 @@ def side(package: Package, node: Any, kind: str) -> Side:
         states.of_device,
         tuple if alone else node.levels,
         entries,
-        [entry for entry in entries if entry.source is None],
-        [entry.source for entry in entries if entry.source is not None],
     )
 
 
@@ -189,11 +188,7 @@ class Pair:
         state, expected = new.services(new.device), old.services(old.device)
         if state != expected:
             self._compare(expected, state)
-        values = [entry.value for entry in new.plain]
-        values += [read() for read in new.computed]
-        expected_values = [entry.value for entry in old.plain]
-        expected_values += [read() for read in old.computed]
-        if values != expected_values:
+        if new.values() != old.values():
             for before, now in zip(old.entries, new.entries, strict=True):
                 if not (comes and now.name.startswith("Plate input.")):
                     self._require(f"od {now.name}", before.read(), now.read())

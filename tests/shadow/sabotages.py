@@ -160,7 +160,7 @@ SABOTAGES: Final = (
     ),
     Sabotage(
         "a SYNC is owed two answers", "nodes.bus_loop SourceWatch.sync",
-        "min(self._credits + 1, deadline_ms)", "min(self._credits + 2, deadline_ms)",
+        "min(self._credits + 1, deadline.ms)", "min(self._credits + 2, deadline.ms)",
         "bus credits", (),
     ),
     Sabotage(

@@ -506,7 +506,7 @@ class World:
             od = self._new_od(PLATE_ID)
             self.send(requests.download(PLATE_ID, od.entry(0x1401, 5), 5))
             self.send(requests.download(PLATE_ID, od.entry(0x1401, 1), 0x300 + PLATE_ID))
-            reading = int(self._stage.value)
+            reading = int(self._stage.read())
             self.each_cycle(0x300 + PLATE_ID, pack("<BH", enable, reading).hex(), cycles)
 
     def fault(self, kind: int, sensor: int, value: int, delay: int) -> None:
@@ -612,7 +612,7 @@ class World:
         known = known_state(self._statusword.value)
         state = "none" if known is None else known.name
         seen.states[state] = seen.states.get(state, 0) + 1
-        if self._stage.value:
+        if self._stage.read():
             mode = Mode(self._mode.value).name
             seen.driven[mode] = seen.driven.get(mode, 0) + 1
         latched, message = self._was

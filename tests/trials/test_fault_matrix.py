@@ -84,13 +84,13 @@ def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(
     assert port is not None
     rig.bus.pause(port)
     rig.cycle(2000)
-    assert rig.stage.value > 0, "nothing puts the stage at 0 V while it stands"
+    assert rig.stage.read() > 0, "nothing puts the stage at 0 V while it stands"
     seen: list[tuple[int, bool]] = []
     station = rig.bus._stations[port]
 
     def noting(hear: Callable[[Frame], list[Frame]]) -> Callable[[Frame], list[Frame]]:
         def note(frame: Frame) -> list[Frame]:
-            seen.append((rig.stage.value, rig.plate_block.inhibited))
+            seen.append((rig.stage.read(), rig.plate_block.inhibited))
             return hear(frame)
 
         return note

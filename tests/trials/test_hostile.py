@@ -50,7 +50,7 @@ def test_less_than_an_action_is_refused() -> None:
 
 
 def spoil_voltage(hostile: Hostile) -> None:
-    hostile._rig.stage.value = 15_001
+    hostile._rig.stage.source = lambda: 15_001
 
 
 def spoil_vibration(hostile: Hostile) -> None:
@@ -89,7 +89,7 @@ def test_a_limit_that_the_attack_left_at_0_V_is_no_violation(
 ) -> None:
     def lower(hostile: Hostile) -> None:
         rig = hostile._rig
-        while not (rig.state is State.RUNNING and rig.stage.value):
+        while not (rig.state is State.RUNNING and rig.stage.read()):
             rig.cycle()
             hostile._master.act()
         rig.write("Limit.Voltage", 0)

@@ -30,7 +30,7 @@ def test_drives_in_a_mode(plate_inside: bool) -> None:
     rig.drive(Mode.OPEN_LOOP)
     rig.cycle(3)
     assert rig.state is State.RUNNING
-    assert rig.stage.value == 2000
+    assert rig.stage.read() == 2000
 
 
 def test_one_cycle_is_one_tick_of_the_plate(rig: Rig) -> None:

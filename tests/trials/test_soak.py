@@ -202,7 +202,7 @@ def test_voltage_outside_of_running_is_seen(rig: Rig, invariants: Invariants) ->
     stage = rig.stage
     rig.write("Controlword", 0)
     rig.cycle(5)
-    stage.value = 100
+    stage.source = lambda: 100
     for _ in range(UNDRIVEN_CYCLES + 1):
         invariants.check()
     assert "1 V in state ready" in invariants.violations[0]
