@@ -92,6 +92,42 @@ def test_a_measurement_with_any_wrong_bit_is_not_answered() -> None:
     assert DRIVE in ids(line.send(SYNC, *measurement(1)))
 
 
+def test_plate_input_shows_whole_measurements_alone() -> None:
+    line, stimulator = stimulator_alone()
+    line.nmt(START)
+    shown = [entry for entry in stimulator.od if entry.name.startswith("Plate input.")]
+    frames = measurement(0)
+    line.send(SYNC, *frames)
+    before = [entry.value for entry in shown]
+    assert stimulator.od["Plate input.Tick"].value == 0
+    assert stimulator.od["Plate input.Check"].value == frames[-1].data[7]
+    first, second, last = measurement(1)
+    line.send(SYNC, first, second)
+    assert [entry.value for entry in shown] == before, "two parts"
+    line.send(flipped(last, 5))
+    assert [entry.value for entry in shown] == before, "a wrong check"
+    line.send(SYNC, first, second, last)
+    assert stimulator.od["Plate input.Tick"].value == 1
+    assert stimulator.od["Plate input.Check"].value == last.data[7]
+
+
+def test_what_is_written_to_plate_input_is_used_by_no_cycle() -> None:
+    """The controllers answer what has come, whatever a master writes between two PDOs of it."""
+    drives = []
+    for raw in (0, 9_000):
+        line, stimulator = stimulator_alone()
+        line.nmt(START)
+        line.send(SYNC, *measurement(0))
+        first, second, last = measurement(1)
+        line.send(SYNC, first, second)
+        for name in ("S3", "W_d", "Temperature"):
+            assert line.write(stimulator, f"Plate input.{name}", raw) == 0
+            assert line.read(stimulator, f"Plate input.{name}") == raw
+        drives.append(line.send(last))
+        assert line.read(stimulator, "Plate input.S3") != 9_000
+    assert drives[0] == drives[1]
+
+
 def test_three_unusable_measurements_in_a_row_are_a_fault() -> None:
     line, plate, stimulator = running()
     line.ports[0].close()
