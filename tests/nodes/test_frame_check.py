@@ -68,6 +68,20 @@ def test_a_second_corrupt_drive_in_a_row_bars_the_plate() -> None:
     assert plate.od["Cycle.Corrupt drives"].value == 2
 
 
+def test_a_disturbed_plate_takes_0_v_alone_until_20_cycles_without_a_wrong_check() -> None:
+    line, plate = ready_plate()
+    stage = plate.od["Stage.Voltage"]
+    for _ in range(4):
+        line.send(flipped(drive(2000, 0), 3))
+    line.send(drive(0, 0))
+    for tick in range(1, 21):
+        line.send(SYNC, drive(2000, tick))
+        assert stage.read() == 0, f"cycle {tick}"
+    line.send(SYNC, drive(0, 21))
+    line.send(SYNC, drive(2000, 22))
+    assert stage.read() == 2000
+
+
 def running() -> tuple[Line, PlateNode, StimulatorNode]:
     line, plate, stimulator = both_nodes()
     line.nmt(START)
