@@ -2,6 +2,7 @@
 
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -72,3 +74,39 @@ def test_wrong_arguments(arguments: tuple[str, ...]) -> None:
         _, complaints = process.communicate()
     assert process.returncode == 2
     assert "error: " in complaints.splitlines()[-1]
+
+
+def run_of(plate: float, missed: int) -> dict[str, Any]:
+    """What a run of 10 s gives, of which the plate takes a share of a core."""
+    return {
+        "seconds": 10.0,
+        "ticks": 10_000,
+        "missed_share": missed / 10_000,
+        "cpu_share": {"plate": plate, "node": 0.4},
+        "drive": {"p50_us": 300, "p99_us": 600},
+        "trips_of_the_loop": 1,
+        "standstills": 2,
+    }
+
+
+def test_two_trees_are_compared_by_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(TOOL.parent))
+    compared = runpy.run_path(str(TOOL))["compared"]
+    other = [run_of(0.2, 0), run_of(0.4, 10), run_of(0.3, 0)]
+    results = compared(other, [run_of(0.1, 5), run_of(0.2, 0), run_of(0.15, 0)])
+    assert results["pairs"] == 3
+    assert results["plate_us"] == {"other": 300.0, "here": 150.0, "ratio": 0.5, "range": [0.5, 0.5]}
+    assert results["node_us"]["ratio"] == 1.0
+    assert results["missed_per_1000"] == {"other": 0.33, "here": 0.17}, "a draw without any"
+    assert results["trips_of_the_loop"] == {"other": 3, "here": 3}
+    uneven = compared([run_of(0.2, 10)] * 3, [run_of(share, 5) for share in (0.1, 0.2, 0.3)])
+    assert uneven["missed_per_1000"]["range"] == [0.5, 0.5]
+    assert uneven["plate_us"]["ratio"] == 1.0
+    assert uneven["plate_us"]["range"] == [0.5, 1.5]
+
+
+def test_a_tree_without_the_tool_is_refused(tmp_path: Path) -> None:
+    with running("--seconds", "2", "--against", str(tmp_path)) as process:
+        _, complaints = process.communicate()
+    assert process.returncode == 2
+    assert "has no tools/bench_realtime" in complaints

@@ -22,7 +22,9 @@ def tool() -> ModuleType:
     assert spec is not None
     module = module_from_spec(spec)
     sys.modules["bench_stops"] = module
-    loader.exec_module(module)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(TOOL.parent))
+        loader.exec_module(module)
     return module
 
 
