@@ -200,8 +200,9 @@ class Pair:
         """
         if not getattr(self.new.node, "_plate_node_id", 0):
             return False
-        before, self._measurement = self._measurement, self.new.node._loop.measurement
-        return self._measurement is before
+        loop = self.new.node._loop
+        before, self._measurement = self._measurement, loop.measurement
+        return self._measurement is before or bool(loop._pairing._come)
 
     def _compare(self, expected: State, state: State) -> None:
         for name in sorted({*expected, *state}):
