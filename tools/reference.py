@@ -39,7 +39,8 @@ def objects() -> str:
         "",
         "Made by `tools/reference.py` from `eds/stimulator.eds` and `eds/plate.eds`: change those.",
         "",
-        f"{LEGEND} Every mapping record has 8 places.",
+        f"{LEGEND} "
+        "A mapping record has 8 places; one of the loop is constant and has those that it maps.",
         "",
         "## Values",
         "",

@@ -228,7 +228,8 @@ def safety() -> str:
         "From `smarttac_can/nodes/lock.py`. While the stimulator is armed or running, a write "
         "that makes one of these laxer is refused with 08000022h. The present value, a stricter "
         "one and a watch where there was none are taken. The public TPDOs 1 to 4 are free. "
-        "Entries of a mapping are refused before, with 06010000h, while sub-index 0 is not 0.",
+        "Entries of a mapping are refused before, with 06010000h, while sub-index 0 is not 0. "
+        "The mappings of the loop are constant: 06010002h in every state.",
         "",
         *_stricter(OF_STIMULATOR),
         "The plate does the same while its power stage is *in use*:",

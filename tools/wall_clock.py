@@ -17,7 +17,8 @@ from smarttac_can.host.bus import BusError
 from smarttac_can.master.errors import BenchError
 
 _ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_POLL_S: Final = 0.2
+POLL_S: Final = 0.2
+"""How often a tool that waits for a process looks after its loop."""
 
 
 def own_bus(channel: str) -> dict[str, Any]:
@@ -40,7 +41,7 @@ def parser_of(text: str | None) -> argparse.ArgumentParser:
 
 def received(pipe: Connection, meanwhile: Callable[[], None] = lambda: None) -> Any:
     """Receive something from a process of the tool, or raise its BenchError."""
-    while not pipe.poll(_POLL_S):
+    while not pipe.poll(POLL_S):
         meanwhile()
     try:
         what = pipe.recv()

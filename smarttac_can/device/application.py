@@ -35,9 +35,10 @@ class Application:
         """Act on an RPDO, from 1, whose values are in the object dictionary."""
 
     def on_loop_rpdo(self, number: int, data: bytes) -> None:
-        """Take the bytes of an RPDO, from 1, of the loop; those of its mapping and in its limits.
+        """Act on the bytes of an RPDO, from 1, that is in `loop_rpdos` of the device.
 
-        They come where `on_rpdo` would, and nobody else puts them into the object dictionary.
+        Length and limits have been checked. It is called instead of `on_rpdo`, and the application
+        itself writes the object dictionary.
         """
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:

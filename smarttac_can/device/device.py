@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from types import MappingProxyType
-from typing import Any, Final
+from collections.abc import Iterable
+from typing import Any
 
 from smarttac_can.device.access import Access
 from smarttac_can.device.application import Application
@@ -43,7 +42,6 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
-NO_PDOS: Final[Mapping[int, Callable[[], bytes]]] = MappingProxyType({})
 _CODES = range(1, 1 << 16)
 _REGISTERS = range(1 << 8)
 
@@ -71,9 +69,9 @@ class Device:
     clock
         Device time, where the application has timers of its own: those made before come first.
     loop_tpdos
-        TPDOs that somebody's control loop waits for: what returns their bytes, by their numbers.
+        Numbers of the TPDOs that somebody's control loop waits for.
     loop_rpdos
-        Numbers of the RPDOs whose bytes the application takes.
+        Numbers of the RPDOs that are passed to `Application.on_loop_rpdo` as bytes.
     emergencies_of
         Node-ID, 1..127, whose emergency messages the application hears; 0 for none.
 
@@ -98,7 +96,7 @@ class Device:
         storage: Storage | None = None,
         node_id: int | None = None,
         clock: Clock | None = None,
-        loop_tpdos: Mapping[int, Callable[[], bytes]] = NO_PDOS,
+        loop_tpdos: tuple[int, ...] = (),
         loop_rpdos: tuple[int, ...] = (),
         emergencies_of: int = 0,
     ) -> None:
@@ -128,7 +126,7 @@ class Device:
             )
             for n in RPDO.numbers(od)
         }  # fmt: skip
-        self._tpdos = {n: TPDO(port, od, n, loop_tpdos.get(n)) for n in TPDO.numbers(od)}
+        self._tpdos = {n: TPDO(port, od, n) for n in TPDO.numbers(od)}
         self._access = access = Access(od, application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
         react = self._error_behaviour.react

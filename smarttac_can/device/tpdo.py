@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import ClassVar
 
 from smarttac_can.device.frame import Frame
@@ -29,28 +28,14 @@ class TPDO(PDO):
 
     Type 254 goes out at every trigger, type 255 at a trigger that finds changed data; both also
     when the event timer elapses. Type 0 waits after a trigger for the next SYNC.
-
-    Parameters
-    ----------
-    source
-        Returns the bytes to send, as its constant mapping has them; None for the present values of
-        what is mapped.
     """
 
     direction: ClassVar = Direction.TRANSMIT
     first_event_type: ClassVar = RTR_SYNC
     records: ClassVar = (TPDO_COMMUNICATION, TPDO_MAPPING)
 
-    def __init__(
-        self,
-        port: Port,
-        od: ObjectDictionary,
-        number: int,
-        source: Callable[[], bytes] | None = None,
-    ) -> None:
+    def __init__(self, port: Port, od: ObjectDictionary, number: int) -> None:
         super().__init__(port, od, number)
-        self._source = source
-        self._sample: Callable[[], bytes] = bytes
         self._event = port.clock.timer(self._on_event_timer)
         self._inhibit = port.clock.timer(self._on_inhibit_end)
         self._inhibit_time = 0
@@ -80,8 +65,6 @@ class TPDO(PDO):
     def configure(self) -> None:
         """Read inhibit time, SYNC start value, and what every PDO has."""
         super().configure()
-        if self.mapping is not None:
-            self._sample = self._source or self.mapping.sample
         communication, _ = self.objects
         self._inhibit_time = 100 * self.od.number(communication, PDO_INHIBIT)
         self._start_value = self.od.number(communication, PDO_SYNC_START)
@@ -112,13 +95,13 @@ class TPDO(PDO):
         Types 254 and 255 send at once, or after the inhibit time; type 255 only if the data are
         new. Type 0 sends at the next SYNC. Types 1..240, 252 and 253 have no events.
         """
-        if not self._sends:
+        if not self._sends or self.mapping is None:
             return
         transmission = self.transmission
         if transmission < EVENT_MANUFACTURER:
             self._pending = transmission == ACYCLIC
             return
-        data = self._sample()
+        data = self.mapping.sample()
         if transmission == EVENT_PROFILE and data == self._last:
             return
         if self._inhibit_time and self._inhibit.running:
@@ -153,6 +136,9 @@ class TPDO(PDO):
         if self._count >= transmission:
             self._count = 0
             self._send(self._sample())
+
+    def _sample(self) -> bytes:
+        return b"" if self.mapping is None else self.mapping.sample()
 
     def _send(self, data: bytes) -> None:
         self._last = data

@@ -121,7 +121,7 @@ class BusLoop:
 
     @property
     def measurement(self) -> tuple[int, ...]:
-        """Values of the measurement that was complete last, in the order of the bus."""
+        """Values of the last accepted measurement, in the order of the bus."""
         return self._pairing.values
 
     @property
@@ -170,10 +170,10 @@ class _Window:
         How many came.
     open
         Whether it counts.
-    deadline_ms
-        Deadline of the loop when it began: another one is for the next.
+    tolerance
+        How many too many or too few are no fault, by the deadline of the loop when it began.
     most
-        Most that may come.
+        Most that may come before SYNC is irregular at once.
     """
 
     def __init__(
@@ -183,10 +183,10 @@ class _Window:
         tolerance: Callable[[int], int],
     ) -> None:
         self._clock = clock
-        self._tolerance = tolerance
+        self._tolerance_of = tolerance
         self._judge = judge
         self._timer = clock.timer(self._end)
-        self.count = self.deadline_ms = self.most = 0
+        self.count = self.tolerance = self.most = 0
         self.open = False
         self._begun = 0
 
@@ -194,8 +194,8 @@ class _Window:
         """Count anew for so many periods."""
         self.open = True
         self.count = 0
-        self.deadline_ms = deadline_ms
-        self.most = periods + self._tolerance(deadline_ms)
+        self.tolerance = self._tolerance_of(deadline_ms)
+        self.most = periods + self.tolerance
         self._begun = self._clock.now
         self._timer.start(periods * TICK_US)
 
@@ -204,7 +204,7 @@ class _Window:
         if not self.open:
             return 0.0
         off = self.count - (self._clock.now + ahead - self._begun) // TICK_US
-        return abs(off) / (self._tolerance(self.deadline_ms) + 1) if off else 0.0
+        return abs(off) / (self.tolerance + 1) if off else 0.0
 
     def stop(self) -> None:
         """Count no more."""
@@ -291,14 +291,14 @@ class SyncWatch:
         self._drifts = False
 
     def _judge(self, count: int, periods: int) -> None:
-        if abs(count - periods) > sync_tolerance(self._window.deadline_ms):
+        if abs(count - periods) > self._window.tolerance:
             self._irregular()
         elif not self._drifts:
             self._observe(Watchdog.SYNC_IRREGULAR, False)
         self._window.begin(self._deadline.window, self._deadline.ms)
 
     def _judge_drift(self, count: int, periods: int) -> None:
-        self._drifts = abs(count - periods) > sync_drift_tolerance(self._long.deadline_ms)
+        self._drifts = abs(count - periods) > self._long.tolerance
         if self._drifts:
             self._observe(Watchdog.SYNC_IRREGULAR, True)
         self._long.begin(SYNC_DRIFT_WINDOW, self._deadline.ms)

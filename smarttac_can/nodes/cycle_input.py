@@ -52,7 +52,7 @@ class MeasurementInput:
         Parameters
         ----------
         values
-            As `Pairing.values`.
+            In the order of the bus; a check at the end is ignored.
         """
         counts = self._counts(values)
         s1, s2, s3, s4, s5, s6, W_d, W_q, temperature = map(mul, counts, self._si)

@@ -22,7 +22,7 @@ class DriveOutput:
         self._quantiser = Quantiser([self._voltage, od["Drive.Frequency"]])
 
     def write(self, drive: Drive, tick: int) -> None:
-        """Write voltage and frequency, the tick that they answer, and the check sum."""
+        """Write voltage and frequency, and the tick that they answer."""
         self._quantiser.write(drive)
         self._tick.value = tick
 

@@ -63,24 +63,24 @@ def _pairs_of(size: int) -> Callable[[bytes], tuple[int, ...]]:
 
 
 class CheckedFrames:
-    """What the frames of a drive, or of a measurement, carry, with a check sum behind it all.
+    """Layout of the frames of one drive, or of one measurement, whose last byte is a check sum.
 
     Parameters
     ----------
     frames
-        Integers of each frame in the order in which they are put on the bus. The last one, an
-        UNSIGNED8, is the sum of the others, and of what is not sent.
+        Mapped integers of each frame in the order of the bus. The last one of the last frame, an
+        UNSIGNED8, is the check sum of the others, and of what is not sent.
 
     Attributes
     ----------
     entries
-        All but the check sum.
+        Mapped entries without the check sum.
     check
-        That of the check sum.
-    unpack
-        Returns the values of the bytes of all frames, the check sum last.
+        Entry of the check sum.
     parts
-        Where the bytes of each frame are in those of all.
+        Slice of each frame in the concatenated bytes.
+    unpack
+        Returns the values in the concatenated bytes, the check sum last.
     """
 
     __slots__ = ("_pack", "check", "entries", "parts", "unpack")
@@ -96,23 +96,19 @@ class CheckedFrames:
         self.parts = tuple([slice(begin, end) for begin, end in pairwise(ends)])
 
     def pack(self, unsent: bytes = b"") -> bytes:
-        """Return the bytes of what the entries hold now; the check sum is put into its entry.
+        """Set the entry of the check sum, and return the bytes of all frames.
 
         Parameters
         ----------
         unsent
-            Bytes that both ends know, which the sum is over, too.
+            Bytes that both ends know, and that the check sum covers, too.
         """
         body = self._pack(*[entry.value for entry in self.entries])
         self.check.value = check = crc8(body + unsent)
         return body + _BYTES[check]
 
-    def present(self) -> bytes:
-        """Return the bytes of what the entries hold now, that of the check sum included."""
-        return self._pack(*[entry.value for entry in self.entries]) + self.check.pack()
-
     def keep(self, values: tuple[int, ...]) -> None:
-        """Put the values of all frames, the check sum last, into the entries."""
+        """Set the entries to the values of all frames, the check sum last."""
         for entry, value in zip(self.entries, values, strict=False):
             entry.value = value
         self.check.value = values[-1]

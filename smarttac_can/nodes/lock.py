@@ -91,13 +91,15 @@ class Table(NamedTuple):
 
 
 def _wiring(communication: int, pdos: Sequence[int]) -> Place:
-    """Return the place of PDOs that stay as they are, but for the event timer of RPDOs."""
+    """Return the place of communication records: a TPDO's, or COB-ID and type of an RPDO's."""
     first, last = communication + pdos[0] - 1, communication + pdos[-1] - 1
     parts = (PDO_COB_ID, PDO_TRANSMISSION) if communication == RPDO_COMMUNICATION else ()
     return Place(first, last, OTHER, parts)
 
 
 _LAST_RPDO: Final = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[-1] - 1
+_LAST_PUBLIC_RPDO: Final = MEASUREMENT_RPDOS[0] - 1
+"""The mappings behind its own are constant."""
 _DRIVE: Final = RPDO_COMMUNICATION + DRIVE_RPDO - 1
 _COMMON: Final = (
     Place(SYNC_COB_ID, SYNC_PERIOD, OTHER),
@@ -120,7 +122,7 @@ OF_STIMULATOR: Final = Table(
     (
         *_COMMON,
         _wiring(RPDO_COMMUNICATION, range(1, MEASUREMENT_RPDOS[-1] + 1)),
-        Place(RPDO_MAPPING, RPDO_MAPPING + MEASUREMENT_RPDOS[0] - 2, OTHER),
+        Place(RPDO_MAPPING, RPDO_MAPPING + _LAST_PUBLIC_RPDO - 1, OTHER),
         Place(RPDO_COMMUNICATION, _LAST_RPDO, LONGER, (PDO_EVENT,)),
         _wiring(TPDO_COMMUNICATION, (DRIVE_TPDO,)),
     ),

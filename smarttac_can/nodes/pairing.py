@@ -33,7 +33,7 @@ class Pairing:
     Attributes
     ----------
     values
-        Of the measurement that was complete last, in the order of the bus.
+        Of the last accepted measurement, in the order of the bus.
     tick
         Its tick, 0..255.
     """
@@ -71,8 +71,8 @@ class Pairing:
         Returns
         -------
         bool
-            Whether they do, and it is to be answered: its `values` are then in the object
-            dictionary. No tick is answered twice.
+            Whether they complete one that is sound, of this session and of a new tick. Its values
+            are then in `values` and in the object dictionary.
         """
         come = self._come
         if rpdo == _FIRST:

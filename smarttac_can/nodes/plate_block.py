@@ -104,8 +104,8 @@ class PlateBlock:
     def start_run(self) -> None:
         """Begin anew: a plate at rest, tick 0 next, no drive."""
         self.instant_us = self.od["Simulation.Drive instant"].value
-        self._stage = Drive(0.0, self._frequency.si_value)
-        self.backend.start_run(self._stage)
+        stage = Drive(0.0, self._frequency.si_value)
+        self.backend.start_run(stage)
         self.commanded = 0.0
         self._voltage.value = 0
         self._follow(StageEvent.START_RUN)
@@ -114,7 +114,7 @@ class PlateBlock:
         self.tick.value = TICK_MASK
         for count in (self._ticks, self._lost, self._foreign, self._late):
             count.value = 0
-        self._stage_shown.row = self._stage
+        self._stage_shown.row = stage
 
     def cycle(self, *, overtaken: bool = False) -> bool:
         """Step to the next tick with the drive that arrived, and sample the sensors there.
@@ -142,7 +142,7 @@ class PlateBlock:
             self.backend.move()
         else:
             measured = self.backend.sample()
-        self._stage_shown.row = self._stage = self.backend.stage
+        self._stage_shown.row = self.backend.stage
         if measured is None:
             return False
         W, gauges, temperature, saturated = measured
@@ -186,7 +186,7 @@ class PlateBlock:
         if read_back != commanded and abs(read_back - commanded) > STAGE_TOLERANCE:
             self.inhibit()
             return Taken.DISOBEYED
-        self._stage_shown.row = self._stage = self.backend.stage
+        self._stage_shown.row = self.backend.stage
         return Taken.IN_TIME if in_time else Taken.LATE
 
     @property
@@ -209,8 +209,9 @@ class PlateBlock:
         self._follow(event)
         self._voltage.value = 0
         self.commanded = 0.0
-        self.backend.switch_off(Drive(0.0, self._stage.frequency))
-        self._stage_shown.row = self._stage = self.backend.stage
+        _, frequency = self._stage_shown.row
+        self.backend.switch_off(Drive(0.0, frequency))
+        self._stage_shown.row = self.backend.stage
 
     def _follow(self, event: StageEvent) -> None:
         self.state = stage_after(self.state, event)

@@ -11,7 +11,6 @@ from smarttac_can.nodes.loop_frames import (
 )
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.objects import FAULT_KIND, SIMULATION
 
@@ -40,10 +39,11 @@ class PlateInside:
     def __init__(self, od: ObjectDictionary, plate: PlateBlock) -> None:
         self._od = od
         self.plate = plate
-        self._received = received_measurement(od)
-        self._measured = _linked(sent_measurement(plate.od), self._received)
+        self._sent, self._received = sent_measurement(plate.od), received_measurement(od)
+        _require_same(self._sent, self._received)
         sent, received = sent_drive(od), received_drive(plate.od)
-        self._driven = list(zip(_linked(sent, received), received.entries, strict=True))
+        _require_same(sent, received)
+        self._driven = list(zip(sent.entries, received.entries, strict=True))
 
     def power_on(self) -> None:
         """Begin with the values that the objects of the simulation have now."""
@@ -58,9 +58,9 @@ class PlateInside:
         self._od[FAULT_KIND].value = FaultKind.NONE
 
     def measure(self) -> list[int]:
-        """Have the plate step and sample; return its measurement, as `Pairing.values`."""
+        """Step the plate and sample; return the values in the order of the bus, with no check."""
         self.plate.cycle()
-        values = [entry.value for entry in self._measured]
+        values = [entry.value for entry in self._sent.entries]
         for entry, value in zip(self._received.entries, values, strict=True):
             entry.value = value
         return values
@@ -72,12 +72,11 @@ class PlateInside:
         self.plate.take_drive()
 
 
-def _linked(sent: CheckedFrames, received: CheckedFrames) -> tuple[Entry, ...]:
-    """Return what is sent, as a TPDO and an RPDO carry it; the check is for what crosses a bus."""
+def _require_same(sent: CheckedFrames, received: CheckedFrames) -> None:
+    """Raise ValueError unless both ends map the same objects in the same order."""
     if len(sent.entries) != len(received.entries):
         raise ValueError("the PDOs of the loop carry different numbers of objects")
     for source, target in zip(sent.entries, received.entries, strict=True):
         what = source.name.rpartition(".")[2].lower()
         if not target.name.lower().endswith(what):
             raise ValueError(f"{source.name} and {target.name} are mapped at the same place")
-    return sent.entries

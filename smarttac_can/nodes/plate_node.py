@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from smarttac_can.device.application import Application
@@ -76,13 +76,11 @@ class PlateNode(Application):
         (self._deadline,) = deadlines(od, (DRIVE_RPDO,))
         self.clock = clock = Clock()
         self._unanswered = clock.timer(self._on_unanswered)
-        self._sent = sent = sent_measurement(od)
-        self._measurement = sent.present()
+        self._sent = sent_measurement(od)
         self._driven = received_drive(od)
         self.device = Device(
             od, self, storage=storage, node_id=node_id, clock=clock,
-            loop_tpdos=dict(zip(MEASUREMENT_TPDOS, map(self._part, sent.parts), strict=True)),
-            loop_rpdos=(DRIVE_RPDO,),
+            loop_tpdos=MEASUREMENT_TPDOS, loop_rpdos=(DRIVE_RPDO,),
         )  # fmt: skip
         self.segments = self.device.segments
         self._period = LoopPeriod(self.device)
@@ -162,7 +160,6 @@ class PlateNode(Application):
         if state is NMTState.RESET_COMMUNICATION:
             self._protecting.clear()
             self._serial.value = plate_serial(self._serial, self.device.node_id)
-            self._measurement = self._sent.present()
             self._sender.forget()
         if state is NMTState.OPERATIONAL:
             self.block.session = self._next_session
@@ -188,7 +185,7 @@ class PlateNode(Application):
         self._sender.follow()
         self._heed_front_end()
         if measured:
-            self._measurement = self._sent.pack()
+            self._sent.pack()
         if self._temperature.value > self._temperature_max.value:
             self._protect(FaultCode.TEMPERATURE)
         elif self.block.state is StageState.TRIPPED and not self._protecting:
@@ -236,10 +233,6 @@ class PlateNode(Application):
             for code in sorted(self._protecting):
                 self.device.clear_emergency(code)
             self._protecting.clear()
-
-    def _part(self, part: slice) -> Callable[[], bytes]:
-        """Return what returns a part of the bytes of the last measurement."""
-        return lambda: self._measurement[part]
 
     def _count_late(self, taken: Taken) -> None:
         """Count a drive that came after the instant of a tick at which it should be in force."""

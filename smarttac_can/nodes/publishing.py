@@ -27,11 +27,6 @@ class Publishing:
         That of the stimulator.
     supervisor
         Latches what is told.
-
-    Attributes
-    ----------
-    drive_frame
-        Bytes of the last drive.
     """
 
     def __init__(self, device: Device, supervisor: Supervisor) -> None:
@@ -39,7 +34,6 @@ class Publishing:
         self._supervisor = supervisor
         self._reported = 0
         self._drive = sent_drive(device.od)
-        self.drive_frame = self._drive.present()
         self._types = [
             (number, device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
             for number in _MEASURED_TPDOS
@@ -60,7 +54,7 @@ class Publishing:
     def drive(self, session: int) -> None:
         """Send the drive; who sends it, and whether in FAULT, is in its check alone."""
         latched = LATCHED if self._supervisor.state is State.FAULT else 0
-        self.drive_frame = self._drive.pack(bytes((session, self._device.od.node_id | latched)))
+        self._drive.pack(bytes((session, self._device.od.node_id | latched)))
         self._device.trigger(DRIVE_TPDO)
 
     def all(self) -> None:
@@ -83,7 +77,6 @@ class Publishing:
     def hold(self) -> None:
         """Tell nothing of what is latched now: there is no device to tell it, in a reset."""
         self._reported = self._supervisor.latched
-        self.drive_frame = self._drive.present()
 
     def report_all(self) -> None:
         """Tell all that is latched, also what was so in a reset or before it."""

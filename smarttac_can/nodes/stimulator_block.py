@@ -163,7 +163,7 @@ class StimulatorBlock:
         Parameters
         ----------
         measurement
-            As `Pairing.values`; it is in the object dictionary.
+            Values in the order of the bus; a check at the end is ignored.
         late
             Whether the plate gets it too late for the cycle that begins with that measurement.
         """

@@ -97,8 +97,7 @@ class StimulatorNode(Application):
         self._missed_time = MissedTime(clock)
         self._ticker = clock.timer(self._tick)
         self.device = Device(
-            od, self, storage=storage, node_id=node_id, clock=clock,
-            loop_tpdos={DRIVE_TPDO: lambda: self._publishing.drive_frame},
+            od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=(DRIVE_TPDO,),
             loop_rpdos=MEASUREMENT_RPDOS, emergencies_of=plate_node_id,
         )  # fmt: skip
         self._period = LoopPeriod(self.device)

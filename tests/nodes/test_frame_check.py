@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from line import (
     DRIVE,
+    PREOP,
     START,
     SYNC,
     Line,
@@ -15,6 +16,7 @@ from line import (
     stimulator_alone,
 )
 
+from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.frame_check import crc8
 from smarttac_can.nodes.plate_node import PlateNode
@@ -127,19 +129,22 @@ def test_plate_input_shows_whole_measurements_alone() -> None:
 
 def test_what_is_written_to_plate_input_is_used_by_no_cycle() -> None:
     """The controllers answer what has come, whatever a master writes between two PDOs of it."""
-    drives = []
+    outcomes = []
     for raw in (0, 9_000):
         line, stimulator = stimulator_alone()
         line.nmt(START)
         line.send(SYNC, *measurement(0))
-        first, second, last = measurement(1)
+        first, second, last = measurement(1, W=500)
         line.send(SYNC, first, second)
         for name in ("S3", "W_d", "Temperature"):
             assert line.write(stimulator, f"Plate input.{name}", raw) == 0
             assert line.read(stimulator, f"Plate input.{name}") == raw
-        drives.append(line.send(last))
-        assert line.read(stimulator, "Plate input.S3") != 9_000
-    assert drives[0] == drives[1]
+        assert DRIVE in ids(line.send(last))
+        assert line.read(stimulator, "Plate input.S3") == 0
+        cascade = stimulator.block.cascade
+        outcomes.append((cascade.contact, cascade.amplitude, stimulator.levels()))
+    assert outcomes[0] == outcomes[1]
+    assert outcomes[0][1] > 0.0
 
 
 def test_three_unusable_measurements_in_a_row_are_a_fault() -> None:
@@ -163,3 +168,15 @@ def test_pdos_of_two_cycles_are_never_mixed() -> None:
     assert DRIVE not in ids(line.send(SYNC, first, last, second))
     assert DRIVE not in ids(line.send(second, first, last))
     assert DRIVE in ids(line.send(first, second, last))
+
+
+def test_a_drive_that_is_asked_for_is_0_v_once_the_stimulator_has_left_operational() -> None:
+    line, plate, _ = running()
+    (asked,) = line.send(Frame(DRIVE, rtr=True))
+    assert asked.data[:2] == b"\xd0\x07"
+    line.nmt(PREOP, STIMULATOR_ID)
+    line.nmt(START, STIMULATOR_ID)
+    (asked,) = line.send(Frame(DRIVE, rtr=True))
+    assert asked.data[:2] == bytes(2)
+    line.sync(30)
+    assert plate.od["Stage.Voltage"].read() == 0

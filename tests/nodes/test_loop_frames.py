@@ -78,4 +78,6 @@ def test_python_canopen_saves_all_pdos_and_leaves_the_constant_ones() -> None:
     node.rpdo.read()
     node.tpdo.save()
     node.rpdo.save()
+    node.tpdo.read()
+    node.rpdo.read()
     assert [variable.length // 8 for variable in node.tpdo[5].map] == [size for _, size in DRIVE]

@@ -174,7 +174,11 @@ def _of_bus(b: Any) -> State:
 
 
 def _of_window(window: Any) -> tuple[int, ...]:
-    return window.count, window.deadline_ms, window._begun, window._timer.due
+    if hasattr(window, "tolerance"):
+        tolerance = window.tolerance
+    else:
+        tolerance = window._tolerance(window.deadline_ms) if window.deadline_ms else 0
+    return window.count, tolerance, window._begun, window._timer.due
 
 
 def _of_missed_time(m: Any) -> State:
@@ -317,7 +321,7 @@ def of_plate_block(block: Any, readers: Readers | None = None) -> State:
     behind = since(block, "behind")
     state = {
         "stage state": block.state.name,
-        "stage": block._stage,
+        "stage": block._stage if hasattr(block, "_stage") else block._stage_shown.row,
         "stage told": since(block, "told"),
         "plate answered": (block._answered, block._answered_before),
         "plate moving": block._moving,
