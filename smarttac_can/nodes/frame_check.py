@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import accumulate, pairwise
 from struct import Struct
 from typing import Final
 
@@ -77,13 +76,11 @@ class CheckedFrames:
         Mapped entries without the check sum.
     check
         Entry of the check sum.
-    parts
-        Slice of each frame in the concatenated bytes.
     unpack
         Returns the values in the concatenated bytes, the check sum last.
     """
 
-    __slots__ = ("_pack", "check", "entries", "parts", "unpack")
+    __slots__ = ("_pack", "check", "entries", "unpack")
 
     def __init__(self, frames: Sequence[Sequence[Entry]]) -> None:
         *entries, self.check = [entry for frame in frames for entry in frame]
@@ -92,8 +89,6 @@ class CheckedFrames:
         code = "<" + "".join([_FORMATS[entry.data_type] for entry in entries])
         self._pack: Callable[..., bytes] = Struct(code).pack
         self.unpack: Callable[[bytes], tuple[int, ...]] = Struct(f"{code}B").unpack
-        ends = (0, *accumulate(sum(entry.size for entry in frame) for frame in frames))
-        self.parts = tuple([slice(begin, end) for begin, end in pairwise(ends)])
 
     def pack(self, unsent: bytes = b"") -> bytes:
         """Set the entry of the check sum, and return the bytes of all frames.

@@ -30,9 +30,8 @@ class Loop:
             entry.value = 3
         self.deadline = Deadline(self.od, MEASUREMENT_RPDOS)
         self.loop = BusLoop(self.od, self.clock, self.deadline, self._observe, self._unanswered)
-        sent = received_measurement(stimulator_od())
-        data = sent.pack()
-        self.parts = dict(zip((FIRST, SECOND, LAST), [data[p] for p in sent.parts], strict=True))
+        data = received_measurement(stimulator_od()).pack()
+        self.parts = {FIRST: data[:8], SECOND: data[8:16], LAST: data[16:]}
 
     def _observe(self, watchdog: Watchdog, present: bool) -> None:
         (self.faults.add if present else self.faults.discard)(watchdog)

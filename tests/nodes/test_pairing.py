@@ -29,8 +29,8 @@ class Pair:
     def take(self, *rpdos: int, data: bytes | None = None) -> list[bool]:
         """Take some of the three PDOs of a measurement, which is sound by default."""
         data = self._sent.pack() if data is None else data
-        part = dict(zip((FIRST, SECOND, LAST), self._sent.parts, strict=True))
-        return [self.pairing.take(rpdo, data[part[rpdo]]) for rpdo in rpdos]
+        parts = {FIRST: data[:8], SECOND: data[8:16], LAST: data[16:]}
+        return [self.pairing.take(rpdo, parts[rpdo]) for rpdo in rpdos]
 
     def whole(self, tick: int, session: int = 0, *, corrupt: bool = False) -> bool:
         """Whether all three of a tick are to be answered."""
