@@ -22,8 +22,6 @@ from smarttac_can.master.errors import BenchError
 CYCLES_PER_SECOND: Final = 1000
 _LEAST_RECORDED: Final = 0.5
 _MOST_S: Final = 604_800
-_SHOWN_EVERY: Final = 16
-"""Cycles after which it is shown how far a run is."""
 _LONG_S: Final = 2.0
 """Who waits for longer is shown how far it is."""
 _MOST_CYCLES: Final = 100
@@ -105,8 +103,7 @@ class Loop:
             with progress_bar(experiment, _LONG_S) as progress:
 
                 def ends() -> bool:
-                    if not len(rows) % _SHOWN_EVERY:
-                        progress(len(rows) / cycles)
+                    progress(len(rows) / cycles)
                     return interrupted()
 
                 self._objects.link.run(cycles, rows, ends)
