@@ -16,6 +16,7 @@ from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import CAN_ID_MASK
 
 Tap = tuple[Container[int], Hear]
+"""Identifiers, and what is called with the frames that have one of them."""
 ALL: Final = range(CAN_ID_MASK + 1)
 """All identifiers."""
 
@@ -49,8 +50,7 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
     Attributes
     ----------
     taps
-        Each has identifiers, and is called with the identifier and the data of a frame with one of
-        them, before who subscribes to it; in the thread that sends or receives.
+        Called before who subscribes to a frame, in the thread that sends or receives.
     own_taps
         These are told of sent frames alone.
     hears_itself

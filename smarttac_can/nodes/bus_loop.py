@@ -114,10 +114,10 @@ class BusLoop:
 
     def answer(self) -> bool:
         """Take note that the measurement gets its drive; tell whether that is late."""
-        self._pairing.answered()
+        tick = self._pairing.answered()
         self._unanswered.start(self._deadline.ms * TICK_US)
         self._observe(Watchdog.MEASUREMENT, False)
-        return self.late_answers.late(self._pairing.tick)
+        return self.late_answers.late(tick)
 
     @property
     def measurement(self) -> tuple[int, ...]:

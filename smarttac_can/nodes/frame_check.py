@@ -39,7 +39,6 @@ _INVERSE: Final = bytes(_TABLE.index(byte) for byte in range(256))
 """What the table was asked for."""
 _SOUND: Final = _TABLE[0xFF] ^ 0xFF
 """Sum of bytes whose last one is that of those before."""
-_BYTES: Final = [bytes((byte,)) for byte in range(256)]
 
 
 def crc8(data: bytes) -> int:
@@ -66,32 +65,33 @@ class CheckedFrames:
 
     Parameters
     ----------
-    frames
-        Mapped integers of each frame in the order of the bus. The last one of the last frame, an
-        UNSIGNED8, is the check sum of the others, and of what is not sent.
+    mapped
+        Integers in the order of the bus. The last one, an UNSIGNED8, is the check sum of the
+        others, and of what is not sent.
 
     Attributes
     ----------
     entries
-        Mapped entries without the check sum.
+        Those without the check sum.
     check
         Entry of the check sum.
     unpack
         Returns the values in the concatenated bytes, the check sum last.
     """
 
-    __slots__ = ("_pack", "check", "entries", "unpack")
+    __slots__ = ("_mapped", "_pack", "check", "entries", "unpack")
 
-    def __init__(self, frames: Sequence[Sequence[Entry]]) -> None:
-        *entries, self.check = [entry for frame in frames for entry in frame]
+    def __init__(self, mapped: Sequence[Entry]) -> None:
+        self._mapped = mapped
+        *entries, self.check = mapped
         self.entries = tuple(entries)
         # Little-endian, as a PDO.
         code = "<" + "".join([_FORMATS[entry.data_type] for entry in entries])
         self._pack: Callable[..., bytes] = Struct(code).pack
         self.unpack: Callable[[bytes], tuple[int, ...]] = Struct(f"{code}B").unpack
 
-    def pack(self, unsent: bytes = b"") -> bytes:
-        """Set the entry of the check sum, and return the bytes of all frames.
+    def write_check(self, unsent: bytes = b"") -> None:
+        """Set the check sum to that of what the entries hold now.
 
         Parameters
         ----------
@@ -99,14 +99,12 @@ class CheckedFrames:
             Bytes that both ends know, and that the check sum covers, too.
         """
         body = self._pack(*[entry.value for entry in self.entries])
-        self.check.value = check = crc8(body + unsent)
-        return body + _BYTES[check]
+        self.check.value = crc8(body + unsent)
 
     def keep(self, values: tuple[int, ...]) -> None:
         """Set the entries to the values of all frames, the check sum last."""
-        for entry, value in zip(self.entries, values, strict=False):
+        for entry, value in zip(self._mapped, values, strict=True):
             entry.value = value
-        self.check.value = values[-1]
 
 
 def holds(data: bytes) -> bool:

@@ -50,5 +50,9 @@ def _mapped(
     od: ObjectDictionary, mapping: int, numbers: tuple[int, ...], direction: Direction
 ) -> CheckedFrames:
     return CheckedFrames(
-        [compile_mapping(od, mapping + number - 1, direction).entries for number in numbers]
+        [
+            entry
+            for number in numbers
+            for entry in compile_mapping(od, mapping + number - 1, direction).entries
+        ]
     )

@@ -33,9 +33,7 @@ class Pairing:
     Attributes
     ----------
     values
-        Of the last accepted measurement, in the order of the bus.
-    tick
-        Its tick, 0..255.
+        Of the last accepted measurement, in the order of the bus; empty before the first.
     """
 
     def __init__(
@@ -47,7 +45,6 @@ class Pairing:
         self._tick_at = frames.entries.index(od["Plate input.Tick"])
         self._gauge_tick_at = frames.entries.index(od["Plate input.Gauge tick"])
         self.values: tuple[int, ...] = ()
-        self.tick = 0
         self._lost = od["Cycle.Lost cycles"]
         self._foreign = od["Cycle.Foreign ticks"]
         self._corrupt = od["Cycle.Corrupt measurements"]
@@ -98,7 +95,7 @@ class Pairing:
             return False
         self._next_session = _NOTHING
         self._begun = 0
-        self.values, self.tick = values, tick
+        self.values = values
         self._frames.keep(values)
         return True
 
@@ -115,9 +112,10 @@ class Pairing:
         """How near measurements that cannot be used are to a fault, of 1.0."""
         return self._begun / UNUSABLE_MAX
 
-    def answered(self) -> None:
-        """Note that the measurement got its drive."""
-        self._answered = self.tick
+    def answered(self) -> int:
+        """Note that the last accepted measurement got its drive; return its tick, 0..255."""
+        self._answered = self.values[self._tick_at]
+        return self._answered
 
     def _begin(self) -> None:
         if self._come:

@@ -185,7 +185,7 @@ class PlateNode(Application):
         self._sender.follow()
         self._heed_front_end()
         if measured:
-            self._sent.pack()
+            self._sent.write_check()
         if self._temperature.value > self._temperature_max.value:
             self._protect(FaultCode.TEMPERATURE)
         elif self.block.state is StageState.TRIPPED and not self._protecting:

@@ -54,7 +54,7 @@ class Publishing:
     def drive(self, session: int) -> None:
         """Send the drive; who sends it, and whether in FAULT, is in its check alone."""
         latched = LATCHED if self._supervisor.state is State.FAULT else 0
-        self._drive.pack(bytes((session, self._device.od.node_id | latched)))
+        self._drive.write_check(bytes((session, self._device.od.node_id | latched)))
         self._device.trigger(DRIVE_TPDO)
 
     def all(self) -> None:

@@ -11,7 +11,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master import requests
 from smarttac_can.master.local_master import LocalMaster
-from smarttac_can.nodes.frame_check import crc8
+from smarttac_can.nodes.frame_check import CheckedFrames, crc8
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -142,6 +142,12 @@ def measurement(tick: int, gauge_tick: int | None = None, W: int = 0) -> list[Fr
     ]
     parts[2] += bytes((crc8(b"".join(parts)),))
     return [Frame(can_id, data) for can_id, data in zip(MEASUREMENT, parts, strict=True)]
+
+
+def packed(frames: CheckedFrames, unsent: bytes = b"") -> bytes:
+    """What the entries of a drive, or of a measurement, hold, with the right check."""
+    frames.write_check(unsent)
+    return b"".join(entry.pack() for entry in (*frames.entries, frames.check))
 
 
 def ids(frames: list[Frame]) -> list[int]:

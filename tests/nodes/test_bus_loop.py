@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from line import packed
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.timer import Clock
@@ -30,7 +31,7 @@ class Loop:
             entry.value = 3
         self.deadline = Deadline(self.od, MEASUREMENT_RPDOS)
         self.loop = BusLoop(self.od, self.clock, self.deadline, self._observe, self._unanswered)
-        data = received_measurement(stimulator_od()).pack()
+        data = packed(received_measurement(stimulator_od()))
         self.parts = {FIRST: data[:8], SECOND: data[8:16], LAST: data[16:]}
 
     def _observe(self, watchdog: Watchdog, present: bool) -> None:
@@ -45,6 +46,12 @@ class Loop:
 
     def take(self, *rpdos: int) -> list[bool]:
         return [self.loop.take(rpdo, self.parts[rpdo]) for rpdo in rpdos]
+
+    def answer(self) -> None:
+        """Have a measurement answered."""
+        self.sync()
+        assert self.take(FIRST, SECOND, LAST)[-1]
+        self.loop.answer()
 
     def write(self, at: int, milliseconds: int) -> None:
         """Write a deadline."""
@@ -87,7 +94,7 @@ def test_the_shortest_of_the_deadlines_holds_from_its_write_on(
     writes: list[tuple[int, int]], ms: int
 ) -> None:
     loop = Loop()
-    loop.loop.answer()
+    loop.answer()
     for write in writes:
         loop.write(*write)
     assert loop.over_after() == ms
@@ -95,14 +102,14 @@ def test_the_shortest_of_the_deadlines_holds_from_its_write_on(
 
 def test_a_write_to_anything_else_leaves_the_deadline() -> None:
     loop = Loop()
-    loop.loop.answer()
+    loop.answer()
     loop.loop.on_write(loop.od["Setpoint.Amplitude"], 1)
     assert loop.over_after() == 3
 
 
 def test_who_comes_late_finds_it_over_from_the_deadline_on() -> None:
     loop = Loop()
-    loop.loop.answer()
+    loop.answer()
     loop.clock.now += 2999
     loop.loop.overdue()
     assert loop.unanswered == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from line import packed
 
 from smarttac_can.bench.simulation import plate_od
 from smarttac_can.nodes.drive_sender import DriveSender
@@ -24,7 +25,7 @@ class Plate:
     def sound(self, voltage: int, source: int = ONE, session: int = 0, of: int = 0) -> bool:
         """Whether a drive of a source, made in one session, is sound in another."""
         self._sent.entries[0].value = voltage
-        return self.sender.sound(self._sent.pack(bytes((of, source))), session, off=not voltage)
+        return self.sender.sound(packed(self._sent, bytes((of, source))), session, off=not voltage)
 
     @property
     def corrupt(self) -> int:

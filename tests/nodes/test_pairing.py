@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from line import packed
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.nodes.loop_frames import received_measurement
@@ -28,7 +29,7 @@ class Pair:
 
     def take(self, *rpdos: int, data: bytes | None = None) -> list[bool]:
         """Take some of the three PDOs of a measurement, which is sound by default."""
-        data = self._sent.pack() if data is None else data
+        data = packed(self._sent) if data is None else data
         parts = {FIRST: data[:8], SECOND: data[8:16], LAST: data[16:]}
         return [self.pairing.take(rpdo, parts[rpdo]) for rpdo in rpdos]
 
@@ -37,7 +38,7 @@ class Pair:
         values = {"Tick": tick, "Gauge tick": (tick + session) & 0xFF}
         for entry in self._sent.entries:
             entry.value = values.get(entry.name.rpartition(".")[2], 0)
-        data = self._sent.pack()
+        data = packed(self._sent)
         if corrupt:
             data = bytes((data[0] ^ 1,)) + data[1:]
         first, second, whole = self.take(FIRST, SECOND, LAST, data=data)
