@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import state_before
-from state_before import Readers, State, fields, of_any, of_device
+from state_before import Readers, State, fields, of_any
 
 from smarttac_can.plant.faults import SOUND
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
@@ -25,6 +25,17 @@ def of_stimulator(node: Any) -> State:
 def of_plate(node: Any) -> State:
     """Return what a plate node knows beside its object dictionary."""
     return state_before.of_plate(node, _READERS)
+
+
+def of_device(device: Any) -> State:
+    """Return what the services of a device know beside its object dictionary."""
+    state = state_before.of_device(device)
+    # What waits for SYNC was kept as values, and is kept as bytes now.
+    state["rpdo"] = [
+        (late, None if latch is None else pdo.mapping.read(latch), faults)
+        for pdo, (late, latch, faults) in zip(device._rpdos.values(), state["rpdo"], strict=True)
+    ]
+    return state
 
 
 def _of_controllers(c: Any) -> State:
