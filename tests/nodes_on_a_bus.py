@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -39,13 +40,13 @@ class HesitantBus(PythonCanBus):
 
     def __init__(self, pauses: random.Random, options: Mapping[str, Any]) -> None:
         super().__init__(**options)
-        self._pauses = pauses
+        read = self.read
 
-    def receive(
-        self, timeout: float, patience: float = 0.0, *, every: bool = False
-    ) -> Frame | None:
-        time.sleep(self._pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)))
-        return super().receive(timeout, patience, every=every)
+        def hesitant(frames: deque[Frame]) -> bool:
+            time.sleep(pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)))
+            return read(frames)
+
+        self.read = hesitant
 
 
 def stimulator_with_plate(*, lockstep: bool = True) -> StimulatorNode:

@@ -114,13 +114,19 @@ def run_in_process(
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
         writer = stack.enter_context(LineWriter(_stdout()))
-        lines = StateLines(name, bus.where, node, writer.say)
+        meanwhile = None
+        if not pace.lockstep:
+            meanwhile = stack.enter_context(collecting_between_cycles())
+        lines = StateLines(name, bus.where, node, writer.say, meanwhile)
         lasting = ReconnectingBus(bus.open, node, lost=lines.lost, back=lines.back)
-        if pace.lockstep:
-            run_node(lines, lasting, stop, lockstep=True, full=lines.full)
-        else:
-            spare = stack.enter_context(collecting_between_cycles())
-            run_node(lines, lasting, stop, full=lines.full, spare=spare)
+        run_node(
+            node,
+            lasting,
+            stop,
+            lockstep=pace.lockstep,
+            observer=lines,
+            resting=pace.priority is not None,
+        )
 
 
 def _stdout() -> int:

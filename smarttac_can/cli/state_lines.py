@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.port import Identifiers
-from smarttac_can.host.bus import BusError
+from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -22,7 +20,7 @@ _DOUBLE: Final = 1 << Watchdog.DOUBLE
 
 
 class StateLines:
-    """A node that says what state it is in.
+    """Writes what state a node is in, as an `Observer` of its run.
 
     Parameters
     ----------
@@ -34,6 +32,8 @@ class StateLines:
         The node.
     say
         Takes a line, and does not wait.
+    meanwhile
+        Called whenever the run has time.
     """
 
     def __init__(
@@ -42,10 +42,10 @@ class StateLines:
         where: str,
         node: StimulatorNode | PlateNode | PlainNode,
         say: Callable[[str], None],
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:
         self._name = name
         self._where = where
-        self._node = node
         self._say = say
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
@@ -55,50 +55,43 @@ class StateLines:
         self._said = self._now()
         self._bit_rate: int | None = None
         self._collision = 0
-        self.clock = node.clock
-        self.segments = node.segments
+        self._meanwhile = meanwhile
 
-    @property
-    def ids(self) -> Identifiers:
-        """CAN-IDs that the node listens to, and those of its urgent frames, now."""
-        return self._device.ids
-
-    def start(self) -> list[Frame]:
-        """Switch the node on, and say that it is ready."""
-        frames = self._node.start()
+    def started(self) -> None:
+        """Say that the node is ready."""
         self._said = self._now()
         if self._device.storage_torn:
             self._say(
                 f"{self._title} has its defaults: the --storage is torn, or of another device"
             )
         self._say(f"{self._title} ready on {self._where}")
-        return frames
 
-    def receive(self, frame: Frame) -> list[Frame]:
-        """Hand a frame to the node, say what changed, and return its answers."""
-        return self._followed(self._node.receive(frame))
+    def follow(self) -> None:
+        """Say what has changed."""
+        if self._meanwhile is not None:
+            self._meanwhile()
+        if self._device.bit_rate != self._bit_rate:
+            self._bit_rate = self._device.bit_rate
+            self._say(f"{self._title} {self._bit_rate} kbit/s by LSS: not switched, only stored")
+        if self._device.collision != self._collision:
+            self._collision = self._device.collision
+            self._say(f"{self._title} {self._double}")
+        now = self._now()
+        if now == self._said:
+            return
+        state, mode, reason = now
+        state_before, mode_before, reason_before = self._said
+        self._said = now
+        if state != state_before:
+            self._say(f"{self._title} {state.name.lower().replace('_', '-')}")
+        if mode != mode_before:
+            self._say(f"{self._title} mode {Mode(mode).name.lower()}")
+        if reason and reason != reason_before:
+            self._say(f"{self._title} {reason}")
 
-    def advance(self, microseconds: int) -> list[Frame]:
-        """Let so many us pass for the node, say what changed, and return the frames due."""
-        return self._followed(self._node.advance(microseconds))
-
-    def overtaken(self, frame: Frame) -> list[Frame]:
-        """Hand a frame that newer ones wait behind to the node; otherwise as `receive`."""
-        return self._followed(self._node.overtaken(frame))
-
-    def overdue(self) -> list[Frame]:
-        """Let the node act on deadlines that have passed, before it hears the frames that wait."""
-        return self._followed(self._node.overdue())
-
-    def transmit_failed(self) -> list[Frame]:
-        """Take note that a frame of the loop could not be handed over in its cycle."""
-        return self._followed(self._node.transmit_failed())
-
-    def shutdown(self) -> list[Frame]:
-        """Shut the node down, a plate at 0 V, and say so."""
-        frames = self._node.shutdown()
+    def stopped(self) -> None:
+        """Say that the node was shut down, a plate at 0 V."""
         self._say(f"{self._title} {self._farewell}")
-        return frames
 
     def lost(self, reason: BusError) -> None:
         """Say that the bus has failed, and why."""
@@ -108,7 +101,7 @@ class StateLines:
         """Say that the bus is there again."""
         self._say(f"{self._title} back on {self._where}")
 
-    def full(self, reason: BusError) -> None:
+    def full(self, reason: QueueFullError) -> None:
         """Say that the transmit queue of the bus has no room for a frame of the loop."""
         self._say(f"{self._title} {reason}")
 
@@ -121,7 +114,9 @@ class StateLines:
     def _double(self) -> str:
         if not self._collision:
             return "alone again with its identifiers"
-        cure = ": one producer of SYNC is enough" if self._collision == self.ids.sync else ""
+        cure = (
+            ": one producer of SYNC is enough" if self._collision == self._device.ids.sync else ""
+        )
         return f"another node sends with an identifier of this one, {self._collision:03X}h{cure}"
 
     @property
@@ -144,31 +139,6 @@ class StateLines:
     def _now(self) -> tuple[NMTState, int, str]:
         mode = self._mode.value if self._mode is not None else 0
         return self._device.nmt_state, mode, self._reason
-
-    def _followed(self, frames: list[Frame]) -> list[Frame]:
-        """Say what has changed, and return the frames."""
-        self._follow()
-        return frames
-
-    def _follow(self) -> None:
-        if self._device.bit_rate != self._bit_rate:
-            self._bit_rate = self._device.bit_rate
-            self._say(f"{self._title} {self._bit_rate} kbit/s by LSS: not switched, only stored")
-        if self._device.collision != self._collision:
-            self._collision = self._device.collision
-            self._say(f"{self._title} {self._double}")
-        now = self._now()
-        if now == self._said:
-            return
-        state, mode, reason = now
-        state_before, mode_before, reason_before = self._said
-        self._said = now
-        if state != state_before:
-            self._say(f"{self._title} {state.name.lower().replace('_', '-')}")
-        if mode != mode_before:
-            self._say(f"{self._title} mode {Mode(mode).name.lower()}")
-        if reason and reason != reason_before:
-            self._say(f"{self._title} {reason}")
 
 
 def _diagnosis(od: ObjectDictionary) -> tuple[Entry, Entry, Entry]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -20,7 +21,10 @@ class QueueFullError(BusError):
 
 
 class Bus(Protocol):
-    """One party's connection to a CAN bus; only `receive` waits, and no longer than it may."""
+    """One party's connection to a CAN bus. Only `wait` waits.
+
+    Each method raises BusError if the bus has failed.
+    """
 
     def send(self, frame: Frame) -> None:
         """Hand a frame over to the bus, without waiting for it to be sent.
@@ -29,48 +33,25 @@ class Bus(Protocol):
         ------
         QueueFullError
             If the bus takes none for now.
-        BusError
-            If it takes none at all.
         """
 
-    def receive(
-        self, timeout: float, patience: float = 0.0, *, every: bool = False
-    ) -> Frame | None:
-        """Return the next frame of another party that is listened to.
+    def wait(self, timeout: float) -> None:
+        """Wait until a frame of another party may be there, for so many s at most."""
 
-        Parameters
-        ----------
-        timeout
-            Longest wait for a frame in s; 0 takes what is there.
-        patience
-            How long, in s, it may take to pass over frames that are there and not listened to.
-        every
-            Whether a frame that is not listened to is returned, too.
+    def read(self, frames: deque[Frame]) -> bool:
+        """Append classical 11-bit frames of other parties that wait, oldest first.
 
         Returns
         -------
-        Frame or None
-            None if no such frame came in time.
-
-        Raises
-        ------
-        BusError
-            If the bus has failed.
+        bool
+            Whether more may wait: it takes no longer than a millisecond and a frame.
         """
 
-    def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Pass over frames with other identifiers from now on; at first none are.
+    def block(self, can_ids: frozenset[int]) -> None:
+        """Drop frames with these identifiers from now on, if the bus can do it for nothing.
 
-        Frames that wait already, and those that were passed to nobody yet, are judged by the new
-        identifiers, so that a frame may follow the one that makes it wanted at once. In a flood a
-        bus may drop frames before that, by the identifiers of that time.
+        Others than these are let in again. A hint: the caller passes over what comes all the same.
         """
 
     def close(self) -> None:
-        """Leave the bus and free its sockets and handles; may be called twice.
-
-        Raises
-        ------
-        BusError
-            If the driver fails at it.
-        """
+        """Leave the bus and free its sockets and handles; may be called twice."""

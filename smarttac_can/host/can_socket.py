@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import os
 import socket
-from errno import EBADF
+from collections import deque
+from errno import EAGAIN, ENOBUFS
 from secrets import token_hex
 from select import select
 from struct import Struct
-from time import monotonic
 from typing import Final, Protocol
 
 import can
@@ -20,15 +20,8 @@ from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.kernel_filter import (
-    ID_AT,
-    ID_BYTES,
-    ID_KEY,
-    PLAIN_END,
-    UINT8,
-    UINT16,
-    hear_only,
-)
+from smarttac_can.host.bus import BusError, QueueFullError
+from smarttac_can.host.kernel_filter import drop
 from smarttac_can.od.cia import CAN_ID_MASK, FRAME_BYTES
 
 try:
@@ -37,13 +30,10 @@ except ImportError:  # python-can says so itself when such a bus is opened
     msgpack = None
 
 _MOST_BYTES: Final = 4096
-_FLOOD: Final = 100
-_FLOOD_S: Final = 0.01
-"""So many frames that are passed over in less than this time are a flood: a bus of 1 Mbit/s carries
-nine of 8 bytes in a millisecond."""
-_CLOSED_S: Final = 1.0
-"""For how long the kernel drops them then."""
+_MOST_FRAMES: Final = 64
+"""Frames that are read at once: about half a millisecond."""
 _NOW: Final[int] = getattr(socket, "MSG_DONTWAIT", 0)
+_QUEUE_FULL: Final = (ENOBUFS, EAGAIN)
 
 
 class Codec(Protocol):
@@ -51,13 +41,13 @@ class Codec(Protocol):
 
     @property
     def mark(self) -> bytes:
-        """What tells the echo of a frame, as `hear_only` has it; empty where there is none."""
+        """What tells the echo of a frame, as `drop` has it; empty where there is none."""
 
     def encode(self, frame: Frame) -> bytes:
         """Return what is sent for a frame."""
 
-    def decode(self, data: bytes, can_ids: frozenset[int] | None) -> Frame | None:
-        """Return the frame; None for what is none, an echo, or not listened to (None: all is)."""
+    def decode(self, data: bytes) -> Frame | None:
+        """Return the frame; None for what is none, or an echo."""
 
 
 class SocketCan:
@@ -81,17 +71,16 @@ class SocketCan:
         can_id, data, rtr = frame
         return self._STRUCT.pack(can_id | self._REMOTE if rtr else can_id, len(data), data)
 
-    def decode(self, data: bytes, can_ids: frozenset[int] | None) -> Frame | None:
-        """Return the frame; None for what is none, or not listened to."""
+    def decode(self, data: bytes) -> Frame | None:
+        """Return the frame; None for what is none."""
         if len(data) != self.size:
             return None
         can_id, size, payload = self._STRUCT.unpack(data)
-        rtr = bool(can_id & self._REMOTE)
-        can_id &= ~self._REMOTE
+        if can_id <= CAN_ID_MASK:
+            return Frame(can_id, payload[:size])
         # Extended and error frames have a higher bit set.
-        if can_id > CAN_ID_MASK or (can_ids is not None and can_id not in can_ids):
-            return None
-        return Frame(can_id, b"" if rtr else payload[:size], rtr)
+        can_id &= ~self._REMOTE
+        return Frame(can_id, b"", True) if can_id <= CAN_ID_MASK else None
 
 
 class _Multicast:
@@ -99,15 +88,32 @@ class _Multicast:
 
     A multicast socket hears itself, and its address is that of every other party on this machine:
     the channel field tells the echo.
+
+    What stands in front of the data of a frame depends on its identifier, length and sender alone,
+    but for the time stamp: it is made once, and looked at once.
     """
 
-    _ID_VALUE: Final = ID_AT + len(ID_KEY)
+    _BEGIN: Final = b"\x8b\xa9timestamp\xcb"
+    _TIME_BYTES: Final = 8
+    _TAIL: Final = b"\xa5is_fd\xc2\xaebitrate_switch\xc2\xb5error_state_indicator\xc2"
+    _AFTER_TIME: Final = len(_BEGIN) + _TIME_BYTES
+    _MOST_HEADS: Final = 4096
 
     def __init__(self) -> None:
         self._channel = token_hex(8)
         self.mark: Final = self._channel.encode()
+        self._heads: dict[tuple[int, bool, int], bytes] = {}
+        self._known: dict[bytes, int] = {}
 
     def encode(self, frame: Frame) -> bytes:
+        can_id, data, rtr = frame
+        key = can_id, rtr, len(data)
+        head = self._heads.get(key)
+        if head is None:
+            head = self._heads[key] = self._packed(frame).removesuffix(data + self._TAIL)
+        return head + data + self._TAIL
+
+    def _packed(self, frame: Frame) -> bytes:
         can_id, data, rtr = frame
         return bytes(
             msgpack.packb(
@@ -127,9 +133,30 @@ class _Multicast:
             )
         )
 
-    def decode(self, data: bytes, can_ids: frozenset[int] | None) -> Frame | None:
-        if self.mark in data or (can_ids is not None and self._foreign(data, can_ids)):
+    def decode(self, data: bytes) -> Frame | None:
+        if data.startswith(self._BEGIN) and data.endswith(self._TAIL):
+            end = len(data) - len(self._TAIL)
+            # Of the frames of a loop, those of the cycle are full, and SYNC is empty.
+            for begin in (end - FRAME_BYTES, end):
+                can_id = self._known.get(data[self._AFTER_TIME : begin])
+                if can_id is not None:
+                    return Frame(can_id, data[begin:end])
+        if self.mark in data:
             return None
+        frame = self._unpacked(data)
+        if frame is not None and not frame.rtr:
+            self._remember(frame, data)
+        return frame
+
+    def _remember(self, frame: Frame, data: bytes) -> None:
+        """Keep what stands in front of the data, where python-can writes it."""
+        behind = frame.data + self._TAIL
+        if data.startswith(self._BEGIN) and data.endswith(behind):
+            if len(self._known) >= self._MOST_HEADS:
+                self._known.clear()
+            self._known[data[self._AFTER_TIME : -len(behind)]] = frame.can_id
+
+    def _unpacked(self, data: bytes) -> Frame | None:
         try:
             message = msgpack.unpackb(data)
             can_id, rtr = message["arbitration_id"], bool(message["is_remote_frame"])
@@ -140,20 +167,9 @@ class _Multicast:
         sound = type(can_id) is int and 0 <= can_id <= CAN_ID_MASK
         # A number would be made that many bytes.
         sound = sound and type(payload) is bytes and len(payload) <= FRAME_BYTES
-        if other or not sound or (can_ids is not None and can_id not in can_ids):
+        if other or not sound:
             return None
         return Frame(can_id, b"" if rtr else payload, rtr)
-
-    def _foreign(self, data: bytes, can_ids: frozenset[int]) -> bool:
-        """Tell whether the identifier can be read at its place, and is not listened to."""
-        value = data[self._ID_VALUE : self._ID_VALUE + ID_BYTES]
-        if data[ID_AT : self._ID_VALUE] != ID_KEY or len(value) < ID_BYTES:
-            return False
-        if value[0] == UINT16:
-            return int.from_bytes(value[1:], "big") not in can_ids
-        if value[0] == UINT8:
-            return value[1] not in can_ids
-        return value[0] < PLAIN_END and value[0] not in can_ids
 
 
 class CanSocket:
@@ -173,81 +189,46 @@ class CanSocket:
         self._bus = bus
         self._socket = socket.socket(fileno=os.dup(bus.fileno()))
         self._codec = codec
-        self._can_ids: frozenset[int] | None = None
-        self._passed = 0
-        self._first_passed = 0.0
-        self._closed_until: float | None = None
-        if codec.mark:
-            hear_only(bus, None, codec.mark)
         self._address = None if group is None else (group, self._socket.getsockname()[1])
+        if codec.mark:
+            drop(bus, (), codec.mark)
 
     def send(self, frame: Frame) -> None:
-        """Write a frame to the socket, without waiting.
+        """Write a frame to the socket, as `Bus.send` has it."""
+        try:
+            if self._address is None:
+                self._socket.send(self._codec.encode(frame), _NOW)
+            else:
+                self._socket.sendto(self._codec.encode(frame), _NOW, self._address)
+        except OSError as error:
+            kind = QueueFullError if error.errno in _QUEUE_FULL else BusError
+            raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
 
-        Raises
-        ------
-        OSError
-            ENOBUFS or EAGAIN for a full queue, others if the interface has failed.
-        """
-        data = self._codec.encode(frame)
-        if self._address is None:
-            self._socket.send(data, _NOW)
-        else:
-            self._socket.sendto(data, _NOW, self._address)
-
-    def wait(self, timeout: float) -> bool:
-        """Tell whether there is something to read, waiting so many s at most.
-
-        Raises
-        ------
-        OSError
-            If it is closed.
-        """
-        if self._closed_until is not None and monotonic() >= self._closed_until:
-            self._closed_until = None
-            hear_only(self._bus, None, self._codec.mark)
+    def wait(self, timeout: float) -> None:
+        """Wait until there is something to read, as `Bus.wait` has it."""
         try:
             # epoll and poll round up to milliseconds.
-            return bool(select((self._socket,), (), (), timeout)[0])
-        except ValueError as error:
-            raise OSError(EBADF, os.strerror(EBADF)) from error
+            select((self._socket,), (), (), timeout)
+        except (OSError, ValueError) as error:
+            raise BusError(f"cannot receive: {error}") from error
 
-    def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Pass over frames with other identifiers; in a flood of them the kernel drops them."""
-        self._can_ids = can_ids
-        if self._closed_until is not None:
-            hear_only(self._bus, can_ids, self._codec.mark)
-
-    def read(self, *, every: bool = False) -> tuple[bool, Frame | None]:
-        """Take what is there: whether there was anything, and the frame if it is one to hear.
-
-        Parameters
-        ----------
-        every
-            Whether every frame is.
-        """
+    def read(self, frames: deque[Frame]) -> bool:
+        """Take the frames that are there, as `Bus.read` has it."""
+        receive, decode = self._socket.recv, self._codec.decode
         try:
-            data = self._socket.recv(_MOST_BYTES, _NOW)
+            for _ in range(_MOST_FRAMES):
+                frame = decode(receive(_MOST_BYTES, _NOW))
+                if frame is not None:
+                    frames.append(frame)
         except BlockingIOError:
-            return False, None
-        frame = self._codec.decode(data, None if every else self._can_ids)
-        if frame is None:
-            self._note_passed()
-        return True, frame
+            return False
+        except OSError as error:
+            raise BusError(f"cannot receive: {error}") from error
+        return True
 
-    def _note_passed(self) -> None:
-        """Count what was passed over; have the kernel drop the like if it is a flood."""
-        if not self._passed:
-            self._first_passed = monotonic()
-        self._passed += 1
-        if self._passed < _FLOOD:
-            return
-        self._passed = 0
-        now = monotonic()
-        if now - self._first_passed < _FLOOD_S and self._can_ids is not None:
-            if self._closed_until is None:
-                hear_only(self._bus, self._can_ids, self._codec.mark)
-            self._closed_until = now + _CLOSED_S
+    def block(self, can_ids: frozenset[int]) -> None:
+        """Have the kernel drop frames with these identifiers."""
+        drop(self._bus, can_ids, self._codec.mark)
 
     def close(self) -> None:
         """Close the socket."""

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final, Protocol
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.frame_faults import FrameFault
-from smarttac_can.host.node import ConnectedNode, HostedNode, without_queue
+from smarttac_can.host.node import ConnectedNode, HostedNode, kind, without_queue
 from smarttac_can.host.outbox import Outbox
-from smarttac_can.host.read_ahead import kind
 
 if TYPE_CHECKING:
     from smarttac_can.host.faulty_bus import FaultyBus

@@ -15,13 +15,13 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.od.cia import CAN_ID_MASK
 
-ID_KEY: Final = b"\xaearbitration_id"
+_ID_KEY: Final = b"\xaearbitration_id"
 """Key of the identifier in a frame of udp_multicast, a map in MessagePack."""
-ID_AT: Final = 20
+_ID_AT: Final = 20
 """Its place behind a time stamp of 8 bytes, as python-can writes it."""
-UINT8, UINT16, PLAIN_END = 0xCC, 0xCD, 0x80
+_UINT8, _UINT16, _PLAIN_END = 0xCC, 0xCD, 0x80
 """What MessagePack puts before an integer of one byte, and of two; one below the last is plain."""
-ID_BYTES: Final = 3
+_ID_BYTES: Final = 3
 """Bytes of an identifier of 11 bits, at most."""
 _CHANNEL_AT: Final = 58
 """Place of the text of the channel behind the identifier: four keys, and three truth values."""
@@ -35,10 +35,16 @@ _UDP_HEADER: Final = 8
 _LOAD_WORD, _LOAD_HALF, _LOAD_BYTE, _LOAD_LENGTH = 0x20, 0x28, 0x30, 0x80
 _INDEX, _LOAD_WORD_FROM_INDEX = 0x01, 0x40
 _JUMP, _JUMP_IF_EQUAL, _JUMP_IF_NOT_BELOW, _RETURN = 0x05, 0x15, 0x35, 0x06
-_ACCEPT: Final = (_RETURN, 0, 0, 0xFFFF)
+_Row = tuple[int, int, int, int]
+_ACCEPT: Final[_Row] = (_RETURN, 0, 0, 0xFFFF)
+_DROP: Final[_Row] = (_RETURN, 0, 0, 0)
+_CAN_RAW: Final = 101
+_CAN_RAW_FILTER, _CAN_RAW_JOIN_FILTERS = 1, 6
+_EXTENDED, _INVERTED = 1 << 31, 1 << 29
+_OF_11_BITS: Final = _EXTENDED | CAN_ID_MASK
 
 
-def hear_only(bus: can.BusABC, can_ids: Iterable[int] | None, own: bytes = b"") -> None:
+def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
     """Have the kernel drop frames with other identifiers on their way to a bus of python-can.
 
     What comes before the process has changed its mind is lost. Of udp_multicast frames in another
@@ -48,22 +54,42 @@ def hear_only(bus: can.BusABC, can_ids: Iterable[int] | None, own: bytes = b"") 
     Parameters
     ----------
     can_ids
-        Identifiers of 11 bits that are heard. None stands for all, as do more than 200.
+        Identifiers of 11 bits that are heard; more than 200 stand for all.
+    """
+    heard = sorted(can_ids)
+    if isinstance(bus, SocketcanBus):
+        filters: can.typechecking.CanFilters = [
+            {"can_id": can_id, "can_mask": CAN_ID_MASK, "extended": False} for can_id in heard
+        ]
+        bus.set_filters(filters if len(heard) <= _MOST_IDS else None)
+    elif _has_programs(bus):
+        _attach(bus, _program(heard, kept=True) if len(heard) <= _MOST_IDS else [_ACCEPT])
+
+
+def drop(bus: can.BusABC, can_ids: Iterable[int], own: bytes = b"") -> None:
+    """Have the kernel drop frames with these identifiers, and let all others in.
+
+    Parameters
+    ----------
+    can_ids
+        Identifiers of 11 bits, of which 200 count.
     own
         What the channel of the party's own frames begins with on udp_multicast, of whole words of 4
         bytes: these echoes are dropped, too. Empty for none; SocketCAN has none.
     """
-    wanted = None if can_ids is None else sorted(can_ids)
-    if wanted is not None and len(wanted) > _MOST_IDS:
-        wanted = None
+    dropped = sorted(can_ids)[:_MOST_IDS]
     if isinstance(bus, SocketcanBus):
-        filters: can.typechecking.CanFilters = [
-            {"can_id": can_id, "can_mask": CAN_ID_MASK, "extended": False}
-            for can_id in wanted or ()
-        ]
-        bus.set_filters(None if wanted is None else filters)
-    elif isinstance(bus, UdpMulticastBus) and sys.platform == "linux":
-        _attach(bus, _program(wanted, own))
+        # A frame has to pass all: of 11 bits, and not this one, and not this one.
+        rows = [(0, _EXTENDED), *[(can_id | _INVERTED, _OF_11_BITS) for can_id in dropped]]
+        _set_option(bus, _CAN_RAW, _CAN_RAW_JOIN_FILTERS, struct.pack("=i", 1))
+        filters_ = b"".join(struct.pack("=II", *row) for row in rows)
+        _set_option(bus, _CAN_RAW, _CAN_RAW_FILTER, filters_)
+    elif _has_programs(bus):
+        _attach(bus, _program(dropped, kept=False, own=own))
+
+
+def _has_programs(bus: can.BusABC) -> bool:
+    return isinstance(bus, UdpMulticastBus) and sys.platform == "linux"
 
 
 def hold_more(bus: can.BusABC) -> None:
@@ -74,32 +100,27 @@ def hold_more(bus: can.BusABC) -> None:
     """
     if isinstance(bus, SocketcanBus | UdpMulticastBus) and sys.platform == "linux":
         for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):
-            _set_option(bus, option, struct.pack("@i", _MOST_HELD))
+            _set_option(bus, socket.SOL_SOCKET, option, struct.pack("@i", _MOST_HELD))
 
 
-def _program(can_ids: list[int] | None, own: bytes) -> list[tuple[int, int, int, int]]:
-    """Compare the identifier in a frame: rows of code, jump if true, jump if false, constant.
-
-    None stands for any identifier.
-    """
-    value = _UDP_HEADER + ID_AT + len(ID_KEY)
+def _program(can_ids: list[int], *, kept: bool, own: bytes = b"") -> list[_Row]:
+    """Compare the identifier in a frame: rows of code, jump if true, jump if false, constant."""
+    value = _UDP_HEADER + _ID_AT + len(_ID_KEY)
     two_bytes, one_byte, compare = 8, 11, 13
-    echo = compare if can_ids is None else compare + len(can_ids) + 1
     look = _is_own(value + _CHANNEL_AT, own) if own else []
-    accept = echo + len(look)
+    others = [] if not kept else [_DROP]
+    accept = compare + len(can_ids) + len(others) + len(look)
+    equal = accept - len(look) if kept else accept + 1
     compared = [
-        (_JUMP_IF_EQUAL, echo - at - 1, 0, can_id)
-        for at, can_id in enumerate(can_ids or (), compare)
+        (_JUMP_IF_EQUAL, equal - at - 1, 0, can_id) for at, can_id in enumerate(can_ids, compare)
     ]
-    if can_ids is not None:
-        compared.append((_RETURN, 0, 0, 0))
     return [
-        (_LOAD_WORD, 0, 0, _UDP_HEADER + ID_AT),
-        (_JUMP_IF_EQUAL, 0, accept - 2, int.from_bytes(ID_KEY[:4], "big")),
+        (_LOAD_WORD, 0, 0, _UDP_HEADER + _ID_AT),
+        (_JUMP_IF_EQUAL, 0, accept - 2, int.from_bytes(_ID_KEY[:4], "big")),
         (_LOAD_BYTE, 0, 0, value),
-        (_JUMP_IF_EQUAL, one_byte - 4, 0, UINT8),
-        (_JUMP_IF_EQUAL, two_bytes - 5, 0, UINT16),
-        (_JUMP_IF_NOT_BELOW, accept - 6, 0, PLAIN_END),
+        (_JUMP_IF_EQUAL, one_byte - 4, 0, _UINT8),
+        (_JUMP_IF_EQUAL, two_bytes - 5, 0, _UINT16),
+        (_JUMP_IF_NOT_BELOW, accept - 6, 0, _PLAIN_END),
         (_INDEX, 0, 0, 1),
         (_JUMP, 0, 0, compare - 8),
         (_INDEX, 0, 0, 3),
@@ -108,36 +129,43 @@ def _program(can_ids: list[int] | None, own: bytes) -> list[tuple[int, int, int,
         (_INDEX, 0, 0, 2),
         (_LOAD_BYTE, 0, 0, value + 1),
         *compared,
+        *others,
         *look,
         _ACCEPT,
+        _DROP,
     ]
 
 
-def _is_own(channel: int, own: bytes) -> list[tuple[int, int, int, int]]:
+def _is_own(channel: int, own: bytes) -> list[_Row]:
     """Compare the channel, the index being the width of the identifier; drop, or jump behind."""
     words = struct.unpack(f">{len(own) // 4}I", own)
     behind = 3 + 2 * len(words)
     rows = [
         # A load beyond the end would drop the frame.
         (_LOAD_LENGTH, 0, 0, 0),
-        (_JUMP_IF_NOT_BELOW, 0, behind - 2, channel + ID_BYTES + len(own)),
+        (_JUMP_IF_NOT_BELOW, 0, behind - 2, channel + _ID_BYTES + len(own)),
     ]
     for number, word in enumerate(words):
         rows.append((_LOAD_WORD_FROM_INDEX, 0, 0, channel + 4 * number))
         rows.append((_JUMP_IF_EQUAL, 0, behind - len(rows) - 1, word))
-    return [*rows, (_RETURN, 0, 0, 0)]
+    return [*rows, _DROP]
 
 
-def _attach(bus: can.BusABC, program: list[tuple[int, int, int, int]]) -> None:
+def _attach(bus: can.BusABC, program: list[_Row]) -> None:
     code = b"".join(struct.pack("=HBBI", *row) for row in program)
     buffer = ctypes.create_string_buffer(code)
-    _set_option(bus, _SO_ATTACH_FILTER, struct.pack("@HP", len(program), ctypes.addressof(buffer)))
+    _set_option(
+        bus,
+        socket.SOL_SOCKET,
+        _SO_ATTACH_FILTER,
+        struct.pack("@HP", len(program), ctypes.addressof(buffer)),
+    )
 
 
-def _set_option(bus: can.BusABC, option: int, value: bytes) -> None:
+def _set_option(bus: can.BusABC, level: int, option: int, value: bytes) -> None:
     """Set an option of the bus's socket where the system can.
 
     It is set by the descriptor. A second socket object of it would stay open if a signal came
     between its making and the block that closes it.
     """
-    ctypes.CDLL(None).setsockopt(bus.fileno(), socket.SOL_SOCKET, option, value, len(value))
+    ctypes.CDLL(None).setsockopt(bus.fileno(), level, option, value, len(value))

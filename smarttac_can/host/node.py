@@ -12,6 +12,11 @@ from smarttac_can.device.timer import Clock
 _AT_ONCE: Final = 127
 
 
+def kind(frame: Frame) -> tuple[int, bool, int]:
+    """Return what two frames have in common of which the newer one overtakes the other."""
+    return frame.can_id, frame.rtr, len(frame.data)
+
+
 class Node(Protocol):
     """A CANopen node without clock, bus or thread: frames and time in, frames out."""
 
@@ -46,10 +51,7 @@ class HostedNode(Node, Protocol):
         """
 
     def overtaken(self, frame: Frame) -> list[Frame]:
-        """Take a frame that a newer one of its kind waits behind; return the answers.
-
-        The host calls it instead of `receive` when it comes late, and for SYNC.
-        """
+        """Take a frame that a newer one of its `kind` waits behind; return the answers."""
 
     def overdue(self) -> list[Frame]:
         """Act on deadlines that have passed, before the frames that wait are heard.

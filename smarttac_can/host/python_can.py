@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import errno
-from time import monotonic, time_ns
+from collections import deque
+from time import monotonic
 from typing import Any
 
 import can
@@ -12,7 +13,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.virtual import VirtualBus
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import BusError, LogHook, QueueFullError
+from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.bus_options import configured, kept_here
 from smarttac_can.host.can_socket import open_socket
 from smarttac_can.host.drivers import opening
@@ -20,6 +21,7 @@ from smarttac_can.host.drivers import opening
 _REFUSING_S = 0.1
 """How long a driver that does not say why may take no frame before its bus is lost."""
 _STRAY_S = 0.1
+_READING_S = 0.001
 _QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
@@ -77,22 +79,20 @@ class PythonCanBus:
     interface, channel, bitrate
         As python-can has them. What is not given comes from python-can's configuration: the
         environment (``CAN_INTERFACE``, ...) or its files (``~/.canrc``, ``can.ini``, ...).
-    log
-        Called with the time since the epoch in us and the frame, for every frame sent or received;
-        `listen_to` is then for nothing.
     options
         Anything else the interface takes, e.g. ``port=`` for udp_multicast, whose frames stay on
         this computer unless ``hop_limit=`` is given, or configured.
+
+    Attributes
+    ----------
+    send, wait, read, block
+        As `Bus` has them. Of socketcan and udp_multicast they are those of the socket, which never
+        wait. Other interfaces send by their driver, which decides.
 
     Raises
     ------
     BusError
         If there is no such interface or channel, or it cannot be opened.
-
-    Notes
-    -----
-    Of socketcan and udp_multicast the socket is used, which never waits. Other interfaces send by
-    their driver, which decides.
     """
 
     def __init__(
@@ -100,8 +100,6 @@ class PythonCanBus:
         interface: str | None = None,
         channel: str | None = None,
         bitrate: int | None = None,
-        *,
-        log: LogHook | None = None,
         **options: Any,
     ) -> None:
         if bitrate is not None:
@@ -109,51 +107,16 @@ class PythonCanBus:
         with opening(interface, channel, BusError):
             opened = kept_here({"interface": interface, "channel": channel, **options})
             self._bus = can.Bus(**opened)
-        self._log = log
-        self._can_ids: frozenset[int] | None = None
-        self._refusing_since: float | None = None
         self._socket = open_socket(self._bus, configured(opened).get("channel"))
+        wire = self._socket or _Driver(self._bus)
+        self.send = wire.send
+        self.wait = wire.wait
+        self.read = wire.read
+        self.block = wire.block
+        self._came: deque[Frame] = deque()
 
-    def send(self, frame: Frame) -> None:
-        """Hand a frame over.
-
-        Raises
-        ------
-        QueueFullError
-            If the transmit queue is full.
-        BusError
-            If the bus takes no frame for another reason.
-        """
-        try:
-            if self._socket is not None:
-                self._socket.send(frame)
-            else:
-                self._bus.send(to_message(frame))
-        except (can.CanError, OSError) as error:
-            kind = QueueFullError if self._is_queue_full(error) else BusError
-            raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
-        self._refusing_since = None
-        if self._log is not None:
-            self._log(time_ns() // 1000, frame)
-
-    def receive(
-        self, timeout: float, patience: float = 0.0, *, every: bool = False
-    ) -> Frame | None:
-        """Return the next classical 11-bit frame of another party that is listened to.
-
-        Parameters
-        ----------
-        timeout
-            Longest wait in s; 0 takes what is there.
-        patience
-            How long, in s, it may take to pass over frames that are there and not listened to.
-        every
-            Whether a frame that is not listened to is returned, too.
-
-        Returns
-        -------
-        Frame or None
-            None if no such frame came in time.
+    def receive(self, timeout: float) -> Frame | None:
+        """Return the next frame of another party, None if none came within so many s.
 
         Raises
         ------
@@ -161,29 +124,14 @@ class PythonCanBus:
             If the bus has failed.
         """
         end = monotonic() + timeout
-        try:
-            while True:
-                there, frame = self._take(timeout, every)
-                if frame is not None:
-                    if self._log is not None:
-                        self._log(time_ns() // 1000, frame)
-                    return frame
-                if not there:
-                    return None
-                timeout = end - monotonic()
-                if timeout <= -patience:
-                    return None
-                timeout = max(0.0, timeout)
-        except (can.CanError, OSError) as error:
-            raise BusError(f"cannot receive: {error}") from error
-
-    def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Pass over frames with other identifiers from now on; in a flood the kernel does."""
-        if self._log is not None:
-            return
-        self._can_ids = can_ids
-        if self._socket is not None:
-            self._socket.listen_to(can_ids)
+        while not self._came:
+            more = self.read(self._came)
+            left = end - monotonic()
+            if not self._came and left <= 0.0:
+                return None
+            if not self._came and not more:
+                self.wait(left)
+        return self._came.popleft()
 
     def close(self) -> None:
         """Leave the bus and free its sockets and handles; may be called twice.
@@ -200,26 +148,53 @@ class PythonCanBus:
         except (can.CanError, OSError) as error:
             raise BusError(f"cannot leave the bus: {error}") from error
 
-    def _take(self, timeout: float, every: bool) -> tuple[bool, Frame | None]:
-        """Wait for a frame: whether one came, and what it is if it is one to return."""
-        if self._socket is not None:
-            if timeout > 0.0 and not self._socket.wait(timeout):
-                return False, None
-            return self._socket.read(every=every)
-        message = self._bus.recv(timeout)
-        if message is None:
-            return False, None
-        frame = to_frame(message)
-        can_ids = None if every else self._can_ids
-        heard = frame is not None and (can_ids is None or frame.can_id in can_ids)
-        return True, frame if heard else None
+
+class _Driver:
+    """A bus whose driver alone knows how to use it."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._first: can.Message | None = None
+        """What came while it was waited for."""
+        self._refusing_since: float | None = None
+
+    def send(self, frame: Frame) -> None:
+        try:
+            self._bus.send(to_message(frame))
+        except (can.CanError, OSError) as error:
+            kind = QueueFullError if self._is_queue_full(error) else BusError
+            raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
+        self._refusing_since = None
+
+    def wait(self, timeout: float) -> None:
+        if self._first is None:
+            self._first = self._receive(timeout)
+
+    def read(self, frames: deque[Frame]) -> bool:
+        end = monotonic() + _READING_S
+        while True:
+            message, self._first = self._first or self._receive(0.0), None
+            if message is None:
+                return False
+            frame = to_frame(message)
+            if frame is not None:
+                frames.append(frame)
+            if monotonic() >= end:
+                return True
+
+    def block(self, can_ids: frozenset[int]) -> None:
+        """Let everything pass: what a driver filters costs as much as what is passed over."""
+
+    def _receive(self, timeout: float) -> can.Message | None:
+        try:
+            return self._bus.recv(timeout)
+        except (can.CanError, OSError) as error:
+            raise BusError(f"cannot receive: {error}") from error
 
     def _is_queue_full(self, reason: can.CanError | OSError) -> bool:
         number = reason.error_code if isinstance(reason, can.CanError) else reason.errno
         if number in _QUEUE_FULL:
             return True
-        if self._socket is not None:
-            return False
         now = monotonic()
         if self._refusing_since is None:
             self._refusing_since = now

@@ -19,8 +19,9 @@ _NAP_S = 0.02
 class ReconnectingBus:
     """Opens its bus again, at growing intervals, whenever it has failed.
 
-    While there is no bus, frames are dropped: they are about a moment that is over when it is back.
-    It is back when it can be listened to: SocketCAN opens an interface that is still down.
+    Whoever uses it calls `lose` with the BusError that a method has raised. While there is no bus,
+    frames are dropped: they are about a moment that is over when it is back. It is back when it can
+    be read: SocketCAN opens an interface that is still down.
 
     Parameters
     ----------
@@ -34,6 +35,11 @@ class ReconnectingBus:
         Called when it is there again.
     clock, pause
         Monotonic time in s, and a wait of so many s.
+
+    Attributes
+    ----------
+    send, wait, read
+        As `Bus` has them: those of the bus itself, while it is there.
     """
 
     def __init__(
@@ -55,61 +61,31 @@ class ReconnectingBus:
         self._wait = FIRST_WAIT_S
         self._next_try = 0.0
         self._owed: deque[Frame] = deque()
-        self._can_ids: frozenset[int] | None = None
+        self._blocked: frozenset[int] = frozenset()
         self._on_trial = False
-        self._bus: Bus | None = open_bus()
+        self._bus: Bus | None = None
+        self.send: Callable[[Frame], None]
+        self.wait: Callable[[float], None]
+        self.read: Callable[[deque[Frame]], bool]
+        self._use(open_bus())
 
-    def send(self, frame: Frame) -> None:
-        """Send a frame; without a bus it is dropped.
-
-        Raises
-        ------
-        QueueFullError
-            If the bus takes none for now.
-        """
-        if self._bus is None:
-            return
-        try:
-            self._send_owed()
-            self._bus.send(frame)
-        except QueueFullError:
-            raise
-        except BusError as error:
-            self._lose(error)
-
-    def receive(
-        self, timeout: float, patience: float = 0.0, *, every: bool = False
-    ) -> Frame | None:
-        """Return the next frame of another party, or None after timeout s; tries to get back."""
-        if self._bus is None:
-            self._try_again()
-        if self._bus is None:
-            self._pause(min(timeout, _NAP_S))
-            return None
-        try:
-            frame = self._bus.receive(timeout, patience, every=every)
-        except BusError as error:
-            self._lose(error)
-            return None
-        self._end_trial()
-        return frame
-
-    def listen_to(self, can_ids: frozenset[int]) -> None:
-        """Pass over frames with other identifiers from now on, also on a bus that is back."""
-        self._can_ids = can_ids
+    def block(self, can_ids: frozenset[int]) -> None:
+        """Drop frames with these identifiers from now on, also on a bus that is back."""
+        self._blocked = can_ids
         if self._bus is not None:
-            self._bus.listen_to(can_ids)
+            self._bus.block(can_ids)
 
     def close(self) -> None:
         """Leave the bus, and try to open it no more."""
         if self._bus is not None:
             self._bus.close()
-            self._bus = None
+        self._leave()
 
-    def _lose(self, reason: BusError) -> None:
+    def lose(self, reason: BusError) -> None:
+        """Give up the bus that has failed, and open it again later."""
         with suppress(BusError):
             self.close()
-        self._bus = None
+        self._leave()
         self._owed.clear()
         if self._on_trial:
             self._wait_longer()
@@ -119,36 +95,62 @@ class ReconnectingBus:
         self._node.bus_off()
         self._lost(reason)
 
-    def _try_again(self) -> None:
+    def _use(self, bus: Bus) -> None:
+        self._bus = bus
+        self.send, self.wait, self.read = bus.send, bus.wait, bus.read
+
+    def _leave(self) -> None:
+        self._bus = None
+        self.send, self.wait, self.read = self._drop, self._nap, self._try_again
+
+    def _drop(self, _frame: Frame) -> None:
+        """Send nothing."""
+
+    def _nap(self, timeout: float) -> None:
+        self._pause(min(timeout, _NAP_S))
+
+    def _try_again(self, _frames: deque[Frame]) -> bool:
         if self._clock() < self._next_try:
-            return
+            return False
         self._on_trial = True
         try:
-            self._bus = self._open()
+            bus = self._open()
         except BusError:
             self._wait_longer()
-        else:
-            if self._can_ids is not None:
-                self._bus.listen_to(self._can_ids)
+            return False
+        self._bus = bus
+        self.wait, self.read = bus.wait, self._read_first
+        if self._blocked:
+            bus.block(self._blocked)
+        return True
 
     def _wait_longer(self) -> None:
         self._wait = min(2.0 * self._wait, LONGEST_WAIT_S)
         self._next_try = self._clock() + self._wait
 
-    def _end_trial(self) -> None:
-        if not self._on_trial:
-            return
+    def _read_first(self, frames: deque[Frame]) -> bool:
+        """Read a bus that was opened again; what the node says of that goes out before all else."""
+        if self._bus is None:
+            return False
+        more = self._bus.read(frames)
         self._on_trial = False
         self._back()
         self._owed.extend(self._node.bus_recovered())
-        try:
-            self._send_owed()
-        except QueueFullError:
-            pass  # the next frame sends them
-        except BusError as error:
-            self._lose(error)
+        self._use(self._bus)
+        if self._owed:
+            self.send = self._send_behind
+            with suppress(QueueFullError):
+                self._send_owed()
+        return more
+
+    def _send_behind(self, frame: Frame) -> None:
+        self._send_owed()
+        if self._bus is not None:
+            self._bus.send(frame)
 
     def _send_owed(self) -> None:
         while self._bus is not None and self._owed:
             self._bus.send(self._owed[0])
             self._owed.popleft()
+        if self._bus is not None:
+            self.send = self._bus.send

@@ -1,34 +1,42 @@
 """Run a sans-IO node on a bus: in real time by the clock, or in lockstep by SYNC.
 
-The promise in real time, for a process that runs and whatever comes over the bus: device time is
-never more than 20 ms behind the clock, or the time that three frames take if that is longer; frames
-that were there when the process came late are heard for at most 10 ms before time goes on; and
-nothing waits for a bus that takes no frames.
+In real time there is one rule: end what must not wait, drain the bus, act on what is due, send, and
+wait. The promise, for a process that runs and whatever comes over the bus: device time is never
+more than 20 ms behind the clock, or the time that three frames take if that is longer; frames that
+were there when the process came late are heard for at most 10 ms before time goes on; and nothing
+waits for a bus that takes no frames.
 """
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import closing, suppress
-from time import monotonic_ns, sleep, thread_time_ns
-from typing import Final
+from time import monotonic_ns, sleep
+from typing import Final, Protocol
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.port import Identifiers
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
-from smarttac_can.host.node import HostedNode
+from smarttac_can.host.node import HostedNode, kind
 from smarttac_can.host.outbox import Outbox
-from smarttac_can.host.processor_share import ProcessorShare
-from smarttac_can.host.read_ahead import LATE_US, ReadAhead
+from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.vocabulary.signals import TICK_US
 
+_LATE_US: Final = 2000
+"""Who has not read the bus for so long came late: what waits may be older than what is due."""
 _CATCH_UP_US: Final = 9000
 """For how long in us a process that came late hears frames before it acts on what is due."""
+_READING_US: Final = 1000
+"""For how long frames are read in a row."""
+_SLOWEST_US: Final = 5000
+"""Longest time in us that a bus takes for a frame; what takes longer is a pause."""
 _BEFORE: Final = 4
 """Frames that wait and are heard before what is due, at most, since a punctual process has heard
 what came before it: those of a measurement, and another."""
 _HEARD_US: Final = 1000
 """For how long in us they are, and others between two cycles that take longer than a tick."""
+_ENDLESS: Final = 1 << 30
 _SENDING_US: Final = 2000
 """Longest time in us for which frames are handed over in a row."""
 _SEGMENTS: Final = 8
@@ -37,15 +45,51 @@ _SEND_RETRY_US: Final = 200
 _STOP_POLL_US: Final = 50_000
 _SPARE_US: Final = 500
 """Time in us before the next timer that is long enough for other work."""
-_FAREWELL_US: Final = 100_000
+_PARTING_US: Final = 100_000
+_PASSED_OVER: Final = 100
+"""Frames of an identifier that are passed over before the bus is asked to drop them."""
+_WORK_US: Final = 10_000
+_WORK_SOON_US: Final = 8_000
+"""From here on what can wait does, so that a rest does not come at the wrong time."""
+_REST_US: Final = 500
+"""For how long a process waits in so much time, at least."""
+_WAKING_US: Final = 20
+"""What a wait takes that need not wait."""
 
 
-def _nothing() -> None:
-    """Do nothing: the default for work to do when there is time."""
+class Observer(Protocol):
+    """Whoever follows the state of a node for people."""
+
+    def started(self) -> None:
+        """Note that the node has been switched on."""
+
+    def follow(self) -> None:
+        """Look at the node, when there is time and each 50 ms at least; may take a while then."""
+
+    def full(self, reason: QueueFullError) -> None:
+        """Note that the bus has begun not to take what the loop needs."""
+
+    def stopped(self) -> None:
+        """Note that the node was shut down."""
 
 
-def _not_told(_reason: QueueFullError) -> None:
-    """Do nothing: the default for being told of a full transmit queue."""
+class Nobody:
+    """An observer that notes nothing."""
+
+    def started(self) -> None:
+        """Do nothing."""
+
+    def follow(self) -> None:
+        """Do nothing."""
+
+    def full(self, reason: QueueFullError) -> None:
+        """Do nothing."""
+
+    def stopped(self) -> None:
+        """Do nothing."""
+
+
+_NOBODY: Final = Nobody()
 
 
 def run_node(
@@ -54,11 +98,10 @@ def run_node(
     stop: Callable[[], bool],
     *,
     lockstep: bool = False,
-    full: Callable[[QueueFullError], None] = _not_told,
-    spare: Callable[[], None] = _nothing,
+    observer: Observer = _NOBODY,
+    resting: bool = False,
     clock: Callable[[], int] = monotonic_ns,
     rest: Callable[[float], None] = sleep,
-    worked: Callable[[], int] = thread_time_ns,
 ) -> None:
     """Start a node, run it until told to stop, shut it down and close the bus.
 
@@ -75,32 +118,46 @@ def run_node(
         Asked at least every 50 ms.
     lockstep
         Whether SYNC is the clock.
-    full
-        Told when the bus has begun not to take what the loop needs.
-    spare
-        Called in real time when there is nothing to do for half a millisecond at least.
-    clock, rest, worked
-        Monotonic time in ns, a wait of so many s, and the processor time of this thread in ns.
+    observer
+        Follows the state of the node.
+    resting
+        Whether it waits for 0.5 ms in 10 ms at least, whatever comes: at a real-time priority
+        nobody else has the processor meanwhile.
+    clock, rest
+        Monotonic time in ns, and a wait of so many s.
 
     Raises
     ------
     BusError
-        If the bus carries no more frames.
+        If the bus carries no more frames, and is none that connects again.
     """
-    run = _Run(node, bus, lockstep, full, clock, ProcessorShare(clock, worked, rest))
+    run = _Run(
+        node, bus, lockstep=lockstep, observer=observer, resting=resting, clock=clock, rest=rest
+    )
     with closing(bus):
         try:
-            run.say(node.start())
-            if lockstep:
-                run.follow_sync(stop)
-            else:
-                run.keep_pace(stop, spare)
+            run.begin()
+            while not stop():
+                try:
+                    if lockstep:
+                        run.follow_sync(stop)
+                    else:
+                        run.keep_pace(stop)
+                except BusError as error:
+                    if not isinstance(bus, ReconnectingBus):
+                        raise
+                    bus.lose(error)
         except BaseException:
-            # The first failure is the one to report, not that a dead bus refuses the farewell.
+            # The first failure is the one to report, not that a dead bus refuses the last frames.
             with suppress(BusError):
-                run.farewell()
+                run.end()
             raise
-        run.farewell()
+        try:
+            run.end()
+        except BusError as error:
+            if not isinstance(bus, ReconnectingBus):
+                raise
+            bus.lose(error)
 
 
 class _Run:
@@ -110,188 +167,266 @@ class _Run:
         self,
         node: HostedNode,
         bus: Bus,
+        *,
         lockstep: bool,
-        full: Callable[[QueueFullError], None],
+        observer: Observer,
+        resting: bool,
         clock: Callable[[], int],
-        share: ProcessorShare,
+        rest: Callable[[float], None],
     ) -> None:
         self._node = node
         self._bus = bus
         self._lockstep = lockstep
-        self._outbox = Outbox(node, bus, full)
-        self._inbox = ReadAhead(bus, clock)
+        self._observer = observer
         self._clock = clock
+        self._rest = rest
+        self._resting = resting
+        self._outbox = Outbox(node, bus, observer.full)
         self._ids = Identifiers()
-        self._epoch = clock() // 1000 - node.clock.now
-        self._share = share
-        self._flooded = False
+        self._heard: frozenset[int] = frozenset()
+        self._passed: Counter[int] = Counter()
+        self._blocked: frozenset[int] = frozenset()
+        self._waiting: deque[Frame] = deque()
+        """What was read, and is not heard yet."""
+        self._more = False
+        """Whether the bus may have more."""
         self._slow = 0
+        """What the bus took to give some of it, in us."""
+        self._flooded = False
+        """Whether frames were left when what is due had to come, and ever since."""
+        self._epoch = clock() // 1000 - node.clock.now
+        self._followed = self._busy_since = self._now()
+        self._waited = 0
 
-    def say(self, frames: list[Frame]) -> None:
-        """Put frames of the node on the bus, and listen to what it listens to from now on."""
-        # Before the answer: who is told that it is watched may send its first heartbeat at once.
-        if self._node.ids is not self._ids:
-            self._ids = self._node.ids
-            # In lockstep SYNC is the time of a node that waits for a node-ID, too.
-            heard = self._ids.heard | {self._ids.sync} if self._lockstep else self._ids.heard
-            self._inbox.listen_to(heard)
-        if frames:
-            self._outbox.put(frames)
-            self._send()
+    def begin(self) -> None:
+        """Switch the node on; what it says of that waits."""
+        self._outbox.put(self._node.start())
+        self._listen()
+        self._observer.started()
 
-    def keep_pace(self, stop: Callable[[], bool], spare: Callable[[], None]) -> None:
+    def keep_pace(self, stop: Callable[[], bool]) -> None:
         """Follow the clock."""
         timers = self._node.clock
-        outbox = self._outbox
+        self._hand_over()
+        now = self._now()
         while not stop():
-            now = self._now()
-            left = timers.next_due - now
-            if left <= -LATE_US and not self._flooded:
-                self._catch_up()
-            elif left <= 0:
-                if not self._flooded:
-                    self._hear_before(now)
-                    now = self._now()
-                    if timers.next_due <= now - LATE_US:
-                        continue
-                timers.now = now
-                self.say(self._node.advance(0))
-                if timers.next_due <= self._now():
-                    self._hear(self._now() + _HEARD_US)
-                    self._share.rest_if_owed()
-            else:
-                if not outbox.empty:
-                    timers.now = now
-                    self._send()
-                    left = min(left, _SEND_RETRY_US)
-                elif owed := self._share.owed():
-                    left = min(left, owed)
-                elif self._stream():
-                    left = 0
-                elif left > _SPARE_US:
-                    spare()
-                self._listen(min(left, _STOP_POLL_US))
+            if timers.next_due <= now:
+                self._end_overdue(now)
+            if not self._flooded or not self._waiting:
+                now = self._read(now)
+            if self._waiting:
+                now = self._drain(now)
+            now = self._act(now) if timers.next_due <= now else self._go_on(now)
+            if self._resting and now - self._busy_since >= _WORK_US:
+                now = self._rest_for(_REST_US - self._waited)
 
     def follow_sync(self, stop: Callable[[], bool]) -> None:
         """Follow SYNC; the clock is only asked how long to wait for a frame."""
-        node = self._node
-        outbox = self._outbox
+        node, outbox, waiting = self._node, self._outbox, self._waiting
+        self._hand_over()
         while not stop():
-            wait_us = _STOP_POLL_US if outbox.empty else _SEND_RETRY_US
-            frame = self._bus.receive(wait_us * 1e-6)
-            self._send()
-            if frame is not None:
+            if not waiting and not self._bus.read(waiting) and not waiting:
+                self._observer.follow()
+                self._bus.wait(1e-6 * (_STOP_POLL_US if outbox.empty else _SEND_RETRY_US))
+                self._bus.read(waiting)
+            self._hand_over()
+            if waiting:
+                frame = waiting.popleft()
+                if frame.can_id not in self._heard:
+                    self._pass_over(frame.can_id)
+                    continue
                 if frame.can_id == self._ids.sync:
-                    self.say(node.advance(TICK_US))
-                self.say(node.receive(frame))
-            while outbox.empty and self._stream():
-                pass
+                    self._say(node.advance(TICK_US))
+                self._say(node.receive(frame))
+            while outbox.empty and (frames := node.segments(_SEGMENTS)):
+                self._say(frames)
 
-    def farewell(self) -> None:
+    def end(self) -> None:
         """Shut the node down; a bus that takes no frames has 0.1 s to do so."""
-        self.say(self._node.shutdown())
-        end = self._now() + _FAREWELL_US
+        self._observer.follow()
+        frames = self._node.shutdown()
+        self._observer.stopped()
+        self._say(frames)
+        end = self._now() + _PARTING_US
         while not self._outbox.empty and self._now() < end:
-            self._share.rest(_SEND_RETRY_US * 1e-6)
-            self._send()
-
-    def _send(self) -> None:
-        """Hand over what waits, as long as the bus takes it and it does not take long."""
-        end = self._now() + _SENDING_US
-        while self._outbox.hand_over() and self._now() < end:
-            pass
-
-    def _stream(self) -> bool:
-        """Hand over some frames of transfers that go on as fast as the bus takes them, if any."""
-        frames = self._node.segments(_SEGMENTS)
-        self.say(frames)
-        return bool(frames)
+            self._rest(_SEND_RETRY_US * 1e-6)
+            self._hand_over()
 
     def _now(self) -> int:
         """Return the clock's time as device time in us."""
         return self._clock() // 1000 - self._epoch
 
-    def _listen(self, wait_us: int) -> None:
-        """Hear the next frame, or wait until something is due."""
-        frame = self._inbox.receive(0.0)
-        if frame is None:
-            # A frame that comes before the wait is over does not tell whether there was one.
-            self._flooded = False
-            if wait_us == 0:
-                return
-            before = self._clock()
-            frame = self._inbox.receive(wait_us * 1e-6)
-            self._share.waited(self._clock() - before)
-        if frame is not None and self._inbox.late:
-            self._act_overdue(self._now())
-            self._inbox.put_back(frame)
-            self._read_ahead()
+    def _listen(self) -> None:
+        """Listen to what the node listens to from now on."""
+        self._ids = self._node.ids
+        # In lockstep SYNC is the time of a node that waits for a node-ID, too.
+        heard = self._ids.heard | {self._ids.sync} if self._lockstep else self._ids.heard
+        self._heard = heard
+        if self._blocked & heard:
+            self._blocked -= heard
+            self._passed = Counter(dict.fromkeys(self._blocked, _PASSED_OVER))
+            self._bus.block(self._blocked)
+
+    def _pass_over(self, can_id: int) -> None:
+        """Count a frame that nobody here listens to; have the bus drop those that come often."""
+        self._passed[can_id] += 1
+        if self._passed[can_id] == _PASSED_OVER:
+            self._blocked |= {can_id}
+            self._bus.block(self._blocked)
+
+    def _say(self, frames: list[Frame]) -> None:
+        """Put frames of the node on the bus, behind those that wait for it."""
+        if not frames:
             return
-        if frame is not None:
-            self._take(frame)
-        self._share.rest_if_owed()
+        # Before the answer: who is told that it is watched may send its first heartbeat at once.
+        if self._node.ids is not self._ids:
+            self._listen()
+        outbox = self._outbox
+        if not outbox.empty:
+            outbox.put(frames)
+            self._hand_over()
+            return
+        end = self._clock() + 1000 * _SENDING_US
+        for at, frame in enumerate(frames):
+            try:
+                self._bus.send(frame)
+            except QueueFullError:
+                outbox.put(frames[at:])
+                return
+            if self._clock() >= end:
+                outbox.put(frames[at + 1 :])
+                return
 
-    def _act_overdue(self, now: int) -> None:
+    def _hand_over(self) -> None:
+        """Hand over what waits, as long as the bus takes it and it does not take long."""
+        if self._outbox.empty:
+            return
+        end = self._now() + _SENDING_US
+        while self._outbox.hand_over() and self._now() < end:
+            pass
+
+    def _end_overdue(self, now: int) -> None:
         """Have the node act on what must not wait for a frame."""
-        timers = self._node.clock
-        timers.now = now
-        if timers.next_due <= now:
-            self.say(self._node.overdue())
+        self._node.clock.now = now
+        self._say(self._node.overdue())
 
-    def _take(self, frame: Frame) -> None:
-        """Have the node hear a frame; what must not wait for one comes before it."""
-        self._act_overdue(self._now())
-        if frame.can_id == self._ids.sync:
-            self._inbox.look_behind()
-            self._act_overdue(self._now())
-        overtaken = self._inbox.overtaken(frame)
-        self.say(self._node.overtaken(frame) if overtaken else self._node.receive(frame))
-
-    def _read_ahead(self) -> None:
-        """Read the frames that wait, and note what the bus took for one at most."""
-        self._slow = self._inbox.read() // 1000
-
-    def _catch_up(self) -> None:
-        """Hear what came meanwhile before what is due without it."""
-        now = self._now()
-        self._act_overdue(now)
-        self._read_ahead()
-        self._hear(now + _CATCH_UP_US)
-        self._node.clock.now = self._now()
-        self.say(self._node.advance(0))
-        self._share.rest_if_owed()
-
-    def _hear_before(self, now: int) -> None:
-        """Hear what waits before what is due, but for what must not wait."""
-        self._act_overdue(now)
-        end = now + _HEARD_US
-        for _ in range(_BEFORE):
-            frame = self._inbox.receive(0.0, (end - now) * 1e-6)
-            if frame is None:
-                return
-            self._take(frame)
-            now = self._now()
-            if now >= end:
-                return
-        # More may wait; what is due next does not wait for those, too.
-        self._flooded = True
-
-    def _hear(self, end: int) -> None:
-        """Hear frames that are there, one at least, and not beyond a time in us."""
-        now = self._now()
-        # What was read ahead comes at once, and does not tell what those behind it take.
-        slow, self._slow = self._slow, 0
-        longest = 0
+    def _read(self, now: int) -> int:
+        """Read what waits on the bus, for about a millisecond at most; return the time."""
+        end = now + _READING_US
+        due = self._node.clock.next_due
+        if now < due < end:
+            end = due
+        self._slow = 0
         while True:
-            frame = self._inbox.receive(0.0, (end - now) * 1e-6)
-            if frame is None:
-                self._flooded = False
-                return
+            self._more = self._bus.read(self._waiting)
+            before, now = now, self._now()
+            self._slow = max(self._slow, min(now - before, _SLOWEST_US))
+            if not self._more or now >= end:
+                return now
+
+    def _drain(self, now: int) -> int:
+        """Hear what waits before what is due, within bounds; return the time."""
+        timers = self._node.clock
+        overdue = now - timers.next_due
+        if overdue < 0:
+            return self._hear(now, min(timers.next_due, now + _HEARD_US), _ENDLESS)
+        if self._flooded:
+            # Without an end to the frames it is not a pause that makes it late: time comes first.
+            return now
+        if overdue >= _LATE_US:
+            now = self._hear(now, now + _CATCH_UP_US, _ENDLESS)
+        else:
+            now = self._hear(now, now + _HEARD_US, _BEFORE)
+            if now - timers.next_due >= _LATE_US and self._waiting:
+                return self._drain(now)
+        self._flooded = bool(self._waiting) or self._more
+        return now
+
+    def _hear(self, now: int, end: int, most: int) -> int:
+        """Hear frames that wait, one at least, and not beyond a time in us; return the time."""
+        waiting, timers = self._waiting, self._node.clock
+        longest = 0
+        while most:
+            if not waiting:
+                if not self._more:
+                    break
+                now = self._read(now)
+                if not waiting:
+                    break
             before = now
-            self._take(frame)
+            frame = waiting.popleft()
+            if frame.can_id in self._heard:
+                most -= 1
+                timers.now = now
+                if timers.next_due <= now:
+                    self._say(self._node.overdue())
+                self._say(self._answers(frame))
+            else:
+                self._pass_over(frame.can_id)
             now = self._now()
             longest = max(longest, now - before)
-            if now + longest + slow > end:
+            if now + longest + self._slow > end:
                 break
-        # Without an end to the frames it is not a pause that makes it late, and time comes first.
-        self._flooded = True
+        if not waiting and not self._more:
+            self._flooded = False
+        return now
+
+    def _answers(self, frame: Frame) -> list[Frame]:
+        """Have the node hear a frame, and know whether a newer one of its kind waits behind."""
+        waiting = self._waiting
+        if waiting and any(kind(newer) == kind(frame) for newer in waiting):
+            return self._node.overtaken(frame)
+        return self._node.receive(frame)
+
+    def _act(self, now: int) -> int:
+        """Have the node act on what is due; return the time."""
+        timers = self._node.clock
+        timers.now = now
+        self._say(self._node.advance(0))
+        now = self._now()
+        if timers.next_due <= now and (self._waiting or self._more):
+            now = self._hear(now, now + _HEARD_US, _ENDLESS)
+        if now - self._followed >= _STOP_POLL_US:
+            now = self._follow()
+        return now
+
+    def _go_on(self, now: int) -> int:
+        """Send, do what has time, and wait for the next frame if none is there; return the time."""
+        timers = self._node.clock
+        left = timers.next_due - now
+        idle = not self._waiting and not self._more
+        if self._node.ids is not self._ids:
+            self._listen()
+        if not self._outbox.empty:
+            timers.now = now
+            self._hand_over()
+            left = min(left, _SEND_RETRY_US)
+        elif self._resting and now - self._busy_since >= _WORK_SOON_US:
+            left = min(left, _REST_US - self._waited)
+        elif frames := self._node.segments(_SEGMENTS):
+            self._say(frames)
+            return self._now()
+        elif idle and left > _SPARE_US:
+            before, now = now, self._follow()
+            left -= now - before
+        if not idle or left <= 0:
+            return self._now()
+        self._bus.wait(min(left, _STOP_POLL_US) * 1e-6)
+        before, now = now, self._now()
+        if self._resting and now - before >= _WAKING_US:
+            self._waited += now - before
+            if self._waited >= _REST_US:
+                self._busy_since, self._waited = now, 0
+        return now
+
+    def _follow(self) -> int:
+        """Have the state of the node followed; return the time."""
+        self._observer.follow()
+        self._followed = now = self._now()
+        return now
+
+    def _rest_for(self, owed: int) -> int:
+        """Leave the processor to others for so many us; return the time."""
+        self._rest(owed * 1e-6)
+        self._busy_since, self._waited = self._now(), 0
+        return self._busy_since

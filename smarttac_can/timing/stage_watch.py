@@ -19,7 +19,7 @@ from smarttac_can.od.cia import (
     ERROR_FIELD,
     PDO_EVENT,
     RPDO_COMMUNICATION,
-    SDO_TX_ID,
+    RPDO_IDS,
     TPDO_IDS,
     Abort,
 )
@@ -74,8 +74,8 @@ class StageWatch:
 
     def __init__(self, **bus: Any) -> None:
         self._bus = PythonCanBus(**bus)
-        heard = [base + node for base in (EMCY_ID, SDO_TX_ID) for node in _NODES]
-        self._bus.listen_to(frozenset([*heard, TPDO_IDS[0] + PLATE_ID]))
+        loop = {base + node for base in (*TPDO_IDS, *RPDO_IDS) for node in _NODES}
+        self._bus.block(frozenset(loop - {TPDO_IDS[0] + PLATE_ID}))
         self._ods = {PLATE_ID: plate_od(), STIMULATOR_ID: stimulator_od()}
         self._stage = self._ods[PLATE_ID]["Stage.Voltage"]
         self.emergencies: list[tuple[int, int]] = []

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Final
@@ -51,12 +53,18 @@ class Listener(Background):
 
     def _listen(self) -> None:
         try:
+            frames: deque[Frame] = deque()
             while not self._over.is_set():
+                try:
+                    self._send_what_waits()
+                    if not self._bus.read(frames) and not frames:
+                        self._bus.wait(_WAIT_S)
+                except BusError as error:
+                    self._bus.lose(error)
+                while frames:
+                    self._heard.put((monotonic(), frames.popleft()))
+            with suppress(BusError):
                 self._send_what_waits()
-                frame = self._bus.receive(_WAIT_S)
-                if frame is not None:
-                    self._heard.put((monotonic(), frame))
-            self._send_what_waits()
         finally:
             self._close()
 

@@ -77,9 +77,7 @@ class Queue:
         self.sent.append((self.now, frame))
         self.inbox.extend(self.answer(frame))
 
-    def receive(
-        self, timeout: float, patience: float = 0.0, *, every: bool = False
-    ) -> Frame | None:
+    def wait(self, timeout: float) -> None:
         for look in self.watch:
             look(self.now)
         end = self.now + round(timeout * 1e6)
@@ -87,12 +85,17 @@ class Queue:
             self.ticks += 1
             self.now = max(self.now, self.ticks * TICK_US)
             self.inbox.extend(self.comes(self.ticks))
-        if self.inbox:
-            return self.inbox.popleft()
-        self.now = end
-        return None
+        if not self.inbox:
+            self.now = end
 
-    def listen_to(self, can_ids: frozenset[int]) -> None:
+    def read(self, frames: deque[Frame]) -> bool:
+        for look in self.watch:
+            look(self.now)
+        frames.extend(self.inbox)
+        self.inbox.clear()
+        return False
+
+    def block(self, can_ids: frozenset[int]) -> None:
         pass
 
     def close(self) -> None:
@@ -128,10 +131,7 @@ class Run:
         bus.watch.append(self._look)
         lines = StateLines(name, "here", node, self.said.append)
         lasting = ReconnectingBus(lambda: bus, node, lost=lines.lost, back=lines.back)
-        run_node(
-            lines, lasting, bus.stop, full=lines.full, clock=bus.clock, rest=bus.rest,
-            worked=lambda: 0,
-        )  # fmt: skip
+        run_node(node, lasting, bus.stop, observer=lines, clock=bus.clock, rest=bus.rest)
 
     def _look(self, now: int) -> None:
         block = self._node.block

@@ -13,10 +13,27 @@ from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.states import State
 
 
+class Spoken:
+    """A node whose state is followed after each frame and each step of time."""
+
+    def __init__(self, name: str, node: PlateNode | StimulatorNode, said: list[str]) -> None:
+        self._node = node
+        self._lines = StateLines(name, "here", node, said.append)
+        node.start()
+        self._lines.started()
+
+    def receive(self, frame: Frame) -> None:
+        self._node.receive(frame)
+        self._lines.follow()
+
+    def advance(self, microseconds: int) -> None:
+        self._node.advance(microseconds)
+        self._lines.follow()
+
+
 def test_a_line_names_the_double_and_another_its_end() -> None:
     said: list[str] = []
-    node = StateLines("plate", "here", PlateNode(plate_od()), said.append)
-    node.start()
+    node = Spoken("plate", PlateNode(plate_od()), said)
     said.clear()
     for _ in range(3):
         node.receive(Frame(0x721, b"\5"))
@@ -28,22 +45,10 @@ def test_a_line_names_the_double_and_another_its_end() -> None:
 def test_of_two_producers_of_sync_one_is_enough() -> None:
     said: list[str] = []
     stimulator = StimulatorNode(stimulator_od(), plate_node_id=33, produce_sync=True)
-    node = StateLines("node", "here", stimulator, said.append)
-    node.start()
+    node = Spoken("node", stimulator, said)
     said.clear()
     node.receive(Frame(0x080))
     assert said[0].endswith(" this one, 080h: one producer of SYNC is enough")
-
-
-def test_an_overtaken_frame_is_handed_on_as_such_and_what_changes_is_said() -> None:
-    said: list[str] = []
-    node = StateLines("plate", "here", PlateNode(plate_od()), said.append)
-    node.start()
-    said.clear()
-    node.overtaken(requests.nmt(1))
-    assert said == ["plate 33 operational"]
-    assert node.receive(requests.sync())
-    assert not node.overtaken(requests.sync()), "a tick that is over is not measured"
 
 
 @pytest.mark.parametrize(
@@ -58,15 +63,14 @@ def test_a_storage_that_is_none_is_named(stored: bytes | None, said: list[str]) 
     if stored is not None:
         storage.write(stored)
     lines: list[str] = []
-    StateLines("plate", "here", PlateNode(plate_od(), storage=storage), lines.append).start()
+    Spoken("plate", PlateNode(plate_od(), storage=storage), lines)
     assert lines == [*said, "plate 33 ready on here"]
 
 
 def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
     said: list[str] = []
     stimulator = StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
-    node = StateLines("stimulator", "here", stimulator, said.append)
-    node.start()
+    node = Spoken("stimulator", stimulator, said)
     node.receive(Frame(0, b"\1\0"))
     for _ in range(80):
         node.advance(1000)
@@ -94,8 +98,7 @@ def test_a_double_that_is_noticed_after_what_it_has_led_to_is_named() -> None:
     stimulator = StimulatorNode(
         stimulator_od(), plate_node_id=33, lockstep=True, presets={"Tare at power-on": 0}
     )
-    node = StateLines("stimulator", "here", stimulator, said.append)
-    node.start()
+    node = Spoken("stimulator", stimulator, said)
     node.receive(Frame(0, b"\1\0"))
     supervisor = stimulator.block.supervisor
     supervisor.machine.state = State.RUNNING

@@ -2,9 +2,10 @@
 
 import socket
 import struct
+from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from pathlib import Path
+from time import monotonic
 
 import can
 import msgpack
@@ -20,13 +21,13 @@ from hypothesis import strategies as st
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import can_socket
+from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.can_socket import CanSocket, SocketCan, _Multicast, open_socket
 from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
 
 WIDTHS = (0, 0x7F, 0x80, 0xFF, 0x100, 0x7FF)
 """Identifiers at which the width of an integer in MessagePack changes, and the last one."""
 CAN_IDS = st.sampled_from(WIDTHS) | st.integers(0, 0x7FF)
-HEARD = st.none() | st.frozensets(CAN_IDS, max_size=8)
 FRAMES = st.builds(Frame, CAN_IDS, st.binary(max_size=8), st.just(False)) | st.builds(
     Frame, CAN_IDS, st.just(b""), st.just(True)
 )
@@ -60,12 +61,6 @@ def messages(draw: st.DrawFn) -> can.Message:
     )
 
 
-def to_hear(message: can.Message, can_ids: frozenset[int] | None) -> Frame | None:
-    """What is heard of a message, as the rest of the host layer has it."""
-    frame = to_frame(message)
-    return frame if frame and (can_ids is None or frame.can_id in can_ids) else None
-
-
 # Bytes of udp_multicast
 
 
@@ -78,31 +73,39 @@ def test_python_can_unpacks_what_goes_to_the_group(frame: Frame) -> None:
 
 
 @many
-@given(messages(), HEARD)
-def test_what_python_can_packs_is_heard(
-    message: can.Message, can_ids: frozenset[int] | None
-) -> None:
-    assert _Multicast().decode(pack_message(message), can_ids) == to_hear(message, can_ids)
+@given(st.lists(messages(), max_size=4))
+def test_what_python_can_packs_is_heard_each_time(sent: list[can.Message]) -> None:
+    codec = _Multicast()
+    for message in sent + sent:
+        assert codec.decode(pack_message(message)) == to_frame(message)
 
 
 @pytest.mark.parametrize("can_id", WIDTHS)
+@pytest.mark.parametrize("data", [b"", b"8 bytes!"])
 @pytest.mark.parametrize("write", [_Multicast().encode, lambda f: pack_message(to_message(f))])
-def test_a_frame_not_listened_to_is_not_even_unpacked(
-    can_id: int, write: Callable[[Frame], bytes], monkeypatch: pytest.MonkeyPatch
+def test_a_frame_of_the_loop_is_unpacked_once(
+    can_id: int, data: bytes, write: Callable[[Frame], bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    codec, data = _Multicast(), write(Frame(can_id, b"data"))
-    everything = frozenset(range(0x800))
-    assert codec.decode(data, frozenset({can_id})) == Frame(can_id, b"data")
-    assert codec.decode(data, everything - {can_id}) is None
+    codec, frame = _Multicast(), Frame(can_id, data)
+    assert codec.decode(write(frame)) == frame
 
     def refuse(data: bytes) -> None:
         raise AssertionError("unpacked")
 
     monkeypatch.setattr(can_socket.msgpack, "unpackb", refuse)
-    assert codec.decode(data, everything - {can_id}) is None
-    assert codec.decode(data, frozenset()) is None
+    another = Frame(can_id, data[::-1])
+    assert codec.decode(write(another)) == another
     with pytest.raises(AssertionError, match="unpacked"):
-        codec.decode(data, frozenset({can_id}))
+        codec.decode(write(Frame(can_id ^ 1, data)))
+
+
+def test_what_is_kept_of_senders_is_bounded() -> None:
+    codec = _Multicast()
+    for sender in range(3):
+        for can_id in range(0x800):
+            packed = _Multicast().encode(Frame(can_id)) if sender else b""
+            codec.decode(packed)
+    assert len(codec._known) <= 4096
 
 
 INTEGERS = {
@@ -122,9 +125,7 @@ def test_an_identifier_at_its_place_may_have_any_width(can_id: int, kind: bytes)
     narrow = msgpack.packb(can_id)
     head, tail = pack_message(to_message(Frame(can_id))).split(b"arbitration_id" + narrow)
     packed = head + b"arbitration_id" + value + tail
-    for can_ids in (None, frozenset({can_id, 0x123})):
-        assert _Multicast().decode(packed, can_ids) == Frame(can_id)
-    assert _Multicast().decode(packed, frozenset(range(0x800)) - {can_id}) is None
+    assert _Multicast().decode(packed) == Frame(can_id)
 
 
 @st.composite
@@ -160,13 +161,11 @@ def by_another_library(draw: st.DrawFn, message: can.Message) -> bytes:
 
 
 @many
-@given(st.data(), messages(), HEARD)
-def test_another_library_may_write_the_message(
-    data: st.DataObject, message: can.Message, can_ids: frozenset[int] | None
-) -> None:
+@given(st.data(), messages())
+def test_another_library_may_write_the_message(data: st.DataObject, message: can.Message) -> None:
     packed = data.draw(by_another_library(message))
     assert to_frame(unpack_message(packed, check=True)) == to_frame(message)
-    assert _Multicast().decode(packed, can_ids) == to_hear(message, can_ids)
+    assert _Multicast().decode(packed) == to_frame(message)
 
 
 SOUND = {
@@ -210,37 +209,34 @@ def test_a_map_of_anything_is_a_frame_or_none(
 ) -> None:
     fields = {key: value for key, value in {**SOUND, **replaced}.items() if key not in missing}
     packed = msgpack.packb(fields)
-    heard = _Multicast().decode(packed, None)
+    heard = _Multicast().decode(packed)
     assert sound(heard)
     if missing or fields["arbitration_id"] not in range(0x800):
         assert heard is None
-    for can_ids in (frozenset(), frozenset({1})):
-        expected = heard if heard and heard.can_id in can_ids else None
-        assert _Multicast().decode(packed, can_ids) == expected
 
 
 @pytest.mark.parametrize("data", [3, True, "text", [1, 2], {1: 2}, 1.5])
 def test_data_that_are_no_bytes_are_none(data: object) -> None:
-    assert _Multicast().decode(msgpack.packb({**SOUND, "data": data}), None) is None
+    assert _Multicast().decode(msgpack.packb({**SOUND, "data": data})) is None
 
 
 def test_no_data_are_empty_data() -> None:
-    assert _Multicast().decode(msgpack.packb({**SOUND, "data": None}), None) == Frame(1)
+    assert _Multicast().decode(msgpack.packb({**SOUND, "data": None})) == Frame(1)
 
 
 def test_a_remote_frame_has_no_data() -> None:
     packed = msgpack.packb({**SOUND, "is_remote_frame": True, "data": b"data"})
-    assert _Multicast().decode(packed, None) == Frame(1, rtr=True)
+    assert _Multicast().decode(packed) == Frame(1, rtr=True)
 
 
 def test_own_echo_is_dropped_and_an_equal_frame_of_another_party_heard() -> None:
     mine, other = _Multicast(), _Multicast()
     frame = Frame(0x123, b"same")
     assert mine.encode(frame) != other.encode(frame)
-    for can_ids in (None, frozenset({0x123})):
-        assert mine.decode(mine.encode(frame), can_ids) is None
-        assert mine.decode(other.encode(frame), can_ids) == frame
-        assert mine.decode(pack_message(to_message(frame)), can_ids) == frame
+    for _ in range(2):
+        assert mine.decode(mine.encode(frame)) is None
+        assert mine.decode(other.encode(frame)) == frame
+        assert mine.decode(pack_message(to_message(frame))) == frame
 
 
 # Bytes of SocketCAN
@@ -259,18 +255,16 @@ def test_struct_of_the_kernel_as_python_can_builds_and_dissects_it(frame: Frame)
 
 
 @many
-@given(messages(), HEARD)
-def test_struct_that_python_can_builds_is_heard(
-    message: can.Message, can_ids: frozenset[int] | None
-) -> None:
-    assert SocketCan().decode(build_can_frame(message), can_ids) == to_hear(message, can_ids)
+@given(messages())
+def test_struct_that_python_can_builds_is_heard(message: can.Message) -> None:
+    assert SocketCan().decode(build_can_frame(message)) == to_frame(message)
 
 
 @many
 @given(st.integers(0, 2**32 - 1) | CAN_IDS, st.integers(0, 255), st.binary(min_size=8, max_size=8))
 def test_any_struct_is_read_as_python_can_reads_it(word: int, size: int, payload: bytes) -> None:
     packed = struct.pack("=IB3x8s", word, size, payload)
-    frame = SocketCan().decode(packed, None)
+    frame = SocketCan().decode(packed)
     assert sound(frame)
     if word <= 0x7FF and size <= 8:
         can_id, _, _, data = dissect_can_frame(packed)
@@ -282,29 +276,30 @@ def test_any_struct_is_read_as_python_can_reads_it(word: int, size: int, payload
 
 @many
 @pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
-@given(data=st.binary(max_size=120), can_ids=HEARD)
+@given(data=st.binary(max_size=120))
 def test_garbage_is_nothing_to_hear(
-    codec: Callable[[], _Multicast | SocketCan], data: bytes, can_ids: frozenset[int] | None
+    codec: Callable[[], _Multicast | SocketCan], data: bytes
 ) -> None:
-    assert sound(codec().decode(data, can_ids))
+    assert sound(codec().decode(data))
 
 
 @many
 @pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
-@given(st.data(), FRAMES, HEARD)
+@given(st.data(), FRAMES)
 def test_what_was_cut_off_or_turned_over_is_nothing_to_worry_about(
-    codec: Callable[[], _Multicast | SocketCan],
-    data: st.DataObject,
-    frame: Frame,
-    can_ids: frozenset[int] | None,
+    codec: Callable[[], _Multicast | SocketCan], data: st.DataObject, frame: Frame
 ) -> None:
     whole = codec().encode(frame)
+    knowing = codec()
+    assert knowing.decode(whole) == frame
     for end in range(len(whole)):
-        assert codec().decode(whole[:end], can_ids) is None
+        assert knowing.decode(whole[:end]) is None
     broken = bytearray(whole)
     for _ in range(data.draw(st.integers(1, 4))):
         broken[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
-    assert sound(codec().decode(bytes(broken), can_ids))
+    heard = codec().decode(bytes(broken))
+    assert sound(heard)
+    assert knowing.decode(bytes(broken)) == heard, "what it knows of the sender changes nothing"
 
 
 # The socket
@@ -338,9 +333,18 @@ def written(under_test: CanSocket, frame: Frame) -> bytes:
     return type(under_test._codec)().encode(frame)
 
 
+def all_read(under_test: CanSocket) -> list[Frame]:
+    frames: deque[Frame] = deque()
+    while under_test.read(frames):
+        pass
+    return list(frames)
+
+
 def test_an_empty_socket_is_not_waited_for(pair: Pair) -> None:
     under_test, _ = pair
-    assert under_test.read() == (False, None)
+    frames: deque[Frame] = deque()
+    assert not under_test.read(frames)
+    assert not frames
 
 
 def test_what_is_there_is_read_in_order(pair: Pair) -> None:
@@ -348,16 +352,30 @@ def test_what_is_there_is_read_in_order(pair: Pair) -> None:
     frames = [Frame(number, bytes(number)) for number in range(9)]
     for frame in frames:
         other.send(written(under_test, frame))
-    assert [under_test.read() for _ in range(10)] == [
-        *((True, frame) for frame in frames),
-        (False, None),
-    ]
+    assert all_read(under_test) == frames
+
+
+def test_no_more_is_read_at_once_than_takes_a_millisecond(pair: Pair) -> None:
+    under_test, other = pair
+    other.setblocking(False)
+    read: deque[Frame] = deque()
+    sent = 0
+    while sent < 200:
+        try:
+            other.send(written(under_test, Frame(sent)))
+            sent += 1
+        except BlockingIOError:
+            under_test.read(read)
+    before = len(read)
+    assert under_test.read(read) == (sent - before >= 64)
+    assert len(read) - before <= 64
+    assert [*read, *all_read(under_test)] == [Frame(number) for number in range(sent)]
 
 
 def test_a_full_queue_is_not_waited_for(pair: Pair) -> None:
     under_test, other = pair
     sent = 0
-    with pytest.raises(BlockingIOError):
+    with pytest.raises(QueueFullError, match="cannot send frame"):
         while sent < 1_000_000:
             under_test.send(Frame(sent & 0x7FF, sent.to_bytes(8, "little")))
             sent += 1
@@ -365,26 +383,31 @@ def test_a_full_queue_is_not_waited_for(pair: Pair) -> None:
     reader = type(under_test._codec)()
     for number in range(sent):
         frame = Frame(number & 0x7FF, number.to_bytes(8, "little"))
-        assert reader.decode(other.recv(4096), None) == frame
+        assert reader.decode(other.recv(4096)) == frame
 
 
-def test_wait_tells_whether_there_is_something(pair: Pair) -> None:
+def test_wait_ends_when_there_is_something(pair: Pair) -> None:
     under_test, other = pair
-    assert not under_test.wait(0.0)
-    assert not under_test.wait(0.0001)
+    for timeout in (0.0, 0.05):
+        before = monotonic()
+        under_test.wait(timeout)
+        assert timeout <= monotonic() - before < timeout + GUARD_S
     other.send(b"whatever")
-    assert under_test.wait(GUARD_S)
-    assert under_test.read() == (True, None)
-    assert not under_test.wait(0.0)
+    before = monotonic()
+    under_test.wait(GUARD_S)
+    assert monotonic() - before < GUARD_S
+    assert all_read(under_test) == []
 
 
-def test_what_is_not_listened_to_was_there_all_the_same(pair: Pair) -> None:
-    under_test, other = pair
-    for listened in (frozenset({1}), frozenset({2})):
-        under_test.listen_to(listened)
-        for can_id in (1, 2):
-            other.send(written(under_test, Frame(can_id)))
-            assert under_test.read() == (True, Frame(can_id) if can_id in listened else None)
+def test_a_socket_that_is_closed_is_an_error_of_the_bus(pair: Pair) -> None:
+    under_test, _ = pair
+    under_test.close()
+    with pytest.raises(BusError, match="cannot receive"):
+        under_test.wait(0.0)
+    with pytest.raises(BusError, match="cannot receive"):
+        under_test.read(deque())
+    with pytest.raises(BusError, match="cannot send frame 001"):
+        under_test.send(Frame(1))
 
 
 class KernelFilters(SocketcanBus):
@@ -400,96 +423,6 @@ class KernelFilters(SocketcanBus):
 
     def set_filters(self, filters: list[dict[str, object]] | None) -> None:
         self.asked.append(filters)
-
-
-class Flooded:
-    """A CAN socket in front of frames that nobody wants, and a clock that is set by hand."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.now = 0.0
-        monkeypatch.setattr(can_socket, "monotonic", lambda: self.now)
-        mine, self.other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.bus = KernelFilters(mine)
-        under_test = open_socket(self.bus, "vcan0")
-        assert under_test is not None
-        self.under_test = under_test
-
-    def flood(self, number: int, each: float) -> None:
-        """Read frames that take so many s each."""
-        for _ in range(number):
-            self.other.send(SocketCan().encode(Frame(0x600)))
-            assert self.under_test.read() == (True, None)
-            self.now += each
-
-    @property
-    def let_in(self) -> list[set[object] | None]:
-        """Identifiers that the kernel was told of, None for all."""
-        return [asked and {entry["can_id"] for entry in asked} for asked in self.bus.asked]
-
-    def close(self) -> None:
-        self.under_test.close()
-        self.bus.end.close()
-        self.other.close()
-
-
-@pytest.fixture
-def flooded(monkeypatch: pytest.MonkeyPatch) -> Iterator[Flooded]:
-    with closing(Flooded(monkeypatch)) as made:
-        made.under_test.listen_to(frozenset({0x700, 0x080}))
-        yield made
-
-
-def test_the_kernel_drops_nothing_at_the_pace_of_a_bus(flooded: Flooded) -> None:
-    flooded.flood(2000, 111e-6)
-    assert flooded.let_in == [], "8 bytes at 1 Mbit/s"
-
-
-def test_in_a_flood_the_kernel_drops_what_is_not_listened_to(flooded: Flooded) -> None:
-    flooded.flood(99, 50e-6)
-    assert flooded.let_in == []
-    flooded.flood(1, 50e-6)
-    assert flooded.let_in == [{0x700, 0x080}]
-    assert flooded.bus.asked == [
-        [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in (0x080, 0x700)]
-    ]
-
-
-def test_what_is_wanted_anew_in_a_flood_is_let_in_at_once(flooded: Flooded) -> None:
-    flooded.flood(100, 50e-6)
-    flooded.under_test.listen_to(frozenset({0x181}))
-    assert flooded.let_in == [{0x700, 0x080}, {0x181}]
-
-
-def test_a_second_after_a_flood_the_kernel_lets_all_in(flooded: Flooded) -> None:
-    flooded.flood(100, 50e-6)
-    flooded.now += 0.5
-    # Of what waited already more may come.
-    flooded.flood(100, 50e-6)
-    flooded.now += 0.98
-    flooded.under_test.wait(0.0)
-    assert flooded.let_in == [{0x700, 0x080}]
-    flooded.now += 0.03
-    flooded.under_test.wait(0.0)
-    assert flooded.let_in == [{0x700, 0x080}, None]
-    flooded.under_test.listen_to(frozenset({0x181}))
-    flooded.flood(99, 50e-6)
-    assert len(flooded.let_in) == 2
-    flooded.flood(1, 50e-6)
-    assert flooded.let_in[2:] == [{0x181}]
-
-
-def test_frames_that_are_listened_to_are_no_flood(flooded: Flooded) -> None:
-    for _ in range(1000):
-        flooded.other.send(SocketCan().encode(Frame(0x700)))
-        assert flooded.under_test.read() == (True, Frame(0x700))
-    assert flooded.let_in == []
-
-
-def test_every_frame_is_read_for_who_judges_it_later(pair: Pair) -> None:
-    under_test, other = pair
-    under_test.listen_to(frozenset({1}))
-    other.send(written(under_test, Frame(2)))
-    assert under_test.read(every=True) == (True, Frame(2))
 
 
 def test_only_an_interface_whose_bytes_are_known_is_used(monkeypatch: pytest.MonkeyPatch) -> None:

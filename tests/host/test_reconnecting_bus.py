@@ -1,5 +1,6 @@
 """A connection whose interface comes and goes, on a scripted clock."""
 
+from collections import deque
 from itertools import pairwise
 
 import pytest
@@ -25,7 +26,6 @@ class Interface:
         self.tries: list[float] = []
         self.sent: list[Frame] = []
         self.inbox: list[Frame] = []
-        self.waits: list[tuple[float, float, bool]] = []
         self.filters: list[frozenset[int]] = []
         self.open = 0
 
@@ -53,15 +53,18 @@ class Connection:
         self.interface.room -= 1
         self.interface.sent.append(frame)
 
-    def receive(self, timeout: float, patience: float, *, every: bool) -> Frame | None:
+    def wait(self, timeout: float) -> None:
         self.check()
-        self.interface.waits.append((timeout, patience, every))
-        if self.interface.inbox:
-            return self.interface.inbox.pop(0)
-        self.interface.sleep(timeout)
-        return None
+        if not self.interface.inbox:
+            self.interface.sleep(timeout)
 
-    def listen_to(self, can_ids: frozenset[int]) -> None:
+    def read(self, frames: deque[Frame]) -> bool:
+        self.check()
+        frames.extend(self.interface.inbox)
+        self.interface.inbox.clear()
+        return False
+
+    def block(self, can_ids: frozenset[int]) -> None:
         self.interface.filters.append(can_ids)
 
     def check(self) -> None:
@@ -96,14 +99,37 @@ def lasting(interface: Interface) -> tuple[ReconnectingBus, list[str]]:
     return bus, said
 
 
+def receive(bus: ReconnectingBus, timeout: float) -> Frame | None:
+    """What whoever uses it does for a frame."""
+    frames: deque[Frame] = deque()
+    try:
+        while bus.read(frames):
+            pass
+        if not frames:
+            bus.wait(timeout)
+            bus.read(frames)
+    except BusError as error:
+        bus.lose(error)
+    return frames[0] if frames else None
+
+
+def send(bus: ReconnectingBus, frame: Frame) -> None:
+    try:
+        bus.send(frame)
+    except QueueFullError:
+        raise
+    except BusError as error:
+        bus.lose(error)
+
+
 def lose_and_plug_in(interface: Interface, bus: ReconnectingBus) -> None:
     interface.plugged = False
-    bus.receive(0.001)
+    receive(bus, 0.001)
     interface.plugged = True
     interface.sleep(2 * FIRST_WAIT_S)
 
 
-@pytest.mark.parametrize("use", [lambda bus: bus.send(GOODBYE), lambda bus: bus.receive(0.001)])
+@pytest.mark.parametrize("use", [lambda bus: send(bus, GOODBYE), lambda bus: receive(bus, 0.001)])
 def test_lost_is_told_once_and_the_broken_connection_closed(use):
     interface = Interface()
     bus, said = lasting(interface)
@@ -119,7 +145,7 @@ def test_tries_again_at_growing_intervals_up_to_the_longest():
     bus, _ = lasting(interface)
     interface.plugged = False
     while interface.now < 30.0:
-        bus.receive(0.001)
+        receive(bus, 0.001)
     waits = [b - a for a, b in pairwise(interface.tries)]
     assert waits[0] == pytest.approx(FIRST_WAIT_S, abs=0.03)
     assert all(later >= earlier - 0.03 for earlier, later in pairwise(waits))
@@ -131,12 +157,12 @@ def test_back_is_told_its_frames_are_sent_and_the_interval_begins_anew():
     bus, said = lasting(interface)
     for _ in range(2):
         interface.plugged = False
-        bus.receive(0.001)
+        receive(bus, 0.001)
         interface.sleep(2 * LONGEST_WAIT_S)
-        bus.receive(0.001)
+        receive(bus, 0.001)
         interface.plugged = True
         interface.sleep(2 * FIRST_WAIT_S + 0.001)
-        bus.receive(0.001)
+        receive(bus, 0.001)
     assert said == ["off", "lost: network is down", "back"] * 2
     assert interface.sent == [HELLO, AGAIN] * 2
     bus.close()
@@ -150,10 +176,10 @@ def test_a_full_queue_passes_through_and_is_no_reason_to_leave():
     interface.room = 0
     for _ in range(3):
         with pytest.raises(QueueFullError, match="queue full"):
-            bus.send(GOODBYE)
-    assert bus.receive(0.001) is None
+            send(bus, GOODBYE)
+    assert receive(bus, 0.001) is None
     interface.room = 1
-    bus.send(GOODBYE)
+    send(bus, GOODBYE)
     assert (said, interface.sent, interface.tries) == ([], [GOODBYE], [0.0])
 
 
@@ -162,10 +188,10 @@ def test_nothing_is_waited_for_while_sending():
     bus, _ = lasting(interface)
     interface.room = 0
     with pytest.raises(QueueFullError):
-        bus.send(GOODBYE)
+        send(bus, GOODBYE)
     interface.plugged = False
     for _ in range(3):
-        bus.send(GOODBYE)
+        send(bus, GOODBYE)
     assert interface.now == 0.0
 
 
@@ -175,15 +201,15 @@ def test_what_back_returns_waits_for_the_queue_and_goes_out_before_the_next_fram
     bus, said = lasting(interface)
     lose_and_plug_in(interface, bus)
     interface.room = room
-    bus.receive(0.001)
+    receive(bus, 0.001)
     assert said == ["off", "lost: network is down", "back"]
     assert interface.sent == [HELLO, AGAIN][:room]
     interface.room = 0
     with pytest.raises(QueueFullError):
-        bus.send(GOODBYE)
+        send(bus, GOODBYE)
     interface.room = 1000
-    bus.send(GOODBYE)
-    bus.send(GOODBYE)
+    send(bus, GOODBYE)
+    send(bus, GOODBYE)
     assert interface.sent == [HELLO, AGAIN, GOODBYE, GOODBYE]
 
 
@@ -192,10 +218,10 @@ def test_what_back_returned_ends_with_the_bus():
     bus, said = lasting(interface)
     lose_and_plug_in(interface, bus)
     interface.room = 0
-    bus.receive(0.001)
+    receive(bus, 0.001)
     lose_and_plug_in(interface, bus)
     interface.room = 1000
-    bus.receive(0.001)
+    receive(bus, 0.001)
     assert said == ["off", "lost: network is down", "back"] * 2
     assert interface.sent == [HELLO, AGAIN]
 
@@ -206,12 +232,12 @@ def test_a_bus_that_is_heard_but_takes_no_frame_is_lost_again():
     interface.inbox = [GOODBYE]
     lose_and_plug_in(interface, bus)
     interface.deaf = True
-    assert bus.receive(0.001) == GOODBYE, "what was heard is not lost with the bus"
+    assert receive(bus, 0.001) == GOODBYE, "what was heard is not lost with the bus"
     assert said == ["off", "lost: network is down", "back", "off", "lost: bus error"]
     assert (interface.open, interface.sent) == (0, [])
     interface.deaf = False
     interface.sleep(2 * FIRST_WAIT_S)
-    bus.receive(0.001)
+    receive(bus, 0.001)
     assert said[5:] == ["back"]
     assert interface.sent == [HELLO, AGAIN]
 
@@ -221,49 +247,55 @@ def test_an_interface_that_opens_while_it_is_down_is_not_back():
     bus, said = lasting(interface)
     interface.down = True
     while interface.now < 30.0:
-        bus.receive(0.1)
+        receive(bus, 0.1)
     assert said == ["off", "lost: network is down"]
     waits = [b - a for a, b in pairwise(interface.tries)]
     assert waits[-1] == pytest.approx(LONGEST_WAIT_S, abs=0.2)
     assert interface.open == 0
     interface.down = False
     interface.sleep(LONGEST_WAIT_S)
-    bus.receive(0.1)
+    receive(bus, 0.1)
     assert (said[2:], interface.sent) == (["back"], [HELLO, AGAIN])
 
 
-def test_what_is_listened_to_is_in_force_again_on_a_bus_that_is_back():
+def test_what_is_blocked_is_so_on_a_bus_that_is_back():
     interface = Interface()
     bus, _ = lasting(interface)
     lose_and_plug_in(interface, bus)
-    bus.receive(0.001)
+    receive(bus, 0.001)
     assert interface.filters == [], "at first everything is heard"
-    bus.listen_to(frozenset({1}))
+    bus.block(frozenset({1}))
     lose_and_plug_in(interface, bus)
-    bus.listen_to(frozenset({2}))
-    bus.receive(0.001)
+    bus.block(frozenset({2}))
+    receive(bus, 0.001)
     lose_and_plug_in(interface, bus)
-    bus.receive(0.001)
+    receive(bus, 0.001)
     assert interface.filters == [{1}, {2}, {2}]
 
 
-def test_timeout_patience_and_whether_every_frame_counts_are_those_of_the_bus():
+def test_while_it_is_there_nothing_stands_between():
     interface = Interface()
-    bus, _ = lasting(interface)
-    interface.inbox = [HELLO]
-    assert bus.receive(0.5, 0.008) == HELLO
-    assert bus.receive(0.25, every=True) is None
-    assert interface.waits == [(0.5, 0.008, False), (0.25, 0.0, True)]
+    connection = Connection(interface)
+    bus = ReconnectingBus(
+        lambda: connection, ToyNode(), lost=lambda _: None, back=lambda: None,
+        clock=lambda: interface.now, pause=interface.sleep,
+    )  # fmt: skip
+    own = connection.send, connection.wait, connection.read
+    assert (bus.send, bus.wait, bus.read) == own
+    lose_and_plug_in(interface, bus)
+    assert bus.send != connection.send
+    receive(bus, 0.001)
+    assert (bus.send, bus.wait, bus.read) == own
 
 
 def test_without_a_bus_nobody_waits_longer_than_asked_for():
     interface = Interface()
     bus, _ = lasting(interface)
     interface.plugged = False
-    bus.send(GOODBYE)
+    send(bus, GOODBYE)
     for timeout in (0.0, 0.001, 1.0):
         before = interface.now
-        assert bus.receive(timeout, 1.0) is None
+        assert receive(bus, timeout) is None
         assert interface.now - before == pytest.approx(min(timeout, 0.02))
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import threading
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
 from typing import Any
@@ -15,6 +16,7 @@ from textual.widgets import Input, Static
 
 from smarttac_can.bench import BenchError, Stimulator
 from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
@@ -163,11 +165,14 @@ def test_a_bus_that_is_unplugged_is_told_and_comes_back(
             if not plugged:
                 raise BusError("there is no such adapter")
             super().__init__(**options)
+            read = self.read
 
-        def receive(self, timeout: float, patience: float = 0.0, *, every: bool = False) -> Any:
-            if not plugged:
-                raise BusError("cannot receive: the adapter is gone")
-            return super().receive(timeout, patience, every=every)
+            def pulled(frames: deque[Frame]) -> bool:
+                if not plugged:
+                    raise BusError("cannot receive: the adapter is gone")
+                return read(frames)
+
+            self.read = pulled
 
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         nonlocal plugged
