@@ -286,15 +286,15 @@ class _Run:
             outbox.put(frames)
             self._hand_over()
             return
-        end = self._clock() + 1000 * _SENDING_US
+        end = self._clock() + 1000 * _SENDING_US if len(frames) > 1 else 0
         for at, frame in enumerate(frames):
+            if at and self._clock() >= end:
+                outbox.put(frames[at:])
+                return
             try:
                 self._bus.send(frame)
             except QueueFullError:
                 outbox.put(frames[at:])
-                return
-            if self._clock() >= end:
-                outbox.put(frames[at + 1 :])
                 return
 
     def _hand_over(self) -> None:
@@ -360,7 +360,8 @@ class _Run:
                 timers.now = now
                 if timers.next_due <= now:
                     self._say(self._node.overdue())
-                self._say(self._answers(frame))
+                if answers := self._answers(frame):
+                    self._say(answers)
             else:
                 self._pass_over(frame.can_id)
             now = self._now()

@@ -13,13 +13,15 @@ import struct
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import pytest
 from nodes_on_a_bus import ODS
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 
 from smarttac_can.bench.simulation import STIMULATOR_ID
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.timing.stage_watch import MASTER_ID, StageWatch
 from smarttac_can.vocabulary.modes import Mode
 
@@ -101,3 +103,23 @@ def test_plate_node(can_id: int) -> None:
         drive(watch)
         assert_missed_in_a_flood(watch, PLATE_ID, can_id)
         assert [node.terminate(), plate.terminate()] == [0, 0]
+
+
+def test_the_kernel_drops_what_is_blocked_and_lets_in_what_is_wanted_again() -> None:
+    with (
+        closing(PythonCanBus("socketcan", CHANNEL)) as mine,
+        closing(PythonCanBus("socketcan", CHANNEL)) as other,
+    ):
+        mine.block(frozenset({0x123, 0x124}))
+        for can_id in (0x122, 0x123, 0x124, 0x125):
+            other.send(Frame(can_id))
+        assert [mine.receive(GUARD_S), mine.receive(GUARD_S)] == [Frame(0x122), Frame(0x125)]
+        assert mine.receive(0.0) is None
+        mine.block(frozenset({0x124}))
+        for can_id in (0x124, 0x123):
+            other.send(Frame(can_id))
+        assert mine.receive(GUARD_S) == Frame(0x123)
+        mine.block(frozenset(range(0x100, 0x200)))
+        for can_id in (0x100, 0x1C7, 0x200):
+            other.send(Frame(can_id))
+        assert mine.receive(GUARD_S) == Frame(0x200)
