@@ -21,17 +21,27 @@ import click
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.candump import CandumpWriter
 from smarttac_can.od.object_reference import table
-from smarttac_can.trials.chosen_rows import ALL_NOT_SEEN, ALL_TOLERATED, PREDICTED, cases
-from smarttac_can.trials.fault_case import DRIVING, TRACKED, FaultCase
-from smarttac_can.trials.fault_cases import CASES, TOLERATED
+from smarttac_can.trials.fault_cases import (
+    ALL_NOT_SEEN,
+    ALL_TOLERATED,
+    CASES,
+    DRIVING,
+    NOT_SEEN,
+    PREDICTED,
+    TOLERATED,
+    TRACKED,
+    FaultCase,
+    cases,
+)
 from smarttac_can.trials.fault_matrix import (
     HOLD_CYCLES,
+    FaultRow,
     fault_matrix,
+    matrix_table,
     reached_unseen,
+    rows_as_json,
     tolerated,
 )
-from smarttac_can.trials.fault_row import FaultRow, matrix_table, mode_name, rows_as_json
-from smarttac_can.trials.weak_pickup import NOT_SEEN
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "faults.md"
@@ -152,11 +162,11 @@ def undetected(rows: list[FaultRow]) -> list[str]:
     """
     seen = {(row.mode, code) for row in rows for code in row.emcy_codes}
     return [
-        f"{mode_name(mode)}: no row with {row.code:04X}h, {row.text}"
+        f"{mode.name.lower()}: no row with {row.code:04X}h, {row.text}"
         for watchdog, row in WATCHDOGS.items()
         if watchdog not in (Watchdog.MISSED_TIME, Watchdog.BUS_OFF, Watchdog.UNSEEN)
         for mode in (TRACKED if watchdog is Watchdog.RESONANCE else DRIVING)
-        if (mode_name(mode), f"{row.code:04X}h") not in seen
+        if (mode.name.lower(), f"{row.code:04X}h") not in seen
     ]
 
 

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from smarttac_can.od.object_reference import table
-from smarttac_can.trials.margins import margin_rows
-from smarttac_can.trials.process_size import RSS_GROWTH_MIB
+from smarttac_can.trials.soak import RSS_GROWTH_MIB, margin_rows
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "soak.md"
 

@@ -28,14 +28,16 @@ from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.candump import CandumpWriter, read_candump
 from smarttac_can.host.progress import progress_bar
 from smarttac_can.host.result_file import result_file
-from smarttac_can.trials.chosen_rows import WAYS, cases
-from smarttac_can.trials.fault_cases import CASES
-from smarttac_can.trials.fault_matrix import HOLD_CYCLES, fault_matrix
-from smarttac_can.trials.fault_row import FaultRow, rows_as_json
-from smarttac_can.trials.margins import Table, margin_rows
-from smarttac_can.trials.soak import CYCLES_PER_HOUR
-from smarttac_can.trials.soak_parts import parts, soak_in_parts
-from smarttac_can.trials.soak_report import SoakReport
+from smarttac_can.trials.fault_cases import CASES, WAYS, cases
+from smarttac_can.trials.fault_matrix import HOLD_CYCLES, FaultRow, fault_matrix, rows_as_json
+from smarttac_can.trials.soak import (
+    CYCLES_PER_HOUR,
+    SoakReport,
+    Table,
+    margin_rows,
+    parts,
+    soak_in_parts,
+)
 
 _NAMES = sorted({case.name for case in CASES})
 _ROWS_MAX_BYTES: Final = 4 << 20

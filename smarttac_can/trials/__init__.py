@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from smarttac_can._faces import lazily
 
 if TYPE_CHECKING:
-    from smarttac_can.trials.chosen_rows import cases
+    from smarttac_can.trials.fault_cases import cases
     from smarttac_can.trials.hostile import Hostile
     from smarttac_can.trials.rig import Rig
     from smarttac_can.trials.soak import Soak
@@ -17,7 +17,7 @@ __all__ = ["Hostile", "Rig", "Soak", "cases"]
 __getattr__ = lazily(
     __name__,
     {
-        "cases": "chosen_rows",
+        "cases": "fault_cases",
         "Hostile": "hostile",
         "Rig": "rig",
         "Soak": "soak",

@@ -13,8 +13,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_faults import Disturbance, FrameFault
 from smarttac_can.od.cia import HEARTBEAT_ID, PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS
 from smarttac_can.plant.faults import Fault
-from smarttac_can.trials.rig import MASTER_ID, PLATE_HEARTBEAT_MS, Rig
-from smarttac_can.trials.stage_hardware import StageHardware
+from smarttac_can.trials.rig import MASTER_ID, PLATE_HEARTBEAT_MS, Rig, StageHardware
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.signals import TICK_US, Drive, Measurement, Setpoint
 

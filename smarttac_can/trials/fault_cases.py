@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from math import inf
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.host.frame_faults import FrameFault
@@ -12,22 +13,22 @@ from smarttac_can.nodes.front_end import STAGE_TOLERANCE
 from smarttac_can.nodes.hardware_watch import READ_BACK_CYCLES
 from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
 from smarttac_can.trials import fault_acts as act
-from smarttac_can.trials.fault_case import (
-    REGULATED,
-    RING_DOWN_CYCLES,
-    TRACKED,
-    FaultCase,
-    broken,
-    visible,
-)
+from smarttac_can.trials.fault_acts import Act
 from smarttac_can.trials.rig import MASTER_LOST_MS, PLATE_LOST_MS, Rig
-from smarttac_can.trials.weak_pickup import WEAK_PICKUP
-from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, THERMOMETER, FaultKind
+from smarttac_can.vocabulary.faults import (
+    PICKUP,
+    PICKUP_D,
+    PICKUP_Q,
+    SENSOR_KINDS,
+    THERMOMETER,
+    FaultKind,
+)
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
 from smarttac_can.vocabulary.watchdogs import (
     AMPLITUDE_CYCLES,
     GAUGE_CYCLES,
+    LACK_CYCLES,
     RESONANCE_CYCLES,
     SATURATED_CYCLES,
     SILENT_CYCLES,
@@ -36,6 +37,181 @@ from smarttac_can.vocabulary.watchdogs import (
     Watchdog,
     sync_window,
 )
+
+DRIVING: Final = (
+    Mode.OPEN_LOOP,
+    Mode.AMPLITUDE,
+    Mode.AMPLITUDE_RESONANCE,
+    Mode.FRICTION,
+    Mode.IDENTIFY,
+    Mode.TEXTURE,
+)
+"""Modes with a voltage."""
+TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
+"""Modes in which the frequency follows the resonance."""
+REGULATED: Final = tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)
+"""Modes that do not end by themselves."""
+RING_DOWN_CYCLES: Final = 3
+"""Time constants of the plate, 1 ms each, until 5 % of its vibration is left."""
+_PICKUPS: Final = (PICKUP, PICKUP_D, PICKUP_Q)
+
+
+Shows = Callable[[Rig], bool]
+"""Whether a fault can be noticed in a cycle."""
+
+
+def visible(volts: float = 20.0, up_to_N: float = inf) -> Shows:
+    """Return what tells whether a fault is sure to be noticed.
+
+    Parameters
+    ----------
+    volts
+        Voltage of the stage from which it is. By default the lowest at which any plate vibrates
+        enough to be judged; below it, as where a friction loop pauses, a fault is delayed.
+    up_to_N
+        Normal force in N up to which it is: a finger that presses harder may explain the fault by
+        what it damps, or by friction.
+    """
+    return lambda rig: rig.stage.si_value >= volts and rig.plate_block.plate.Fn <= up_to_N
+
+
+class FaultCase(NamedTuple):
+    """One fault."""
+
+    name: str
+    bound: int
+    """Cycles from the injection to the detection."""
+    watchdog: Watchdog | None
+    """What trips first in the stimulator; None if nothing does, as it restarts or is paused."""
+    inject: Act
+    remove: Act
+    modes: tuple[Mode, ...] = DRIVING
+    instead: Mapping[Mode, Watchdog] = MappingProxyType({})
+    """What trips before `watchdog` in some modes, whose loops answer a wrong reading otherwise."""
+    prepare: Act | None = None
+    """What the fault needs before the run."""
+    plate_inside: bool = False
+    forgets: bool = False
+    """Whether the stimulator starts anew, and so obeys the master again without a fault reset."""
+    deaf: bool = False
+    """Whether a node cannot hear or act, so that it may go on driving until its plate notices."""
+    breaks_stage: bool = False
+    """Whether the power stage ignores what is asked for."""
+    breaks_controller: bool = False
+    """Whether the controllers themselves are replaced."""
+    cut_off: bool = False
+    """Whether what the stimulator says is lost with the bus."""
+    shows: Shows | None = None
+    """Tells whether it can be noticed in a cycle; None if it can in each."""
+    adds_up: bool = True
+    """Whether cycles in which it shows add up, as in a leaky bucket; else they are in a row."""
+    hides_vibration: bool = False
+    """Whether the pick-up is broken, so that the plate may vibrate too much until that is seen."""
+
+    detunes: bool = False
+    """Whether it may lead a resonance loop astray, whose wrong phase then ends the run later."""
+    through_loop: bool = False
+    """Whether a controller that runs shapes its course, by what it makes of what it measures."""
+    predictive: bool = False
+    """Whether both laws are the predictive ones, and not those of the paper."""
+    why: str = ""
+    """Why another watchdog is first than the one of the name."""
+    uncovered: str = ""
+    """Why no software can act, where none can; the bound then counts from where it goes on."""
+
+    def trips(self, mode: Mode) -> Watchdog | None:
+        """Return what trips first in a mode."""
+        return self.instead.get(mode, self.watchdog)
+
+    def way(self, mode: Mode) -> str:
+        """Name the way to drive: a mode, and the laws where they are not those of the paper."""
+        return mode.name.lower() + ("_predictive" if self.predictive else "")
+
+
+def broken(
+    name: str,
+    bound: int,
+    watchdog: Watchdog,
+    kind: FaultKind,
+    sensor: int = 1,
+    value: int = 0,
+    **more: Any,
+) -> FaultCase:
+    """Return the case of a fault of the simulated plate; the further ones are of `FaultCase`."""
+
+    def inject(rig: Rig) -> None:
+        rig.inject(kind, sensor, value)
+
+    hides = kind in SENSOR_KINDS and sensor in _PICKUPS
+    return FaultCase(
+        name, bound, watchdog, inject, Rig.mend, hides_vibration=hides, through_loop=True, **more
+    )
+
+
+# A pick-up that has lost gain: what of it is seen, and what is not.
+
+
+_PER_MILLE: Final = 1000
+_NAMES: Final = {PICKUP: "pick-up", PICKUP_D: "pick-up d", PICKUP_Q: "pick-up q"}
+LACK_BOUND: Final = 2 * LACK_CYCLES + RING_DOWN_CYCLES
+"""A friction loop that pauses interrupts a lack, but not for longer."""
+_EXPLAINED_N: Final = 0.6
+"""Force in N above which a finger that damps much explains what one that damps little, under a
+pick-up at 0.4, shows."""
+_FIXED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
+_BY_FRICTION: Final = (Mode.FRICTION,)
+"""Elsewhere half the gain is at the bound of what is seen: cycles beyond it add up in the end."""
+
+
+def _weak(
+    sensor: int,
+    per_mille: int,
+    modes: tuple[Mode, ...] = REGULATED,
+    up_to_N: float = inf,
+) -> FaultCase:
+    name = f"{_NAMES[sensor]} at {per_mille / _PER_MILLE:g}"
+    return broken(
+        name, LACK_BOUND, Watchdog.PICKUP, FaultKind.GAIN, sensor, per_mille,
+        modes=modes, shows=visible(up_to_N=up_to_N), detunes=sensor == PICKUP_D,
+    )  # fmt: skip
+
+
+def _detuned(per_mille: int, instead: Mapping[Mode, Watchdog]) -> FaultCase:
+    """Return the loss of one axis whose wrong phase leads the resonance loop astray."""
+    return broken(
+        f"pick-up d at {per_mille / _PER_MILLE:g}, tracked", RESONANCE_CYCLES + LACK_BOUND,
+        Watchdog.RESONANCE, FaultKind.GAIN, PICKUP_D, per_mille,
+        modes=TRACKED, instead=instead, shows=visible(),
+        why="the lack has lasted before the wrong phase" if instead else "",
+    )  # fmt: skip
+
+
+WEAK_PICKUP: Final = (
+    _weak(PICKUP, 50),
+    _weak(PICKUP, 100),
+    _weak(PICKUP, 200),
+    _weak(PICKUP, 300),
+    _weak(PICKUP, 400, up_to_N=_EXPLAINED_N),
+    _weak(PICKUP_D, 50, _FIXED),
+    _weak(PICKUP_D, 100, _FIXED),
+    _weak(PICKUP_D, 200, _FIXED),
+    _detuned(50, {Mode.FRICTION: Watchdog.PICKUP}),
+    _detuned(100, {}),
+    _detuned(200, {}),
+    _weak(PICKUP_D, 300),
+    _weak(PICKUP_D, 400, up_to_N=_EXPLAINED_N),
+)
+"""Losses of gain that end a run."""
+NOT_SEEN: Final = (
+    _weak(PICKUP, 500, _BY_FRICTION),
+    *(_weak(PICKUP, per_mille) for per_mille in (600, 700, 800, 900)),
+    _weak(PICKUP_D, 500, _BY_FRICTION),
+    *(_weak(PICKUP_D, per_mille) for per_mille in (600, 700, 800, 900)),
+    *(_weak(PICKUP_Q, per_mille) for per_mille in (50, 300, 600, 900)),
+)
+"""Losses that a finger of unknown damping explains as well, or that the vibration does not show:
+what is left when all is watched."""
+
 
 MEASUREMENTS: Final = tuple(base + PLATE_ID for base in TPDO_IDS[:3])
 DRIVE: Final = RPDO_IDS[0] + PLATE_ID
@@ -281,3 +457,80 @@ TOLERATED: Final[tuple[FaultCase, ...]] = (
               lambda rig: rig.bus.babble(2), lambda rig: rig.bus.babble(0), through_loop=True),
 )  # fmt: skip
 """Faults that must not end a run."""
+
+# Which rows the fault matrix has: each fault with each way to drive that it is injected in.
+
+
+Row = tuple[FaultCase, Mode]
+_HUNTS = "the loop hunts in frequency, so that the wrong phase does not last; the lack comes again"
+_FIRST: Final[Mapping[str, tuple[Watchdog, str]]] = {
+    "pick-up d at 0.1, tracked": (Watchdog.PICKUP, _HUNTS),
+    "pick-up d at 0.2, tracked": (Watchdog.PICKUP, _HUNTS),
+}
+"""What trips first under the predictive laws, and why, where it is another one than under the
+paper's."""
+
+
+def _predicted(given: Sequence[FaultCase]) -> tuple[FaultCase, ...]:
+    """Return the cases whose course a controller shapes, in mode FRICTION under predictive laws."""
+    found = []
+    for case in given:
+        if not case.through_loop or Mode.FRICTION not in case.modes or case.plate_inside:
+            continue
+        watchdog, why = _FIRST.get(case.name, (case.trips(Mode.FRICTION), ""))
+        instead = {} if watchdog is None else {Mode.FRICTION: watchdog}
+        found.append(
+            case._replace(modes=(Mode.FRICTION,), predictive=True, instead=instead, why=why)
+        )
+    return tuple(found)
+
+
+PREDICTED: Final = _predicted(CASES)
+"""Faults that act through the loop, under the predictive laws."""
+WAYS: Final = (*(mode.name.lower() for mode in DRIVING), PREDICTED[0].way(Mode.FRICTION))
+"""Names of the ways to drive: the modes, and the predictive laws."""
+
+
+def _rows(given: Sequence[FaultCase]) -> tuple[Row, ...]:
+    return tuple((case, mode) for case in given for mode in case.modes)
+
+
+_ADDS_UP: Final = frozenset({"pick-up at 0.5", "pick-up d at 0.5"})
+"""What predictive laws let be seen: half the gain is at the bound, and a turn, which brings the
+vibration to 0 under others, does not interrupt the cycles beyond it."""
+ALL_NOT_SEEN: Final = _rows(
+    (*NOT_SEEN, *_predicted([case for case in NOT_SEEN if case.name not in _ADDS_UP]))
+)
+"""Every fault that is not seen, with every mode."""
+ALL_TOLERATED: Final = _rows((*TOLERATED, *_predicted(TOLERATED)))
+"""Every fault that must not end a run, with every mode."""
+
+
+def cases(faults: Sequence[str] = (), ways: Sequence[str] = ()) -> list[Row]:
+    """Return every fault with every mode it is injected in.
+
+    Parameters
+    ----------
+    faults, ways
+        Names of faults and of ways to drive, to keep; all if empty.
+
+    Raises
+    ------
+    ValueError
+        If there is no such fault, or it is injected in none of these ways.
+    """
+    known = {case.name for case in CASES}
+    for name in faults:
+        if name not in known:
+            raise ValueError(f"fault {name!r} is none of {', '.join(sorted(known))}")
+    chosen = [
+        (case, mode)
+        for case, mode in _rows((*CASES, *PREDICTED))
+        if (not faults or case.name in faults) and (not ways or case.way(mode) in ways)
+    ]
+    found = {case.name for case, _ in chosen}
+    absent = " or ".join(repr(name) for name in faults if name not in found)
+    if absent or not chosen:
+        what = f"fault {absent} is not" if absent else "no fault is"
+        raise ValueError(f"{what} injected in mode {' or '.join(ways)}")
+    return chosen

@@ -17,7 +17,7 @@ from smarttac_can.plant.finger import FingerState, smooth
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS, Subject
-from smarttac_can.trials.trip_cause import TripCause
+from smarttac_can.trials.invariants import TripCause
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK

@@ -1,8 +1,10 @@
-"""A test rig: two simulated nodes on a bus with faults, and a master that counts cycles."""
+"""A test rig: two simulated nodes on a bus with faults, and their master, orderly or at random."""
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable
+from struct import pack
 from typing import Final, NamedTuple
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
@@ -11,7 +13,9 @@ from smarttac_can.host.bus import LogHook
 from smarttac_can.host.faulty_bus import FaultyBus
 from smarttac_can.host.local_bus import Wire
 from smarttac_can.master import requests
+from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.master.local_master import LocalMaster
+from smarttac_can.nodes.loop_frames import HARDWARE_RPDO
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -19,19 +23,24 @@ from smarttac_can.od.cia import (
     COB_INVALID,
     EMCY_ID,
     EVENT_MANUFACTURER,
+    EXPEDITED_BYTES,
     FRAME_BYTES,
     HEARTBEAT_CONSUMER,
     PDO_COB_ID,
+    PDO_EVENT,
     PDO_TRANSMISSION,
+    RPDO_COMMUNICATION,
+    RPDO_IDS,
     SYNC_COUNTER,
     SYNC_COUNTER_LAST,
+    SYNC_ID,
     SYNC_PERIOD,
     TPDO_COMMUNICATION,
+    Abort,
     NMTCommand,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.trials.stage_hardware import StageHardware
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
@@ -276,3 +285,96 @@ def _telling_stimulator_od() -> ObjectDictionary:
     transmission = od.entry(_STAGE, PDO_TRANSMISSION)
     transmission.default = transmission.value = EVENT_MANUFACTURER
     return od
+
+
+_CAN_ID = RPDO_IDS[HARDWARE_RPDO - 1] + PLATE_ID
+
+
+class StageHardware:
+    """Simulated hardware that reads the power stage back at each SYNC, and tells the plate.
+
+    Parameters
+    ----------
+    rig
+        Its plate is told to listen.
+
+    Attributes
+    ----------
+    enable
+        Whether it lets the stage drive, 0 or 1.
+    excess
+        What it reads more than there is, in 10 mV.
+    speaks
+        Whether it says anything.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self.enable = 1
+        self.excess = 0
+        self.speaks = True
+        self._stage = rig.stage
+        parameters = rig.plate.od.objects[RPDO_COMMUNICATION + HARDWARE_RPDO - 1].entries
+        rig.master.write(PLATE_ID, parameters[PDO_EVENT], SHORT_DEADLINE_MS)
+        rig.master.write(PLATE_ID, parameters[PDO_COB_ID], _CAN_ID)
+        self._port = rig.bus.connect(self._hear)
+
+    def _hear(self, frame: Frame) -> None:
+        if frame.can_id == SYNC_ID and self.speaks:
+            reading = int(self._stage.read()) + self.excess
+            self._port.send(Frame(_CAN_ID, pack("<BH", self.enable, reading)))
+
+
+# Ends of the shares of a draw from 0 to 1; above the last one the master does nothing.
+_READ: Final = 0.10
+_SET_POINT: Final = 0.18
+_MODE: Final = 0.22
+_COMMAND: Final = 0.28
+_START: Final = 0.30
+_DELAY: Final = 0.32
+
+
+class MasterTraffic:
+    """What a master may do at any time without resetting a fault: reads, writes, commands, RPDOs.
+
+    Parameters
+    ----------
+    rig
+        Its nodes get it.
+    seed
+        Of what is sent.
+    commands
+        Whether it also arms, runs and stops.
+    """
+
+    def __init__(self, rig: Rig, seed: int, *, commands: bool = True) -> None:
+        self._commands = commands
+        self._rig = rig
+        self._random = random.Random(seed)
+        od = rig.od
+        self._setpoints = [entry for entry in od if entry.name.startswith("Setpoint.")]
+        self._readable = [
+            entry for entry in od if entry.readable and 0 < entry.size <= EXPEDITED_BYTES
+        ]
+
+    def send(self) -> None:
+        """Send something, or nothing; refusals and silence are the node's good right."""
+        draw = self._random
+        choice = draw.random()
+        rig = self._rig
+        try:
+            if choice < _READ:
+                rig.master.read(STIMULATOR_ID, draw.choice(self._readable))
+            elif choice < _SET_POINT:
+                entry = draw.choice(self._setpoints)
+                raw = draw.randint(int(entry.low), int(entry.high))
+                rig.master.write(STIMULATOR_ID, entry, raw)
+            elif choice < _MODE:
+                rig.write("Mode", draw.choice(tuple(Mode)))
+            elif choice < _COMMAND and self._commands:
+                rig.write("Controlword", draw.choice((0, 1, 3, 1, 3, 4, 7)))
+            elif choice < _START:
+                rig.nmt(NMTCommand.START, draw.choice((0, STIMULATOR_ID, PLATE_ID)))
+            elif choice < _DELAY:
+                rig.write("Fault.Delay in cycles", draw.randrange(10))
+        except (Abort, HeartbeatLostError):
+            return

@@ -4,21 +4,426 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, wait
+from ctypes import c_double
+from dataclasses import asdict, dataclass, field
+from enum import IntEnum
+from itertools import pairwise
+from multiprocessing.sharedctypes import RawArray
+from pathlib import Path
 from time import perf_counter
-from typing import Final
+from typing import Any, Final, NamedTuple
+from zlib import crc32
 
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.trials.fault_case import DRIVING, TRACKED, FaultCase
-from smarttac_can.trials.fault_cases import CASES, TOLERATED
-from smarttac_can.trials.master_traffic import MasterTraffic
-from smarttac_can.trials.rig import PLATE_LOST_MS, Rig
-from smarttac_can.trials.soak_report import SoakReport
-from smarttac_can.trials.soak_watch import SoakWatch
+from smarttac_can.trials.fault_cases import CASES, DRIVING, TOLERATED, TRACKED, FaultCase
+from smarttac_can.trials.invariants import MOST_VIOLATIONS, Invariants, TripCause
+from smarttac_can.trials.rig import PLATE_LOST_MS, MasterTraffic, Rig
+from smarttac_can.trials.workers import sharing
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import FORGOTTEN, RESONANCE_CYCLES, Watchdog
+from smarttac_can.vocabulary.watchdogs import (
+    COUNTED,
+    FORGOTTEN,
+    PLATE_COUNTED,
+    RESONANCE_CYCLES,
+    Watchdog,
+)
+
+# How near every watch came to a fault while nothing was broken.
+
+
+Table = dict[str, dict[str, float]]
+"""Largest levels by watch and mode; 1.0 is a fault, or 0 V at the plate."""
+
+WHAT: Final = {
+    "nmt": "event",
+    "heartbeat": "silence, of the consumer time",
+    "measurement": "time without one, of the deadline",
+    "setpoint": "time without one, of the deadline; none is set in a soak",
+    "sync_lost": "time without one, of the deadline",
+    "sync_irregular": "too many or too few in a window, of what is a fault",
+    "sync_counter": "event",
+    "bus_off": "event",
+    "transmit_queue": "event",
+    "voltage": "drive, of the limit, to which the controllers keep",
+    "amplitude": "cycles above the limit, of what is a fault",
+    "temperature": "degC, of the limit",
+    "normal_force": "force, of the limit",
+    "lateral_force": "force, of the limit",
+    "saturated": "cycles at the end of a range, of what is a fault",
+    "stuck": "samples in a row that rest, of what is a fault",
+    "gauges": "cycles with a contradiction, of what is a fault",
+    "pickup": "cycles with too much, none or too little, of what is a fault",
+    "resonance": "cycles off the resonance, of what is a fault",
+    "controller": "event",
+    "calibration": "event",
+    "plate": "event",
+    "double": "measurements beyond one a SYNC, of what is a fault; identifiers are events",
+    "unseen": "cycles above the limit, of what is a fault",
+    "missed_time": "missed ticks of a second, of the limit",
+    "stage": "event",
+    "not_enabled": "event",
+    "plate_deadline": "time without a drive, of the deadline",
+    "plate_wrong_checks": "drives with a wrong check, of what bars",
+    "plate_temperature": "degC, of the limit",
+    "plate_voltage": "drive, of the limit",
+    "true_amplitude": "vibration of the plate, of the limit of amplitude",
+    "bound_by_the_drive": "vibration that the drive may have made, of the limit of unseen",
+}
+"""Every watch, and what its level is; last the quantities behind two that count cycles."""
+_LOOKED_AT: Final = (
+    *(watchdog.name.lower() for watchdog in COUNTED),
+    *(f"plate_{what.replace(' ', '_')}" for what in PLATE_COUNTED),
+    "true_amplitude",
+    "bound_by_the_drive",
+)
+_DIGITS: Final = 3
+
+
+class Margins:
+    """The largest levels of a rig with a plate node, mode by mode.
+
+    Parameters
+    ----------
+    rig
+        Whose nodes are asked, over calls.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._stimulator = rig.stimulator
+        self._plate = rig.plate
+        self._supervisor = rig.stimulator.block.supervisor
+        self._amplitude_trip = rig.od["Limit.Amplitude trip"]
+        self._bound_trip = rig.od["Limit.Amplitude by drive"]
+        self._mode = rig.od["Mode"]
+        self._run: dict[int, tuple[float, ...]] = {}
+        self._kept: dict[int, tuple[float, ...]] = {}
+
+    def look(self) -> None:
+        """Look at a cycle in which nothing is broken."""
+        trip, most = self._amplitude_trip, self._bound_trip
+        levels = (
+            *self._stimulator.levels(),
+            *self._plate.levels(),
+            abs(self._plate.block.plate.W) / (trip.value * trip.si),
+            abs(self._supervisor.watch.vibration.most) / (most.value * most.si),
+        )
+        _raise(self._run, self._mode.value, levels)
+
+    def keep(self) -> None:
+        """Keep what was seen since the last time."""
+        for mode, levels in self._run.items():
+            _raise(self._kept, mode, levels)
+        self._run = {}
+
+    def drop(self) -> None:
+        """Forget what was seen since the last time: a watch did trip, and had cause to."""
+        self._run = {}
+
+    def table(self) -> Table:
+        """Return what was kept."""
+        return {
+            name: {
+                Mode(mode).name.lower(): round(levels[at], _DIGITS)
+                for mode, levels in sorted(self._kept.items())
+            }
+            for at, name in enumerate(_LOOKED_AT)
+        }
+
+
+def _raise(peaks: dict[int, tuple[float, ...]], mode: int, levels: tuple[float, ...]) -> None:
+    before = peaks.get(mode)
+    peaks[mode] = levels if before is None else tuple(map(max, before, levels))
+
+
+def largest(tables: Sequence[Table]) -> Table:
+    """Return the largest levels of several tables, one or more."""
+    modes = [
+        name for mode in Mode if any((name := mode.name.lower()) in t["voltage"] for t in tables)
+    ]
+    return {
+        name: {mode: max(t[name].get(mode, 0.0) for t in tables) for mode in modes}
+        for name in _LOOKED_AT
+    }
+
+
+def margin_rows(table: Table) -> Iterator[tuple[str, ...]]:
+    """Return the margins for readers, the head first: a watch, what its level is, and levels."""
+    modes = list(table["voltage"])
+    yield ("Watch", "Level", *(mode.replace("_", " ") for mode in modes))
+    for name, what in WHAT.items():
+        levels = [f"{table[name][mode]:.2f}" if name in table else "" for mode in modes]
+        yield (name.replace("_", " "), what, *levels)
+
+
+# How long a rig has driven, by mode and by law.
+
+
+_BY_AMPLITUDE: Final = frozenset(
+    {Mode.FRICTION, Mode.TEXTURE, Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE}
+)
+"""Modes in which a vibration law acts."""
+_S_PER_CYCLE: Final = 1e-3
+
+
+class DrivenTime:
+    """Cycles with a voltage.
+
+    Parameters
+    ----------
+    rig
+        Whose object dictionary says which laws are chosen.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._law = rig.od["Friction law"]
+        self._vibration_law = rig.od["Controller.Vibration law"]
+        self._cycles: Counter[tuple[Mode, int, int]] = Counter()
+
+    def count(self, mode: Mode) -> None:
+        """Count a cycle with a voltage in a mode, under the laws that are chosen now."""
+        self._cycles[mode, self._law.value, self._vibration_law.value] += 1
+
+    def by_mode(self) -> dict[str, float]:
+        """Return seconds by the name of the mode, for every mode that drives."""
+        return self._seconds(DRIVING, lambda mode, _law, _vibration: mode)
+
+    def by_friction_law(self) -> dict[str, float]:
+        """Return seconds by the name of the friction law, of mode friction: no other asks one."""
+        return self._seconds(Law, lambda mode, law, _: law if mode is Mode.FRICTION else None)
+
+    def by_vibration_law(self) -> dict[str, float]:
+        """Return seconds by the name of the vibration law, of the modes in which one acts."""
+        return self._seconds(
+            VibrationLaw, lambda mode, _, law: law if mode in _BY_AMPLITUDE else None
+        )
+
+    def _seconds(
+        self, kinds: Iterable[IntEnum], of: Callable[[Mode, int, int], int | None]
+    ) -> dict[str, float]:
+        total: Counter[int | None] = Counter()
+        for key, cycles in self._cycles.items():
+            total[of(*key)] += cycles
+        return {kind.name.lower(): round(total[kind] * _S_PER_CYCLE, 3) for kind in kinds}
+
+
+# How large the process is while simulated time passes.
+
+
+SAMPLE_CYCLES: Final = 60_000
+"""Cycles between two samples: a simulated minute."""
+RSS_GROWTH_MIB: Final = 8.0
+"""How much the process may grow after its first two simulated minutes."""
+_WARM_UP_SAMPLES: Final = 2
+_PAGE: Final = 4096
+
+
+class ProcessSize:
+    """Samples of the size of this process.
+
+    Attributes
+    ----------
+    mib
+        Sizes in MiB; empty where the system does not say.
+    """
+
+    def __init__(self) -> None:
+        self.mib: list[float] = []
+
+    def sample(self) -> None:
+        """Take a sample."""
+        try:
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        except OSError:
+            return
+        self.mib.append(round(pages * _PAGE / 2**20, 1))
+
+    def complaint(self) -> str | None:
+        """Say how much the process grew if that is too much, else None."""
+        sizes = self.mib[_WARM_UP_SAMPLES:]
+        if sizes and max(sizes) - sizes[0] > RSS_GROWTH_MIB:
+            return f"the process grew from {sizes[0]} to {max(sizes)} MiB"
+        return None
+
+
+@dataclass
+class SoakReport:
+    """What a soak did, and what did not hold."""
+
+    seed: int
+    simulated_s: float = 0.0
+    violated: int = 0
+    violations: list[str] = field(default_factory=list)
+    runs: int = 0
+    driving_s: dict[str, float] = field(default_factory=dict)
+    friction_law_s: dict[str, float] = field(default_factory=dict)
+    """Seconds with a voltage by friction law, in the modes in which one acts."""
+    vibration_law_s: dict[str, float] = field(default_factory=dict)
+    """The same by vibration law."""
+    faults: dict[str, int] = field(default_factory=dict)
+    """How often each fault was injected, all while driving."""
+    latched: int = 0
+    """How many of them ended in FAULT, the others in a restart."""
+    tripped: dict[str, int] = field(default_factory=dict)
+    """How often set-points at random ended a run, by what was seen at the plate to be the cause."""
+    margins: Table = field(default_factory=dict)
+    """How near each watch came to a fault, 1.0, while nothing was broken, mode by mode."""
+    tolerated: dict[str, int] = field(default_factory=dict)
+    emergencies: int = 0
+    master_restarts: int = 0
+    transfers: int = 0
+    """Acts of the master beside the scenes."""
+    rss_mib: list[float] = field(default_factory=list)
+    """Size of the process at simulated minutes; empty where the system does not say."""
+    fingerprint: str = ""
+    """Check sum of the voltage in every cycle: the same for the same seed and time."""
+    wall_s: float = 0.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything held."""
+        return self.violated == 0
+
+    @property
+    def speed(self) -> float:
+        """Simulated time over real time."""
+        return self.simulated_s / self.wall_s if self.wall_s else 0.0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as JSON has it."""
+        return asdict(self) | {"passed": self.passed, "speed": round(self.speed, 1)}
+
+
+def merged(reports: Sequence[SoakReport]) -> SoakReport:
+    """Return the report of a soak from those of its parts, one or more, in their order.
+
+    That of one part is its own. The fingerprint of several is the check sum of theirs, and their
+    wall time is that of all processes together.
+    """
+    if len(reports) == 1:
+        return reports[0]
+    return SoakReport(
+        seed=reports[0].seed,
+        simulated_s=round(sum(r.simulated_s for r in reports), 3),
+        violated=sum(r.violated for r in reports),
+        violations=[
+            f"part {n} of seed {r.seed}, {line}"
+            for n, r in enumerate(reports, 1)
+            for line in r.violations
+        ][:MOST_VIOLATIONS],
+        runs=sum(r.runs for r in reports),
+        driving_s=_seconds([r.driving_s for r in reports]),
+        friction_law_s=_seconds([r.friction_law_s for r in reports]),
+        vibration_law_s=_seconds([r.vibration_law_s for r in reports]),
+        faults=_sum([r.faults for r in reports]),
+        latched=sum(r.latched for r in reports),
+        tripped=_sum([r.tripped for r in reports]),
+        margins=largest([r.margins for r in reports]),
+        tolerated=_sum([r.tolerated for r in reports]),
+        emergencies=sum(r.emergencies for r in reports),
+        master_restarts=sum(r.master_restarts for r in reports),
+        transfers=sum(r.transfers for r in reports),
+        rss_mib=[mib for r in reports for mib in r.rss_mib],
+        fingerprint=f"{crc32(' '.join(r.fingerprint for r in reports).encode()):08x}",
+        wall_s=round(sum(r.wall_s for r in reports), 2),
+    )
+
+
+def _seconds(times: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {name: round(sum(time[name] for time in times), 3) for name in times[0]}
+
+
+def _sum(counts: Sequence[dict[str, int]]) -> dict[str, int]:
+    total: Counter[str] = Counter()
+    for count in counts:
+        total.update(count)
+    return dict(sorted(total.items()))
+
+
+# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+_RUNNING: Final = State.RUNNING
+_FAULT: Final = State.FAULT
+
+
+class SoakWatch:
+    """Sees what must hold, how near the watches of a rig are, and why one has tripped.
+
+    Parameters
+    ----------
+    rig
+        Has a plate node; it is observed from now on.
+
+    Attributes
+    ----------
+    invariants
+        What must hold.
+    margins
+        How near the watches are while nothing is broken.
+    mode
+        In which the rig is driven.
+    sound
+        Whether nothing is broken, nor about to be.
+    cause
+        Why a watch has tripped at last, as the plate shows; None for no reason.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._machine = rig.stimulator.block.supervisor.machine
+        self.invariants = Invariants(rig)
+        self.margins = Margins(rig)
+        self.mode = Mode.OPEN_LOOP
+        self.sound = False
+        self.cause: str | None = None
+        self._state = State.READY
+        self._trip_cause = TripCause(rig)
+        self._driven = DrivenTime(rig)
+        self._size = ProcessSize()
+        self._check_sum = 0
+        rig.observe = self._look
+
+    def end_sound(self) -> None:
+        """Keep how near the watches were: from now on something is broken, or about to be."""
+        self.sound = False
+        self.margins.keep()
+
+    def sum_up(self, report: SoakReport) -> None:
+        """Put into a report what was seen."""
+        report.driving_s = self._driven.by_mode()
+        report.friction_law_s = self._driven.by_friction_law()
+        report.vibration_law_s = self._driven.by_vibration_law()
+        report.margins = self.margins.table()
+        report.rss_mib = self._size.mib
+        if (grown := self._size.complaint()) is not None:
+            self.invariants.violate(grown)
+        report.violations = self.invariants.violations
+        report.violated = self.invariants.violated
+        report.fingerprint = f"{self._check_sum:08x}"
+
+    def _look(self) -> None:
+        self.invariants.check()
+        self._trip_cause.look()
+        self._look_closer()
+        voltage = self._rig.stage.read()
+        if voltage:
+            self._driven.count(self.mode)
+        self._check_sum = crc32(voltage.to_bytes(4, "little"), self._check_sum)
+        if self._rig.cycles % SAMPLE_CYCLES == 0:
+            self._size.sample()
+
+    def _look_closer(self) -> None:
+        """See how near the watches are while nothing is broken, or why one has tripped."""
+        before, self._state = self._state, self._machine.state
+        if self._state is _FAULT:
+            self.sound = False
+            if before is not _FAULT:
+                self.cause = self._trip_cause.of(self._rig.od["Diagnosis.Latched"].value)
+        elif self.sound and self._state is _RUNNING:
+            self.margins.look()
+
 
 CYCLES_PER_HOUR: Final = 3_600_000
 _READY_CYCLES: Final = 5
@@ -296,3 +701,102 @@ class Soak:
     def _lift(self) -> None:
         """Lift the finger and tare: zeros taken under a finger would bar the reset."""
         self._rig.start_run(touch=False)
+
+
+# A long soak in independent parts, which may run side by side.
+
+
+_GOLDEN: Final = 0x9E3779B9
+"""Step between the seeds of two parts: 2^32 over the golden ratio, so that none comes twice."""
+_SEEDS: Final = 1 << 32
+_POLL_S: Final = 0.2
+
+Progress = Callable[[float], None]
+
+
+class Part(NamedTuple):
+    """A part of a soak, a `Soak` of its own."""
+
+    cycles: int
+    seed: int
+
+
+def parts(cycles: int, seed: int) -> list[Part]:
+    """Divide a soak into equal parts of an hour at most; the first has the seed of the whole.
+
+    Parameters
+    ----------
+    cycles
+        How long it is, in cycles of 1 ms, 1 or more.
+    seed
+        Of everything, 0..2^32 - 1.
+    """
+    count = max(1, -(-cycles // CYCLES_PER_HOUR))
+    ends = [cycles * n // count for n in range(count + 1)]
+    return [
+        Part(end - begin, (seed + n * _GOLDEN) % _SEEDS)
+        for n, (begin, end) in enumerate(pairwise(ends))
+    ]
+
+
+def soak_in_parts(
+    chosen: Sequence[Part], *, jobs: int = 1, progress: Progress | None = None
+) -> SoakReport:
+    """Let every part happen; the report is the same whatever the number of processes.
+
+    Parameters
+    ----------
+    chosen
+        One or more.
+    jobs
+        Processes that share the parts; 1 keeps them in this one.
+    progress
+        Called with the share that is done, 0..1.
+
+    Raises
+    ------
+    ValueError
+        If a part is shorter than a cycle.
+    BrokenProcessPool
+        If one of the processes was killed.
+    """
+    tell = progress or (lambda _share: None)
+    if jobs == 1 or len(chosen) == 1:
+        return merged(list(_one_by_one(chosen, tell)))
+    return merged(_side_by_side(chosen, jobs, tell))
+
+
+def _one_by_one(chosen: Sequence[Part], tell: Progress) -> Iterator[SoakReport]:
+    count = len(chosen)
+    for n, part in enumerate(chosen):
+        yield Soak(*part, lambda share, n=n: tell((n + share) / count)).run()  # type: ignore[misc]
+
+
+def _side_by_side(chosen: Sequence[Part], jobs: int, tell: Progress) -> list[SoakReport]:
+    shares = RawArray(c_double, len(chosen))
+    with sharing(min(jobs, len(chosen)), _tell, shares) as submit:
+        results = [submit(_part, n, part) for n, part in enumerate(chosen)]
+        pending: set[Future[SoakReport]] = set(results)
+        while pending:
+            done, pending = wait(pending, _POLL_S)
+            for result in done:
+                result.result()
+            tell(sum(shares) / len(chosen))
+        return [result.result() for result in results]
+
+
+_told: Final[list[Any]] = []
+"""Where a process of several tells how far its parts are."""
+
+
+def _tell(shares: Any) -> None:
+    _told.append(shares)
+
+
+def _part(n: int, part: Part) -> SoakReport:
+    (shares,) = _told
+
+    def tell(share: float) -> None:
+        shares[n] = share
+
+    return Soak(*part, tell).run()

@@ -9,10 +9,8 @@ from smarttac_can.audit import DifferenceError, verify_rows
 from smarttac_can.audit.fault_rows import NOT_SHOWN
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
-from smarttac_can.trials.chosen_rows import cases
-from smarttac_can.trials.fault_cases import CASES
-from smarttac_can.trials.fault_matrix import fault_matrix
-from smarttac_can.trials.fault_row import rows_as_json
+from smarttac_can.trials.fault_cases import CASES, cases
+from smarttac_can.trials.fault_matrix import fault_matrix, rows_as_json
 from smarttac_can.vocabulary.modes import Mode
 
 Log = list[tuple[int, Frame]]

@@ -16,8 +16,8 @@ from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.cli import main
 from smarttac_can.host.candump import read_candump
-from smarttac_can.trials.fault_row import FaultRow
-from smarttac_can.trials.process_size import ProcessSize
+from smarttac_can.trials.fault_matrix import FaultRow
+from smarttac_can.trials.soak import ProcessSize
 
 ONE = ("faults", "--fault", "measurements lost", "--mode", "friction", "--hold", "20")
 

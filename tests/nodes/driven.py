@@ -8,7 +8,7 @@ from smarttac_can.host.bus import LogHook
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.entry import Entry
 from smarttac_can.trials.fault_acts import nothing, send_setpoints
-from smarttac_can.trials.fault_case import FaultCase
+from smarttac_can.trials.fault_cases import FaultCase
 from smarttac_can.trials.fault_matrix import driving_rig
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.modes import Mode

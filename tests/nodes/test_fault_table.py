@@ -10,12 +10,9 @@ from line import EMCY_STIMULATOR
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import NMTCommand
-from smarttac_can.trials.chosen_rows import PREDICTED, cases
-from smarttac_can.trials.fault_case import DRIVING, FaultCase
-from smarttac_can.trials.fault_cases import CASES
+from smarttac_can.trials.fault_cases import CASES, DRIVING, PREDICTED, FaultCase, cases
 from smarttac_can.trials.fault_matrix import begin_run, driving_rig
-from smarttac_can.trials.master_traffic import MasterTraffic
-from smarttac_can.trials.rig import Rig
+from smarttac_can.trials.rig import MasterTraffic, Rig
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog

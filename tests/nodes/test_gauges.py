@@ -12,7 +12,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.plant.faults import Fault
 from smarttac_can.plant.finger import Trajectory
-from smarttac_can.trials.fault_case import DRIVING, REGULATED
+from smarttac_can.trials.fault_cases import DRIVING, REGULATED
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import AUTO_ZERO, RECORDED, START_RUN, STROKE, ZERO

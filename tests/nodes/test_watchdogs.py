@@ -13,7 +13,7 @@ from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_faults import FrameFault
 from smarttac_can.trials.fault_acts import disturb
-from smarttac_can.trials.fault_case import DRIVING
+from smarttac_can.trials.fault_cases import DRIVING
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
 from smarttac_can.vocabulary.modes import Mode

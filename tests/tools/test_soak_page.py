@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from smarttac_can.trials.margins import WHAT
-from smarttac_can.trials.soak_report import SoakReport
+from smarttac_can.trials.soak import WHAT, SoakReport
 
 TOOL = Path(__file__).parents[2] / "tools" / "soak.py"
 

@@ -11,23 +11,26 @@ from smarttac_can.audit import verify_rows
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import EMCY_ID, RPDO_IDS, SYNC_ID
-from smarttac_can.trials.chosen_rows import (
+from smarttac_can.trials.fault_cases import (
     ALL_NOT_SEEN,
     ALL_TOLERATED,
+    CASES,
+    DRIVING,
+    NOT_SEEN,
     PREDICTED,
     WAYS,
+    FaultCase,
     cases,
 )
-from smarttac_can.trials.fault_case import DRIVING, FaultCase
-from smarttac_can.trials.fault_cases import CASES
 from smarttac_can.trials.fault_matrix import (
+    FaultRow,
     driving_rig,
     fault_matrix,
+    matrix_table,
     reached_unseen,
+    rows_as_json,
     tolerated,
 )
-from smarttac_can.trials.fault_row import FaultRow, matrix_table, rows_as_json
-from smarttac_can.trials.weak_pickup import NOT_SEEN
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State

@@ -8,9 +8,7 @@ from random import Random
 import pytest
 
 from smarttac_can.bench.simulation import PLATE_ID
-from smarttac_can.trials.good_master import GoodMaster
-from smarttac_can.trials.hostile import Hostile, HostileReport
-from smarttac_can.trials.hostile_node import CALM, OWN
+from smarttac_can.trials.hostile import CALM, OWN, GoodMaster, Hostile, HostileReport
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
 

@@ -6,8 +6,7 @@ from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.trials.master_traffic import MasterTraffic
-from smarttac_can.trials.rig import Rig
+from smarttac_can.trials.rig import MasterTraffic, Rig
 from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.modes import Mode

@@ -18,7 +18,7 @@ from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.od.cia import EMCY_ID, SYNC_ID
-from smarttac_can.trials.chosen_rows import cases
+from smarttac_can.trials.fault_cases import cases
 from smarttac_can.trials.fault_matrix import fault_matrix
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
