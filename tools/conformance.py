@@ -26,12 +26,10 @@ import canopen
 import durand
 from durand.scheduler import AsyncScheduler
 
-from smarttac_can.conformance.case import Result
-from smarttac_can.conformance.description import DeviceDescription
+from smarttac_can.conformance.case import DeviceDescription, Result
 from smarttac_can.conformance.device_time import DeviceTimeBus
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.run import run_cases
-from smarttac_can.conformance.table import CASES, GROUPS
+from smarttac_can.conformance.run import CASES, GROUPS, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.plain_node import PlainNode

@@ -19,13 +19,10 @@ from smarttac_can.cli.result_file import (
     report_results,
     result_path,
 )
-from smarttac_can.conformance.case import Case, Failure
-from smarttac_can.conformance.description import DeviceDescription
+from smarttac_can.conformance.case import Case, DeviceDescription, Failure
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.identity import differences
-from smarttac_can.conformance.report import as_json, line, markdown, summary
-from smarttac_can.conformance.run import failed, run_cases
-from smarttac_can.conformance.table import CASES
+from smarttac_can.conformance.general import differences
+from smarttac_can.conformance.run import CASES, as_json, failed, line, markdown, run_cases, summary
 from smarttac_can.host.eds_files import read_eds_file
 from smarttac_can.host.result_file import result_file
 

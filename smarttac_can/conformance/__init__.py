@@ -8,8 +8,7 @@ from smarttac_can._faces import lazily
 
 if TYPE_CHECKING:
     from smarttac_can.conformance.examiner import Examiner
-    from smarttac_can.conformance.report import markdown, summary
-    from smarttac_can.conformance.run import run_cases
+    from smarttac_can.conformance.run import markdown, run_cases, summary
 
 __all__ = ["Examiner", "markdown", "run_cases", "summary"]
 
@@ -17,8 +16,8 @@ __getattr__ = lazily(
     __name__,
     {
         "Examiner": "examiner",
-        "markdown": "report",
-        "summary": "report",
+        "markdown": "run",
+        "summary": "run",
         "run_cases": "run",
     },
 )

@@ -1,14 +1,38 @@
-"""What a case of the suite is, and how it says that a device fails or that it does not apply."""
+"""What a case of the suite is, and what a data sheet says of a device, as the cases ask for it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COMMUNICATION_LAST,
+    DEVICE_NAME,
+    EXPEDITED_BYTES,
+    HEARTBEAT_CONSUMER,
+    PDO_COB_ID,
+    PDO_COUNT,
+    PDO_TRANSMISSION,
+    RESTORE_DEFAULTS,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    STORE_PARAMETERS,
+    SYNC_COB_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    VERIFY_CONFIGURATION,
+    DataType,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import load_eds
+from smarttac_can.od.entry import Entry
+from smarttac_can.od.ini import read_sections
 
 if TYPE_CHECKING:
-    from smarttac_can.conformance.description import DeviceDescription
     from smarttac_can.conformance.examiner import Examiner
+
 
 Need = Callable[["DeviceDescription"], str | None]
 """Returns why a device of that data sheet cannot be asked, None if it can."""
@@ -78,3 +102,151 @@ class Result(NamedTuple):
     verdict: str
     reason: str = ""
     trace: tuple[str, ...] = ()
+
+
+COMMANDS: Final = frozenset({STORE_PARAMETERS, RESTORE_DEFAULTS})
+"""Objects to which a value is a command: nothing is written back to them."""
+
+
+class Pdo(NamedTuple):
+    """Indices of one PDO."""
+
+    communication: int
+    mapping: int
+
+
+class DeviceDescription:
+    """An EDS seen by who tests a device of it.
+
+    Parameters
+    ----------
+    text
+        The EDS.
+    node_id
+        Of the device, 1..127.
+    """
+
+    def __init__(self, text: str, node_id: int) -> None:
+        self.od: ObjectDictionary = load_eds(text, node_id)
+        self.node_id = node_id
+        self.sections = read_sections(text, [])
+        self.tpdos = self._pdos(TPDO_COMMUNICATION, TPDO_MAPPING)
+        self.rpdos = self._pdos(RPDO_COMMUNICATION, RPDO_MAPPING)
+
+    def _pdos(self, communication: int, mapping: int) -> list[Pdo]:
+        objects = self.od.objects
+        return [
+            Pdo(communication + n, mapping + n)
+            for n in range(PDO_COUNT)
+            if communication + n in objects and mapping + n in objects
+        ]
+
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Tell whether the EDS describes an entry."""
+        return self.od.get(index, subindex) is not None
+
+    def writable(self, index: int, subindex: int = 0) -> bool:
+        """Tell whether the EDS describes an entry that takes values."""
+        entry = self.od.get(index, subindex)
+        return entry is not None and entry.writable
+
+    def states_default(self, entry: Entry) -> bool:
+        """Tell whether the EDS names a default value, rather than leaving it open."""
+        for name in (f"{entry.index:04x}sub{entry.subindex:x}", f"{entry.index:04x}"):
+            section = self.sections.get(name, {})
+            if section.get("defaultvalue") or section.get("parametervalue"):
+                return True
+        values = self.sections.get(f"{entry.index:04x}value", {})
+        return bool(values.get(str(entry.subindex)))
+
+    def mapped(self, pdo: Pdo) -> list[int]:
+        """Return the mapping entries that the EDS gives a PDO by default."""
+        return [self.od.number(pdo.mapping, n) for n in range(1, self.od.number(pdo.mapping) + 1)]
+
+    def usable(self, pdos: list[Pdo]) -> list[Pdo]:
+        """Pick the PDOs that carry something and let themselves be configured."""
+        return [
+            pdo
+            for pdo in pdos
+            if self.mapped(pdo)
+            and self.writable(pdo.communication, PDO_COB_ID)
+            and self.writable(pdo.communication, PDO_TRANSMISSION)
+            and self.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
+        ]
+
+    def mappable(self, pdos: list[Pdo]) -> list[Pdo]:
+        """Pick the usable PDOs whose mapping can be written."""
+        return [
+            pdo
+            for pdo in self.usable(pdos)
+            if self.writable(pdo.mapping) and self.writable(pdo.mapping, 1)
+        ]
+
+    def number_entries(self) -> list[Entry]:
+        """List the rw numbers of 4 bytes, those first that do no harm."""
+        harmless = [self.od.get(VERIFY_CONFIGURATION, 1), self.od.get(HEARTBEAT_CONSUMER, 1)]
+        words = (e for e in self.od if e.index > COMMUNICATION_LAST and e.high > e.low)
+        return [
+            entry
+            for entry in (*harmless, *words)
+            if entry is not None and entry.access == "rw" and entry.data_type == DataType.UNSIGNED32
+        ]
+
+    def long_entry(self) -> Entry | None:
+        """Find a readable entry that takes more than one frame; None if there is none."""
+        name = self.od.get(DEVICE_NAME)
+        candidates = ([] if name is None else [name]) + list(self.od)
+        return next((e for e in candidates if e.readable and _length(e) > EXPEDITED_BYTES), None)
+
+    def long_writable(self) -> Entry | None:
+        """Find an rw entry of the application above 4 bytes; None if there is none."""
+        return next(
+            (
+                entry
+                for entry in self.od
+                if entry.index > COMMUNICATION_LAST
+                and entry.access == "rw"
+                and _length(entry) > EXPEDITED_BYTES
+            ),
+            None,
+        )
+
+
+def _length(entry: Entry) -> int:
+    return entry.size or len(entry.default)
+
+
+def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Need:
+    """Require that the EDS describes an entry, and one that takes values if ``writable``."""
+
+    def reason(sheet: DeviceDescription) -> str | None:
+        if not sheet.has(index, subindex):
+            return f"the EDS has no {index:04X}h:{subindex:02X}"
+        if writable and not sheet.writable(index, subindex):
+            return f"{index:04X}h:{subindex:02X} cannot be written"
+        return None
+
+    return reason
+
+
+needs_sync = needs_object(SYNC_COB_ID)
+
+
+def needs_tpdo(sheet: DeviceDescription) -> str | None:
+    """Require a TPDO that can be configured."""
+    return None if sheet.usable(sheet.tpdos) else "the EDS has no TPDO that can be configured"
+
+
+def needs_rpdo(sheet: DeviceDescription) -> str | None:
+    """Require an RPDO that can be configured."""
+    return None if sheet.usable(sheet.rpdos) else "the EDS has no RPDO that can be configured"
+
+
+def needs_mapping(sheet: DeviceDescription) -> str | None:
+    """Require a TPDO whose mapping can be changed."""
+    return None if sheet.mappable(sheet.tpdos) else "the EDS has no TPDO with a writable mapping"
+
+
+def needs_number(sheet: DeviceDescription) -> str | None:
+    """Require a number of 4 bytes that can be written."""
+    return None if sheet.number_entries() else "the EDS has no rw number of 4 bytes to write"

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from smarttac_can.conformance.case import Failure, NotApplicable, case
-from smarttac_can.conformance.description import COMMANDS
-from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.sdo_client import OUT_OF_RANGE, download, upload
+from smarttac_can.conformance.case import COMMANDS, Failure, NotApplicable, case
+from smarttac_can.conformance.examiner import OUT_OF_RANGE, Examiner, download, upload
 from smarttac_can.od.cia import ERROR_FIELD, Abort, AbortCode, DataType, ObjectType
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, UNSIGNED, bounds, pack
 from smarttac_can.od.entry import Entry

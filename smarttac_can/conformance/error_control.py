@@ -1,14 +1,29 @@
-"""What the cases of guarding and heartbeat have in common."""
+"""Error control: node and life guarding, heartbeat, and that one excludes the other."""
 
 from __future__ import annotations
 
-from smarttac_can.conformance.case import Failure
-from smarttac_can.conformance.description import DeviceDescription, needs_object
-from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.periods import periodic
-from smarttac_can.conformance.sdo_client import write_number
+from smarttac_can.conformance.case import DeviceDescription, Failure, case, needs_object
+from smarttac_can.conformance.emcy import (
+    emcy_id,
+    expect_emcy,
+    heartbeat,
+    lose_node,
+    needs_consumer,
+    needs_emcy,
+    other_node,
+)
+from smarttac_can.conformance.examiner import Examiner, number, periodic, write_number
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.od.cia import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_TIME_FACTOR, NMTCommand
+from smarttac_can.od.cia import (
+    BOOT_UP,
+    GUARD_TIME,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
+    LIFE_TIME_FACTOR,
+    AbortCode,
+    EmergencyCode,
+    NMTCommand,
+)
 
 PERIOD_MS = 60
 _FACTOR = 3
@@ -85,3 +100,306 @@ def start_life_guarding(examiner: Examiner) -> None:
 
 
 LIFE_TIME_S = 1e-3 * PERIOD_MS * _FACTOR
+
+# Node and life guarding (GUARD).
+
+
+@case(
+    "GUARD-01",
+    "7.2.8.3.2.1: one byte, the toggle bit 0 in the first answer after boot-up.",
+    needs_guarding,
+    heartbeat_can_end,
+)
+def guard_answer(examiner: Examiner) -> None:
+    """Answer to a remote frame."""
+    end_heartbeat(examiner)
+    if ask_state(examiner) & TOGGLE:
+        raise Failure("toggle bit 1 in the first answer")
+
+
+@case(
+    "GUARD-02",
+    "7.2.8.3.2.1: it alternates from answer to answer.",
+    needs_guarding,
+    heartbeat_can_end,
+)
+def guard_toggle(examiner: Examiner) -> None:
+    """Toggle bit."""
+    end_heartbeat(examiner)
+    toggles = [ask_state(examiner) & TOGGLE for _ in range(4)]
+    if toggles != [0, TOGGLE, 0, TOGGLE]:
+        raise Failure(f"toggle bits {[bool(t) for t in toggles]}")
+
+
+@case(
+    "GUARD-03",
+    "7.2.8.3.2.1: 4 stopped, 5 operational, 127 pre-operational.",
+    needs_guarding,
+    heartbeat_can_end,
+)
+def guard_state(examiner: Examiner) -> None:
+    """State in the answer."""
+    end_heartbeat(examiner)
+    for command, state in STATES.items():
+        examiner.enter(command)
+        got = ask_state(examiner) & ~TOGGLE
+        if got != state:
+            raise Failure(f"state {got} after NMT command {command:02X}h, not {state}")
+
+
+@case(
+    "GUARD-04",
+    "7.2.8.2.2.1: no remote frame for guard time x life time factor gives EMCY 8130h.",
+    needs_guarding,
+    needs_life_time,
+    heartbeat_can_end,
+    needs_emcy,
+)
+def life_guarding(examiner: Examiner) -> None:
+    """Life guarding."""
+    end_heartbeat(examiner)
+    start_life_guarding(examiner)
+    ask_state(examiner)
+    expect_emcy(examiner, EmergencyCode.ERROR_CONTROL, LIFE_TIME_S + examiner.timeout)
+
+
+@case(
+    "GUARD-05",
+    "7.2.8.2.2.1: it begins with the first remote frame, not before.",
+    needs_guarding,
+    needs_life_time,
+    heartbeat_can_end,
+    needs_emcy,
+)
+def life_guarding_start(examiner: Examiner) -> None:
+    """Start of life guarding."""
+    end_heartbeat(examiner)
+    start_life_guarding(examiner)
+    examiner.silence(
+        emcy_id(examiner), "EMCY before guarding began", LIFE_TIME_S + examiner.timeout
+    )
+
+
+@case(
+    "GUARD-06",
+    "7.2.8.3.2.1: reset communication sets it to 0.",
+    needs_guarding,
+    heartbeat_can_end,
+)
+def guard_reset(examiner: Examiner) -> None:
+    """Toggle bit after a reset."""
+    end_heartbeat(examiner)
+    ask_state(examiner)
+    examiner.reset(NMTCommand.RESET_COMMUNICATION)
+    end_heartbeat(examiner)
+    if ask_state(examiner) & TOGGLE:
+        raise Failure("toggle bit 1 in the first answer after reset communication")
+
+
+# Heartbeat (HB).
+
+
+@case("HB-01", "7.2.8.3.3: one byte 0 under 700h + node-ID after a reset.")
+def boot_up(examiner: Examiner) -> None:
+    """Boot-up."""
+    examiner.reset()
+
+
+@case(
+    "HB-02",
+    "7.5.2.20: after a reset it is that of the EDS; 0 means silence.",
+    needs_object(HEARTBEAT_PRODUCER),
+)
+def default_period(examiner: Examiner) -> None:
+    """Default producer time."""
+    stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
+    period = number(examiner, HEARTBEAT_PRODUCER)
+    if period != stated:
+        raise Failure(f"producer time {period} ms, the EDS says {stated} ms")
+    if period:
+        beats(examiner, period)
+    else:
+        examiner.silence(examiner.heartbeat_id, "heartbeat without a producer time")
+
+
+@case("HB-03", "7.5.2.20: a heartbeat every producer time.", needs_producer)
+def period(examiner: Examiner) -> None:
+    """Period."""
+    set_period(examiner)
+    beats(examiner)
+
+
+@case(
+    "HB-04",
+    "7.2.8.3.2.2: 4 stopped, 5 operational, 127 pre-operational.",
+    needs_producer,
+)
+def heartbeat_state(examiner: Examiner) -> None:
+    """State."""
+    set_period(examiner)
+    for command, state in STATES.items():
+        examiner.enter(command)
+        got = beats(examiner)[-1]
+        if got != state:
+            raise Failure(f"state {got} after NMT command {command:02X}h, not {state}")
+
+
+@case(
+    "HB-05",
+    "7.5.2.20: a new time is in force at once; 0 ends the heartbeat.",
+    needs_producer,
+)
+def new_period(examiner: Examiner) -> None:
+    """New producer time."""
+    set_period(examiner)
+    beats(examiner)
+    set_period(examiner, 2 * PERIOD_MS)
+    examiner.settle()
+    beats(examiner, 2 * PERIOD_MS)
+    set_period(examiner, 0)
+    examiner.settle()
+    examiner.silence(examiner.heartbeat_id, "heartbeat after producer time 0")
+
+
+@case(
+    "HB-06",
+    "7.2.8.2.2.2: a watched node is missed after its first heartbeat, by EMCY 8130h.",
+    needs_consumer,
+    needs_emcy,
+)
+def consumer(examiner: Examiner) -> None:
+    """Consumer."""
+    write_number(examiner, HEARTBEAT_CONSUMER, 1, other_node(examiner) << 16 | PERIOD_MS)
+    examiner.silence(emcy_id(examiner), "EMCY before the first heartbeat")
+    lose_node(examiner)
+    heartbeat(examiner)
+
+
+@case(
+    "HB-07",
+    "7.5.2.19: a node that is watched already is refused by 06040043h.",
+    needs_consumer,
+    needs_object(HEARTBEAT_CONSUMER, 2, writable=True),
+)
+def consumer_twice(examiner: Examiner) -> None:
+    """Consumer of one node twice."""
+    value = other_node(examiner) << 16 | 5000
+    write_number(examiner, HEARTBEAT_CONSUMER, 1, value)
+    examiner.refuse(
+        lambda: write_number(examiner, HEARTBEAT_CONSUMER, 2, value),
+        "a second watch over one node",
+        AbortCode.PARAMETER,
+    )
+
+
+# Guarding and heartbeat together (BOTH): one excludes the other.
+
+
+@case(
+    "BOTH-01",
+    "7.2.8.2.2: with a producer time other than 0 the heartbeat protocol is used.",
+    needs_producer,
+    needs_guarding,
+)
+def heartbeat_excludes(examiner: Examiner) -> None:
+    """Heartbeat excludes guarding."""
+    set_period(examiner)
+    for _ in range(2):
+        no_answer(examiner, "while there is a heartbeat")
+
+
+@case(
+    "BOTH-02",
+    "7.2.8.2.2: with producer time 0 a remote frame is answered again.",
+    needs_producer,
+    needs_guarding,
+)
+def guarding_again(examiner: Examiner) -> None:
+    """Guarding after the heartbeat."""
+    set_period(examiner)
+    beats(examiner)
+    set_period(examiner, 0)
+    examiner.settle()
+    if ask_state(examiner) & ~TOGGLE not in (NMTState.OPERATIONAL, NMTState.PRE_OPERATIONAL):
+        raise Failure("no state in the answer to guarding")
+
+
+@case(
+    "BOTH-03",
+    "7.2.8.2.2: a producer time that is written during guarding starts the heartbeat.",
+    needs_producer,
+    needs_guarding,
+)
+def heartbeat_after_guarding(examiner: Examiner) -> None:
+    """Heartbeat after guarding."""
+    end_heartbeat(examiner)
+    ask_state(examiner)
+    ask_state(examiner)
+    set_period(examiner)
+    if any(state & TOGGLE for state in beats(examiner)):
+        raise Failure("heartbeat with the toggle bit set")
+
+
+@case(
+    "BOTH-04",
+    "7.2.8.2.2: with a heartbeat no life guarding error is reported.",
+    needs_producer,
+    needs_guarding,
+    needs_life_time,
+    needs_emcy,
+)
+def no_life_guarding(examiner: Examiner) -> None:
+    """Life guarding under a heartbeat."""
+    start_life_guarding(examiner)
+    set_period(examiner)
+    examiner.drain()
+    examiner.send(examiner.heartbeat_id, rtr=True)
+    examiner.silence(emcy_id(examiner), "EMCY of life guarding", LIFE_TIME_S + examiner.timeout)
+
+
+@case(
+    "BOTH-05",
+    "7.2.8.3.3: whatever runs, a reset is told by one boot-up first.",
+    needs_producer,
+)
+def boot_up_with_heartbeat(examiner: Examiner) -> None:
+    """Boot-up with error control on."""
+    set_period(examiner)
+    beats(examiner)
+    examiner.drain()
+    examiner.nmt(NMTCommand.RESET_COMMUNICATION)
+    arrivals = examiner.collect(examiner.heartbeat_id, 5 * examiner.timeout)
+    boot_ups = [arrival.frame.data for arrival in arrivals].count(BOOT_UP)
+    if boot_ups != 1:
+        raise Failure(f"{boot_ups} boot-ups after reset communication")
+
+
+@case(
+    "BOTH-06",
+    "7.3.2.2.2: guard time, life time factor and producer time are at their reset values.",
+    needs_producer,
+)
+def parameters_reset(examiner: Examiner) -> None:
+    """Parameters after reset communication."""
+    present = [i for i in (GUARD_TIME, LIFE_TIME_FACTOR) if examiner.sheet.writable(i)]
+    before = {i: number(examiner, i) for i in (*present, HEARTBEAT_PRODUCER)}
+    for index in before:
+        write_number(examiner, index, 0, 77)
+    examiner.reset(NMTCommand.RESET_COMMUNICATION)
+    for index, value in before.items():
+        got = number(examiner, index)
+        if got != value:
+            raise Failure(f"{index:04X}h is {got} after reset communication, was {value}")
+
+
+@case(
+    "BOTH-07",
+    "Table 38: heartbeat, or the answer to guarding, goes on in STOPPED.",
+    needs_producer,
+)
+def in_stopped(examiner: Examiner) -> None:
+    """Error control in STOPPED."""
+    set_period(examiner)
+    examiner.enter(NMTCommand.STOP)
+    if set(beats(examiner)) != {NMTState.STOPPED}:
+        raise Failure("the heartbeat in STOPPED does not say 4")

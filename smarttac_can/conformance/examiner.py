@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from itertools import pairwise
 from time import monotonic, sleep
 from typing import Final, NamedTuple, Protocol
 
-from smarttac_can.conformance.case import Failure
-from smarttac_can.conformance.description import DeviceDescription
+from smarttac_can.conformance.case import DeviceDescription, Failure
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.master.requests import ABORT
 from smarttac_can.od.cia import (
     BOOT_UP,
+    EXPEDITED_BYTES,
     FRAME_BYTES,
     HEARTBEAT_ID,
     NMT_ID,
@@ -250,3 +251,141 @@ class Examiner:
 
 def _text(frame: Frame) -> str:
     return f"{frame.can_id:03X} {'rtr' if frame.rtr else frame.data.hex(' ').upper()}".rstrip()
+
+
+# SDO transfers as a client makes them, with each step checked.
+
+
+OUT_OF_RANGE = (AbortCode.VALUE, AbortCode.TOO_HIGH, AbortCode.TOO_LOW)
+"""How a device may refuse a value that is outside of what an entry takes."""
+_UPLOAD_RESPONSE = 2
+_SEGMENT = 7
+_LONGEST = 1 << 24
+
+
+def address(index: int, subindex: int) -> bytes:
+    """Return the three bytes that name an entry in an SDO request: its multiplexer."""
+    return index.to_bytes(2, "little") + bytes((subindex,))
+
+
+def upload(examiner: Examiner, index: int, subindex: int = 0) -> bytes:
+    """Read the bytes of an entry, expedited or segmented.
+
+    Raises
+    ------
+    Abort
+        If the device refuses.
+    Failure
+        If it does not answer, or breaks the protocol.
+    """
+    where = address(index, subindex)
+    response = examiner.request(b"\x40" + where)
+    command = response[0]
+    if command >> 5 != _UPLOAD_RESPONSE or response[1:4] != where:
+        raise Failure(f"upload of {index:04X}h:{subindex:02X} answered by {response.hex(' ')}")
+    if command & 2:
+        return response[4 : 8 - (command >> 2 & 3)] if command & 1 else response[4:]
+    size = int.from_bytes(response[4:], "little") if command & 1 else None
+    data = bytearray()
+    toggle = 0
+    while len(data) < _LONGEST:
+        segment = examiner.request(bytes((0x60 | toggle,)))
+        if segment[0] >> 5 or segment[0] & 0x10 != toggle:
+            raise Failure(f"upload segment with command byte {segment[0]:02X}h, toggle {toggle:X}h")
+        data += segment[1 : 8 - (segment[0] >> 1 & 7)]
+        toggle ^= 0x10
+        if segment[0] & 1:
+            break
+    if size is not None and len(data) != size:
+        raise Failure(f"{index:04X}h:{subindex:02X} says {size} bytes and sends {len(data)}")
+    return bytes(data)
+
+
+def download(examiner: Examiner, index: int, subindex: int, data: bytes) -> None:
+    """Write an entry, expedited up to 4 bytes, else segmented.
+
+    Raises
+    ------
+    Abort
+        If the device refuses.
+    Failure
+        If it does not answer, or breaks the protocol.
+    """
+    if not 1 <= len(data) <= EXPEDITED_BYTES:
+        download_segments(examiner, index, subindex, data)
+        return
+    where = address(index, subindex)
+    command = 0x23 | (4 - len(data)) << 2
+    confirm(examiner.request(bytes((command,)) + where + data), where)
+
+
+def download_segments(
+    examiner: Examiner, index: int, subindex: int, data: bytes, *, say_size: bool = True
+) -> None:
+    """Write an entry by segments, whatever its length."""
+    where = address(index, subindex)
+    size = len(data).to_bytes(4, "little") if say_size else bytes(4)
+    confirm(examiner.request(bytes((0x20 | say_size,)) + where + size), where)
+    toggle = 0
+    parts = [data[i : i + _SEGMENT] for i in range(0, len(data), _SEGMENT)] or [b""]
+    for number, part in enumerate(parts, 1):
+        last = number == len(parts)
+        command = toggle | (_SEGMENT - len(part)) << 1 | last
+        response = examiner.request(bytes((command,)) + part)
+        if response[0] != 0x20 | toggle:
+            raise Failure(f"download segment answered by {response.hex(' ')}")
+        toggle ^= 0x10
+
+
+def confirm(response: bytes, where: bytes) -> None:
+    """Raise `Failure` unless the response confirms a download to the entry."""
+    if response != b"\x60" + where + bytes(4):
+        raise Failure(f"download answered by {response.hex(' ')}")
+
+
+def number(examiner: Examiner, index: int, subindex: int = 0) -> int:
+    """Read an unsigned number of any length."""
+    return int.from_bytes(upload(examiner, index, subindex), "little")
+
+
+def write_number(examiner: Examiner, index: int, subindex: int, value: int) -> None:
+    """Write an unsigned number in the length that the data sheet gives the entry."""
+    size = examiner.sheet.od.entry(index, subindex).size
+    download(examiner, index, subindex, value.to_bytes(size, "little"))
+
+
+# What comes every period: how long a case listens, and by how much it may be off.
+
+
+SPREAD = 0.4
+"""Share by which a period may be off: a bus in use and a computer's clock are in it."""
+PERIODS = 8
+"""How long a case listens to what comes every period."""
+LEAST = 3
+"""Arrivals in that time from which their period can be told."""
+
+
+def mean_gap_ms(arrivals: list[Arrival]) -> float:
+    """Return the mean time between two arrivals in ms."""
+    gaps = [1000 * (later.time - earlier.time) for earlier, later in pairwise(arrivals)]
+    return sum(gaps) / len(gaps)
+
+
+def periodic(
+    examiner: Examiner, can_id: int, name: str, parameter: str, period_ms: int
+) -> list[Arrival]:
+    """Hear the frames with a CAN-ID for 8 periods, and return them.
+
+    Raises
+    ------
+    Failure
+        If fewer than 3 come, or they do not keep the time; by the names of frame and parameter.
+    """
+    examiner.drain()
+    arrivals = examiner.collect(can_id, 1e-3 * PERIODS * period_ms)
+    if len(arrivals) < LEAST:
+        raise Failure(f"{len(arrivals)} {name}s in {PERIODS} periods of {period_ms} ms")
+    mean = mean_gap_ms(arrivals)
+    if abs(mean - period_ms) > SPREAD * period_ms:
+        raise Failure(f"{name} every {mean:.0f} ms, {parameter} {period_ms} ms")
+    return arrivals

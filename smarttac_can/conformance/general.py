@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from typing import Final
 
-from smarttac_can.conformance.case import Failure, NotApplicable, case
-from smarttac_can.conformance.description import COMMANDS, needs_object
-from smarttac_can.conformance.emcy_setup import lose_node, needs_consumer, needs_emcy
+from smarttac_can.conformance.case import COMMANDS, Failure, NotApplicable, case, needs_object
+from smarttac_can.conformance.emcy import lose_node, needs_consumer, needs_emcy
 from smarttac_can.conformance.error_control import needs_producer, set_period
-from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.sdo_client import (
+from smarttac_can.conformance.examiner import (
     OUT_OF_RANGE,
+    Examiner,
     download,
     number,
     upload,
@@ -295,3 +295,26 @@ def error_behaviour(examiner: Examiner) -> None:
         if got != bytes((state,)):
             raise Failure(f"error behaviour {value} leads to state {got.hex()}h, not {state:02X}h")
         examiner.reset(NMTCommand.RESET_NODE)
+
+
+_TELLING: Final = {1: "vendor-ID", 2: "product code"}
+
+
+def differences(examiner: Examiner) -> list[str]:
+    """Name what the device says of its make and its data sheet says otherwise; empty if nothing.
+
+    What the device does not tell or the sheet leaves open or at 0 is no difference.
+    """
+    od = examiner.sheet.od
+    found = []
+    for subindex, name in _TELLING.items():
+        entry = od.get(IDENTITY, subindex)
+        if entry is None or not entry.default:
+            continue
+        try:
+            said = number(examiner, IDENTITY, subindex)
+        except (Failure, Abort):
+            continue
+        if said != entry.default:
+            found.append(f"{name} is {said:08X}h, not {entry.default:08X}h")
+    return found

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 from smarttac_can.conformance.case import Failure, case
 from smarttac_can.conformance.error_control import STATES, needs_producer, set_period
-from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.pdo_setup import can_id, configure, tpdo
+from smarttac_can.conformance.examiner import Examiner, download, number, upload
+from smarttac_can.conformance.pdo import can_id, configure, tpdo
 from smarttac_can.conformance.sdo import other_value
-from smarttac_can.conformance.sdo_client import download, number, upload
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.od.cia import (
     COMMUNICATION_LAST,

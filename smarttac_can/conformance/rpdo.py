@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from smarttac_can.conformance.case import Failure, case
-from smarttac_can.conformance.description import needs_object, needs_rpdo, needs_sync
-from smarttac_can.conformance.emcy_setup import expect_emcy
+from smarttac_can.conformance.case import Failure, case, needs_object, needs_rpdo, needs_sync
+from smarttac_can.conformance.emcy import expect_emcy
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.pdo_setup import (
+from smarttac_can.conformance.pdo import (
     can_id,
     changed,
     configure,

@@ -1,18 +1,58 @@
-"""Run the cases, each from a device fresh out of a reset."""
+"""All cases in their order; runs them, and shows what came out as text, JSON and Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Final
 
+from smarttac_can.conformance import (
+    dictionary,
+    emcy,
+    error_control,
+    general,
+    nmt,
+    pdo,
+    rpdo,
+    sdo,
+    sync,
+    tpdo,
+)
 from smarttac_can.conformance.case import Case, Failure, NotApplicable, Result
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.od.cia import Abort, AbortCode
+
+GROUPS: Final = {
+    "EDS": "Data sheet",
+    "SDO": "SDO server",
+    "PDO": "Process data",
+    "OD": "Object dictionary",
+    "EMCY": "Emergency",
+    "SYNC": "Synchronisation",
+    "GUARD": "Node and life guarding",
+    "HB": "Heartbeat",
+    "BOTH": "Guarding and heartbeat together",
+    "OTHER": "Identity, storage, error behaviour, CAN-IDs",
+    "STATE": "NMT states",
+    "TRANS": "NMT transitions",
+}
+"""What the first part of a case's number stands for."""
+
+_MODULES = (sdo, tpdo, rpdo, pdo, dictionary, emcy, sync, error_control, general, nmt)
+_ORDER = list(GROUPS)
+
+CASES: Final = tuple(
+    sorted(
+        (c for module in _MODULES for c in vars(module).values() if isinstance(c, Case)),
+        key=lambda c: (_ORDER.index(c.group), c.number),
+    )
+)
 
 
 def run_cases(
     examiner: Examiner, cases: Iterable[Case], on_result: Callable[[Result], None] | None = None
 ) -> list[Result]:
-    """Judge a device.
+    """Judge a device, which is reset before and after each case.
 
     Parameters
     ----------
@@ -66,3 +106,64 @@ def _reset(examiner: Examiner) -> None:
 def failed(results: Sequence[Result]) -> list[Result]:
     """Return the results of the cases that failed."""
     return [result for result in results if result.verdict == "fail"]
+
+
+_SHORT = {"pass": "pass", "fail": "FAIL", "not applicable": "n/a"}
+
+
+def line(result: Result) -> str:
+    """Return the line of text that shows the result of one case."""
+    reason = f": {result.reason}" if result.reason else ""
+    return f"{_SHORT[result.verdict]:4}  {result.case.number:8}  {result.case.title}{reason}"
+
+
+def summary(results: Sequence[Result]) -> str:
+    """Return the numbers of cases by verdict as text."""
+    counts = Counter(result.verdict for result in results)
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in _SHORT)
+
+
+def as_json(results: Sequence[Result], device: str) -> dict[str, Any]:
+    """Return the results as plain data for JSON."""
+    return {
+        "device": device,
+        "counts": Counter(result.verdict for result in results),
+        "cases": [
+            {
+                "id": result.case.number,
+                "title": result.case.title,
+                "rule": result.case.rule,
+                "verdict": result.verdict,
+                "reason": result.reason,
+                "trace": list(result.trace),
+            }
+            for result in results
+        ],
+    }
+
+
+def markdown(results: Sequence[Result], device: str) -> str:
+    """Report with a line for each case, and the last frames of those that failed."""
+    return "\n".join(_markdown(results, device))
+
+
+def _markdown(results: Sequence[Result], device: str) -> Iterator[str]:
+    yield f"# Conformance of {device}\n"
+    yield f"{summary(results)}.\n"
+    for group, title in GROUPS.items():
+        chosen = [result for result in results if result.case.group == group]
+        if not chosen:
+            continue
+        yield f"## {title}\n"
+        yield "| Case | Title | Rule | Verdict | Reason |"
+        yield "|---|---|---|---|---|"
+        for case, verdict, reason, _ in chosen:
+            cells = (case.number, case.title, case.rule, verdict, reason)
+            yield f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
+        yield ""
+        for result in chosen:
+            if result.trace:
+                yield f"Last frames of {result.case.number}:\n"
+                yield "```text"
+                yield from result.trace
+                yield "```\n"

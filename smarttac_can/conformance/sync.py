@@ -5,13 +5,24 @@ from __future__ import annotations
 from functools import partial
 from itertools import pairwise
 
-from smarttac_can.conformance.case import Failure, NotApplicable, case
-from smarttac_can.conformance.description import needs_object, needs_sync, needs_tpdo
-from smarttac_can.conformance.emcy_setup import expect_emcy, needs_emcy
-from smarttac_can.conformance.examiner import Arrival, Examiner
-from smarttac_can.conformance.pdo_setup import can_id, operational, started
-from smarttac_can.conformance.periods import periodic
-from smarttac_can.conformance.sdo_client import OUT_OF_RANGE, number, write_number
+from smarttac_can.conformance.case import (
+    Failure,
+    NotApplicable,
+    case,
+    needs_object,
+    needs_sync,
+    needs_tpdo,
+)
+from smarttac_can.conformance.emcy import expect_emcy, needs_emcy
+from smarttac_can.conformance.examiner import (
+    OUT_OF_RANGE,
+    Arrival,
+    Examiner,
+    number,
+    periodic,
+    write_number,
+)
+from smarttac_can.conformance.pdo import can_id, operational, started
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_SYNC_PRODUCER,

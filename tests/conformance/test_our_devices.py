@@ -4,12 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.conformance.case import Case
-from smarttac_can.conformance.description import DeviceDescription
+from smarttac_can.conformance.case import Case, DeviceDescription
 from smarttac_can.conformance.device_time import DeviceTimeBus
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.run import run_cases
-from smarttac_can.conformance.table import CASES
+from smarttac_can.conformance.run import CASES, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.host.eds_files import read_eds
 from smarttac_can.host.node import Node

@@ -1,7 +1,7 @@
 from collections import Counter
 from pathlib import Path
 
-from smarttac_can.conformance.table import CASES, GROUPS
+from smarttac_can.conformance.run import CASES, GROUPS
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "conformance.md"
 COUNTS = {
