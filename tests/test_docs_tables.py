@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.host.faulty_bus import FaultyBus
-from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.host.faulty_bus import FaultyBus, FrameFault
 from smarttac_can.plant.faults import Fault
 from smarttac_can.timing.frozen_stage import frozen_stage
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind

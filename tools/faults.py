@@ -19,7 +19,7 @@ from pathlib import Path
 import click
 
 from smarttac_can.host.bus import LogHook
-from smarttac_can.host.candump import CandumpWriter
+from smarttac_can.host.log_file import CandumpWriter
 from smarttac_can.od.object_reference import table
 from smarttac_can.trials.fault_cases import (
     ALL_NOT_SEEN,

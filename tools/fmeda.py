@@ -20,7 +20,7 @@ import click
 from fmeda_page import SUMMARY, row_of_factor
 from reference import write_pages
 
-from smarttac_can.host.progress import progress_bar
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.trials.healthy_runs import healthy_as_json, healthy_run
 from smarttac_can.trials.sensor_sweep import (
     PROMISES,

@@ -12,7 +12,7 @@ from typing import Any
 from fmeda_page import Found, found, summary
 
 from smarttac_can.control.step import FREQUENCY_STEP
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 from smarttac_can.nodes import drive_sender
 from smarttac_can.nodes.commander import NOT_OPERATIONAL_US
 from smarttac_can.nodes.hard_caps import AMPLITUDE_TRIP_MAX

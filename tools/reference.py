@@ -16,7 +16,7 @@ from safety_reference import safety
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli import main as smarttac
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 from smarttac_can.od import cia
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import LEGEND, object_reference, table

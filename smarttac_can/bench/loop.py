@@ -16,7 +16,7 @@ from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.state_control import StateControl
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.process_signals import interrupt_waits
-from smarttac_can.host.progress import progress_bar
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.master.errors import BenchError
 
 CYCLES_PER_SECOND: Final = 1000

@@ -17,7 +17,7 @@ import can
 from smarttac_can.bench.local_network import LocalNetwork
 from smarttac_can.bench.tapped_network import ALL, TappedNetwork
 from smarttac_can.host.background import Background
-from smarttac_can.host.file_errors import reason
+from smarttac_can.host.files import reason
 from smarttac_can.host.kernel_filter import hold_more
 from smarttac_can.host.python_can import hears_others_of_process, received
 from smarttac_can.master.errors import BenchError

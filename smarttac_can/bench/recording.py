@@ -15,7 +15,7 @@ from smarttac_can.bench.link import Link
 from smarttac_can.bench.published import PublishedPdo
 from smarttac_can.bench.recorded_rows import TICK
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
-from smarttac_can.host.file_errors import reason
+from smarttac_can.host.files import reason
 from smarttac_can.host.frame_log import FrameLog
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import IDENTITY, MANUFACTURER_FIRST, PROFILE_FIRST

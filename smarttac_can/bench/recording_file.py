@@ -28,8 +28,7 @@ from smarttac_can.bench.recorded_frames import Dated, RecordedFrames
 from smarttac_can.bench.recorded_rows import Rows
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import COLUMNS, Floats, Integers, data_frame
-from smarttac_can.host.bounded_file import open_regular
-from smarttac_can.host.file_errors import in_words
+from smarttac_can.host.files import in_words, open_regular
 from smarttac_can.host.frame_log import RECORD, FrameLogReader, Records
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.nodes.null_window import NULL
 from smarttac_can.nodes.plate_block import PlateBlock

@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.extras import require_matplotlib
-from smarttac_can.host.bounded_file import read_bounded
-from smarttac_can.host.file_errors import in_words
+from smarttac_can.host.files import in_words, read_bounded
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

@@ -25,7 +25,7 @@ from smarttac_can.bench.texture_tables import (
     table_of,
     within,
 )
-from smarttac_can.host.file_errors import in_words
+from smarttac_can.host.files import in_words
 from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 
 if TYPE_CHECKING:

@@ -27,9 +27,7 @@ import numpy.typing as npt
 
 from smarttac_can import __version__
 from smarttac_can.bench.extras import require_matplotlib
-from smarttac_can.host.bounded_file import open_regular
-from smarttac_can.host.file_errors import in_words
-from smarttac_can.host.result_file import result_file
+from smarttac_can.host.files import in_words, open_regular, result_file
 from smarttac_can.master.errors import BenchError
 from smarttac_can.vocabulary.states import Status
 

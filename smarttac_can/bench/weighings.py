@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.host.bounded_file import open_regular
-from smarttac_can.host.file_errors import in_words
+from smarttac_can.host.files import in_words, open_regular
 
 if TYPE_CHECKING:
     import _csv

@@ -17,7 +17,7 @@ import numpy as np
 
 from smarttac_can import __version__
 from smarttac_can.campaign.chunk import COLUMNS, Rows, parameters
-from smarttac_can.host.bounded_file import open_regular
+from smarttac_can.host.files import open_regular
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.trial import Campaign
 

@@ -26,7 +26,7 @@ from smarttac_can.cli.options import OLD_FILE, BusChoice, FiniteRange, stimulato
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
 from smarttac_can.cli.process import lockstep_option
 from smarttac_can.cli.result_file import force_option, result_path
-from smarttac_can.host.result_file import result_file
+from smarttac_can.host.files import result_file
 from smarttac_can.vocabulary.objects import LIFTED
 
 _LEVEL: Final = Placing(0.0, 0.0, 0.0, 0.0)

@@ -25,7 +25,7 @@ from smarttac_can.cli.result_file import (
     result_folder,
     result_folder_path,
 )
-from smarttac_can.host.progress import progress_bar
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.population.cases import CASES
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.trial import Campaign

@@ -23,8 +23,7 @@ from smarttac_can.conformance.case import Case, DeviceDescription, Failure
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.general import differences
 from smarttac_can.conformance.run import CASES, as_json, failed, line, markdown, run_cases, summary
-from smarttac_can.host.eds_files import read_eds_file
-from smarttac_can.host.result_file import result_file
+from smarttac_can.host.files import read_eds_file, result_file
 
 
 def _chosen(

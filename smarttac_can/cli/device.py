@@ -18,8 +18,7 @@ from smarttac_can.cli.options import (
 from smarttac_can.cli.plain_errors import naming, plain_errors, warn
 from smarttac_can.cli.process import Pace, lockstep_option, run_in_process
 from smarttac_can.device.device import Device
-from smarttac_can.host.eds_files import read_eds_file
-from smarttac_can.host.storage_file import StorageFile
+from smarttac_can.host.files import StorageFile, read_eds_file
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.od.eds import load_eds
 

@@ -30,9 +30,13 @@ from smarttac_can.cli.result_file import (
 from smarttac_can.cli.scan import PACKAGED
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.default_reads import compare_reads
-from smarttac_can.host.bounded_file import read_bounded
-from smarttac_can.host.eds_files import MAX_BYTES, read_eds, read_eds_file
-from smarttac_can.host.result_file import result_file
+from smarttac_can.host.files import (
+    MAX_EDS_BYTES,
+    read_bounded,
+    read_eds,
+    read_eds_file,
+    result_file,
+)
 from smarttac_can.od.cia import IDENTITY
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
@@ -113,7 +117,7 @@ def check(
 def show(file: Path, output: Path | None) -> None:
     """Write the EDS itself, byte for byte, for a master that wants the file."""
     with plain_errors():
-        data = read_bounded(file, MAX_BYTES)
+        data = read_bounded(file, MAX_EDS_BYTES)
         if output is None:
             click.echo(data, nl=False)
         else:

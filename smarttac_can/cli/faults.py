@@ -24,10 +24,9 @@ from smarttac_can.cli.result_file import (
     report_results,
     result_path,
 )
-from smarttac_can.host.bounded_file import read_bounded
-from smarttac_can.host.candump import CandumpWriter, read_candump
-from smarttac_can.host.progress import progress_bar
-from smarttac_can.host.result_file import result_file
+from smarttac_can.host.files import read_bounded, result_file
+from smarttac_can.host.log_file import CandumpWriter, read_candump
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.trials.fault_cases import CASES, WAYS, cases
 from smarttac_can.trials.fault_matrix import HOLD_CYCLES, FaultRow, fault_matrix, rows_as_json
 from smarttac_can.trials.soak import (

@@ -16,7 +16,7 @@ from smarttac_can.cli.result_file import (
     opened_results,
     report_results,
 )
-from smarttac_can.host.progress import progress_bar
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.trials.healthy_runs import HealthyRun, healthy_as_json, healthy_run
 from smarttac_can.trials.sensor_sweep import (
     Cell,

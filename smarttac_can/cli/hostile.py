@@ -15,7 +15,7 @@ from smarttac_can.cli.result_file import (
     opened_results,
     report_results,
 )
-from smarttac_can.host.progress import progress_bar
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.trials.hostile import Hostile, HostileReport
 
 

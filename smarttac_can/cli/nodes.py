@@ -25,12 +25,16 @@ from smarttac_can.cli.options import (
 )
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors, warn
 from smarttac_can.cli.process import Pace, pace_options, run_in_process
-from smarttac_can.host.eds_files import read_eds, read_eds_file
-from smarttac_can.host.fault_file import FaultFile, read_lines
-from smarttac_can.host.file_errors import reason
+from smarttac_can.host.files import (
+    FaultFile,
+    StorageFile,
+    read_eds,
+    read_eds_file,
+    read_lines,
+    reason,
+)
 from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.front_ends import FrontEndError, opened_front_end
-from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode

@@ -18,13 +18,16 @@ from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.device.stored_image import begins_as_image
-from smarttac_can.host.bounded_file import read_bounded
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import opening, unknown_options
-from smarttac_can.host.eds_files import packaged_eds
-from smarttac_can.host.file_errors import reason
+from smarttac_can.host.files import (
+    MAX_STORED_BYTES,
+    StorageFile,
+    packaged_eds,
+    read_bounded,
+    reason,
+)
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.host.storage_file import MAX_BYTES, StorageFile
 from smarttac_can.od.cia import UNCONFIGURED
 
 Command = Callable[..., Any]
@@ -151,7 +154,7 @@ def require_image(path: Path) -> bytes:
     OSError
         As for `read_bounded`.
     """
-    data = read_bounded(path, MAX_BYTES)
+    data = read_bounded(path, MAX_STORED_BYTES)
     if not begins_as_image(data):
         raise click.ClickException(one_line(f"{path}: holds nothing that a device has stored"))
     return data

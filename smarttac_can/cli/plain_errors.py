@@ -13,7 +13,7 @@ import click
 from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.file_errors import trouble
+from smarttac_can.host.files import trouble
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.ini import EDSError
 

@@ -12,7 +12,6 @@ import click
 
 from smarttac_can.cli.options import BusChoice, Command, with_options
 from smarttac_can.cli.state_lines import StateLines
-from smarttac_can.host.line_writer import LineWriter
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.realtime import (
     collecting_between_cycles,
@@ -22,6 +21,7 @@ from smarttac_can.host.realtime import (
 )
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.host.runner import run_node
+from smarttac_can.host.terminal import LineWriter
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode

@@ -22,8 +22,8 @@ from smarttac_can.cli.result_file import (
     result_folder,
     result_folder_path,
 )
-from smarttac_can.host.bounded_file import read_bounded
-from smarttac_can.host.progress import progress_bar
+from smarttac_can.host.files import read_bounded
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
 from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions, SubjectSet
 from smarttac_can.paper.provenance import EMERGES, fitted

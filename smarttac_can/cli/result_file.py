@@ -17,7 +17,7 @@ from typing import Any, Final, TextIO
 import click
 
 from smarttac_can.cli.options import Command
-from smarttac_can.host.result_file import result_file
+from smarttac_can.host.files import result_file
 
 _FORCE: Final = f"{__name__}.force"
 _MOST_NAMED: Final = 3

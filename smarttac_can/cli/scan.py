@@ -24,7 +24,7 @@ from smarttac_can.cli.result_file import (
 )
 from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
-from smarttac_can.host.eds_files import read_eds, read_eds_file
+from smarttac_can.host.files import read_eds, read_eds_file
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 from smarttac_can._faces import lazily
 
 if TYPE_CHECKING:
-    from smarttac_can.host.candump import CandumpWriter, read_candump
-    from smarttac_can.host.faulty_bus import FaultyBus
-    from smarttac_can.host.frame_faults import Disturbance, FrameFault
+    from smarttac_can.host.faulty_bus import Disturbance, FaultyBus, FrameFault
     from smarttac_can.host.front_ends import TimedFrontEnd
     from smarttac_can.host.local_bus import LocalBus
+    from smarttac_can.host.log_file import CandumpWriter, read_candump
     from smarttac_can.host.process_signals import stop_on_signals
     from smarttac_can.host.python_can import PythonCanBus
     from smarttac_can.host.runner import run_node
@@ -32,11 +31,11 @@ __all__ = [
 __getattr__ = lazily(
     __name__,
     {
-        "CandumpWriter": "candump",
-        "read_candump": "candump",
+        "CandumpWriter": "log_file",
+        "read_candump": "log_file",
         "FaultyBus": "faulty_bus",
-        "Disturbance": "frame_faults",
-        "FrameFault": "frame_faults",
+        "Disturbance": "faulty_bus",
+        "FrameFault": "faulty_bus",
         "TimedFrontEnd": "front_ends",
         "LocalBus": "local_bus",
         "stop_on_signals": "process_signals",

@@ -7,7 +7,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Final
 
-from smarttac_can.host.bounded_file import read_bounded
+from smarttac_can.host.files import read_bounded
 from smarttac_can.plant.finger import SAMPLE_RANGES, Trajectory
 from smarttac_can.vocabulary.model import require
 

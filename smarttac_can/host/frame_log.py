@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.host.background import Background
-from smarttac_can.host.bounded_file import open_regular
+from smarttac_can.host.files import open_regular
 
 FRAME, MARK, MARK_END = range(3)
 """Kinds of records: a frame, a piece of a marker's text, and its last piece."""

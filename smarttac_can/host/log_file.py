@@ -1,23 +1,64 @@
-"""Logs of bus traffic in the formats that python-can reads, frame by frame."""
+"""Logs of bus traffic, frame by frame: in the formats that python-can reads, and candump's written.
+
+A candump log is one of ``candump -L`` (can-utils).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 import can
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.bounded_file import open_regular
-from smarttac_can.host.candump import Lines, ToldCut, read_candump, stamped
+from smarttac_can.host.files import open_regular
 from smarttac_can.host.frame_log import is_frame_log
+from smarttac_can.host.python_can import to_frame
 
+_LONGEST_LINE: Final = 1000
+_SHOWN: Final = 60
 _CANDUMP: Final = ".log"
-_TEXT: Final[dict[str, Any]] = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCReader}
+_TEXT: Final[dict[str, Any]] = {
+    _CANDUMP: can.CanutilsLogReader,
+    ".asc": can.ASCReader,
+    ".csv": can.CSVReader,
+    ".trc": can.TRCReader,
+}
 _BINARY: Final[dict[str, Any]] = {".blf": can.BLFReader}
-LOG_SUFFIXES: Final = (_CANDUMP, *_TEXT, *_BINARY)
+LOG_SUFFIXES: Final = (*_TEXT, *_BINARY)
 """Of the logs that can be read."""
+
+ToldCut = Callable[[str], object]
+"""Called with what to show of a log that is cut."""
+
+
+class CandumpWriter:
+    """Writes a line like ``(0000000001.000055) can0 0A1#0102`` for each frame.
+
+    python-can's own writer takes the time as a float and adds a direction; a log that is compared
+    byte by byte wants neither.
+
+    Parameters
+    ----------
+    file
+        Open for text; stays the caller's to close.
+    channel
+        Name of the bus in the log, without spaces.
+    """
+
+    def __init__(self, file: TextIO, channel: str = "can0") -> None:
+        if not channel or any(character.isspace() for character in channel):
+            raise ValueError(f"channel {channel!r} is empty or has spaces")
+        self._write = file.write
+        self._channel = channel
+
+    def write(self, microseconds: int, frame: Frame) -> None:
+        """Write the line of one frame, with a time in us; fits as the log hook of a bus."""
+        seconds, rest = divmod(microseconds, 1_000_000)
+        data = "R" if frame.rtr else frame.data.hex().upper()
+        self._write(f"({seconds:010d}.{rest:06d}) {self._channel} {frame.can_id:03X}#{data}\n")
 
 
 def read_log(path: Path, told_cut: ToldCut | None = None) -> Iterator[tuple[int, Frame]]:
@@ -49,8 +90,6 @@ def read_log(path: Path, told_cut: ToldCut | None = None) -> Iterator[tuple[int,
             "its --raw log has"
         )
     suffix = path.suffix.lower()
-    if suffix == _CANDUMP:
-        return read_candump(path, told_cut)
     if suffix in _TEXT:
         return _read_text(path, suffix, told_cut)
     if suffix in _BINARY:
@@ -58,24 +97,87 @@ def read_log(path: Path, told_cut: ToldCut | None = None) -> Iterator[tuple[int,
     raise ValueError(f"{path} is none of {', '.join(LOG_SUFFIXES)}")
 
 
+def read_candump(path: Path, told_cut: ToldCut | None = None) -> Iterator[tuple[int, Frame]]:
+    """Read a candump log, whatever its suffix; all else as `read_log`.
+
+    Parameters
+    ----------
+    path
+        The log, of can-utils, python-can or `CandumpWriter`.
+    told_cut
+        As of `read_log`.
+    """
+    return _read_text(path, _CANDUMP, told_cut)
+
+
 def _read_text(path: Path, suffix: str, told_cut: ToldCut | None) -> Iterator[tuple[int, Frame]]:
-    with Lines(path, told_cut) as lines:
-        yield from _read(lines, suffix, lambda: lines.refusal(_kind(suffix)))
+    with _Lines(path, told_cut) as lines:
+        yield from _read(lines, _TEXT[suffix], lambda: lines.refusal(_kind(suffix)))
 
 
 def _read_binary(path: Path, suffix: str) -> Iterator[tuple[int, Frame]]:
     with open_regular(path) as file:
-        yield from _read(file, suffix, lambda: f"{path} is no {_kind(suffix)} log, or damaged")
-
-
-def _read(stream: Any, suffix: str, refusal: Callable[[], str]) -> Iterator[tuple[int, Frame]]:
-    try:
-        messages = iter((_BINARY | _TEXT)[suffix](stream))
-    except Exception as error:  # the formats raise what they like
-        raise ValueError(refusal()) from error
-    # The formats raise what they like.
-    yield from stamped(messages, refusal, (Exception,))
+        yield from _read(
+            file, _BINARY[suffix], lambda: f"{path} is no {_kind(suffix)} log, or damaged"
+        )
 
 
 def _kind(suffix: str) -> str:
-    return suffix[1:].upper()
+    return "candump" if suffix == _CANDUMP else suffix[1:].upper()
+
+
+def _read(stream: Any, reader: Any, refusal: Callable[[], str]) -> Iterator[tuple[int, Frame]]:
+    """Turn messages of python-can into frames with their times in us.
+
+    `refusal` returns what the error says where the log cannot be read.
+    """
+    messages: Iterator[can.Message] | None = None
+    while True:
+        try:
+            if messages is None:
+                messages = iter(reader(stream))
+            message = next(messages, None)
+            time = 0 if message is None else round(message.timestamp * 1e6)
+        except OSError:
+            raise
+        except Exception as error:  # the formats raise what they like
+            raise ValueError(refusal()) from error
+        if message is None:
+            return
+        frame = to_frame(message)
+        if frame is not None:
+            yield time, frame
+
+
+class _Lines(TextIOWrapper):
+    """The lines of a log, none of which is read further than a frame can go."""
+
+    def __init__(self, path: Path, told_cut: ToldCut | None) -> None:
+        super().__init__(open_regular(path), encoding="utf-8", errors="replace")
+        self._path = path
+        self._told_cut = told_cut
+        self._number = 0
+        self._line = ""
+
+    def __next__(self) -> str:  # type: ignore[override] # typeshed has it that of bytes
+        line = self._line = self.readline(_LONGEST_LINE)
+        if not line:
+            raise StopIteration
+        self._number += 1
+        if not line.endswith("\n"):
+            if self._told_cut is None or len(line) == _LONGEST_LINE:
+                raise ValueError
+            self._told_cut(f"{self._path}: the last line, {self._number}, is cut and left out")
+            raise StopIteration
+        return line
+
+    def refusal(self, kind: str) -> str:
+        """Say that the line that was read last is none of a log of a kind."""
+        where = f"{self._path}, line {self._number}"
+        line = self._line
+        if not line:
+            return f"{self._path} is no {kind} log, or ends too early"
+        if line.endswith("\n"):
+            return f"{where}: {line.strip()[:_SHOWN]!r} is no line of a {kind} log"
+        what = "too long" if len(line) == _LONGEST_LINE else "cut"
+        return f"{where}: {line[:_SHOWN]!r} is {what}: no line of a {kind} log"

@@ -14,7 +14,7 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace, sha256, write_csv
 from smarttac_can.control.friction import limited_step
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.host.candump import CandumpWriter
+from smarttac_can.host.log_file import CandumpWriter
 from smarttac_can.paper.experiments import Conditions, experiments
 from smarttac_can.paper.summary import summary
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.nodes.front_end import STAGE_TOLERANCE
 from smarttac_can.nodes.hardware_watch import READ_BACK_CYCLES
 from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand

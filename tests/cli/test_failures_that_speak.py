@@ -64,7 +64,7 @@ def test_a_file_system_that_is_read_only_is_named(
     def refuse(path: Path) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
 
-    monkeypatch.setattr("smarttac_can.host.storage_file.create_regular", refuse)
+    monkeypatch.setattr("smarttac_can.host.files.create_regular", refuse)
     result = run("node", *NOWHERE, "--storage", str(tmp_path / "kept"))
     assert "kept cannot be written (Read-only file system), so that neither" in result.stderr
 

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.cli import main
-from smarttac_can.host.candump import read_candump
+from smarttac_can.host.log_file import read_candump
 from smarttac_can.trials.fault_matrix import FaultRow
 from smarttac_can.trials.soak import ProcessSize
 

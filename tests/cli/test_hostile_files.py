@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from nodes_on_a_bus import processes
 
 from smarttac_can.cli import main
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 
 VIRTUAL = ("--interface", "virtual", "--channel", "hostile")
 MIB = 1 << 20

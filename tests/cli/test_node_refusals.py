@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from smarttac_can.cli import main
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 
 VIRTUAL = ("--interface", "virtual", "--channel", "refusals")
 

@@ -25,7 +25,7 @@ from nodes_on_a_bus import (
 from smarttac_can.bench import Stimulator
 from smarttac_can.cli import main
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.eds_files import packaged_eds
+from smarttac_can.host.files import packaged_eds
 from smarttac_can.host.log_file import read_log
 
 BOOT_UPS = {0x720, 0x721}

@@ -12,9 +12,9 @@ from click.testing import CliRunner, Result
 from smarttac_can.bench import Stimulator
 from smarttac_can.cli import main
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.candump import CandumpWriter
-from smarttac_can.host.eds_files import packaged_eds
+from smarttac_can.host.files import packaged_eds
 from smarttac_can.host.frame_log import FrameLog
+from smarttac_can.host.log_file import CandumpWriter
 from smarttac_can.host.python_can import to_message
 
 Log = list[tuple[int, Frame]]

@@ -10,7 +10,7 @@ from click.testing import CliRunner, Result
 
 from smarttac_can.cli import main
 from smarttac_can.cli.result_file import result_folder
-from smarttac_can.host.result_file import result_file
+from smarttac_can.host.files import result_file
 
 CHANNEL = ("--interface", "virtual", "--channel", "results")
 OTHER_FILE = "choose another file, or replace it with --force"

@@ -12,7 +12,7 @@ from cantools.database.can import Database
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.bench.traces import read_csv
 from smarttac_can.commissioning.dbc import Names, identifier, make_dbc
-from smarttac_can.host.candump import read_candump
+from smarttac_can.host.log_file import read_candump
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.eds import load_eds
 from smarttac_can.paper.experiments import Conditions

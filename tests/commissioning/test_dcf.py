@@ -10,7 +10,7 @@ import pytest
 from canopen.objectdictionary.eds import import_eds
 
 from smarttac_can.commissioning.dcf import make_dcf
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.eds_check import check_eds
 from smarttac_can.od.ini import EDSError

@@ -9,7 +9,7 @@ from smarttac_can.conformance.device_time import DeviceTimeBus
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import CASES, run_cases
 from smarttac_can.device.device import Device
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 from smarttac_can.host.node import Node
 from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_block import PlateBlock

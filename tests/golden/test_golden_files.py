@@ -25,9 +25,8 @@ from smarttac_can.bench import (
 from smarttac_can.bench.recording_file import RecordedData
 from smarttac_can.cli import main
 from smarttac_can.device.storage import Memory
-from smarttac_can.host.fault_file import read_lines
+from smarttac_can.host.files import StorageFile, read_lines
 from smarttac_can.host.log_file import read_log
-from smarttac_can.host.storage_file import StorageFile
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.eds import load_eds
 from smarttac_can.vocabulary.textures import TextureTable

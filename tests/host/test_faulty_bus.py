@@ -16,9 +16,7 @@ from toy_node import (
 )
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.faulty_bus import FaultyBus
-from smarttac_can.host.faulty_station import QUEUE_FRAMES
-from smarttac_can.host.frame_faults import Disturbance, FrameFault
+from smarttac_can.host.faulty_bus import QUEUE_FRAMES, Disturbance, FaultyBus, FrameFault
 from smarttac_can.host.local_bus import Connection, LocalBus
 
 

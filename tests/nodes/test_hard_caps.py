@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 from smarttac_can.nodes.hard_caps import PLATE_CAPS, STIMULATOR_CAPS, Cap
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode

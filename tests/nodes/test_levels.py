@@ -9,7 +9,7 @@ from driven import SETPOINT_DEADLINE_MS, driven, driven_within, write, write_ent
 
 from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.trials.fault_acts import calm, disturb, limit_amplitude, lose
 from smarttac_can.trials.fault_cases import DRIVE, MEASUREMENTS
 from smarttac_can.trials.rig import Rig

@@ -5,7 +5,7 @@ from driven import STATE, driven, write, write_entry
 from line import plate_inside
 
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
-from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.nodes.lock import OF_PLATE, OF_STIMULATOR, Lock, Table
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock

@@ -21,7 +21,7 @@ from line import (
 )
 
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
-from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode

@@ -5,7 +5,7 @@ from click.testing import CliRunner
 
 from smarttac_can.cli import main
 from smarttac_can.device.storage import Memory
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode

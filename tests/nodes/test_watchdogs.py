@@ -11,7 +11,7 @@ from line import DRIVE, MEASUREMENT
 from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.frame_faults import FrameFault
+from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.trials.fault_acts import disturb
 from smarttac_can.trials.fault_cases import DRIVING
 from smarttac_can.vocabulary.fault_codes import FaultCode

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import pytest
 
-from smarttac_can.host.eds_files import read_eds
+from smarttac_can.host.files import read_eds
 from smarttac_can.od.eds import load_eds
 from smarttac_can.vocabulary import watchdogs
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog

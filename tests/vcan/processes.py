@@ -11,7 +11,7 @@ from pathlib import Path
 
 import can
 
-from smarttac_can.host.candump import read_candump
+from smarttac_can.host.log_file import read_candump
 
 CHANNEL = "vcan0"
 PLATE_ID = 33

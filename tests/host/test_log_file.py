@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.candump import CandumpWriter, read_candump
+from smarttac_can.host.log_file import CandumpWriter, read_candump
 
 STAMPS = st.integers(0, 2_000_000_000_000_000)
 IDS = st.integers(0, 0x7FF)

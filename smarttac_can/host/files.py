@@ -1,0 +1,383 @@
+"""Files that a person names: opened with care, replaced as a whole, with errors in plain words."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import stat
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from io import BufferedReader, BufferedWriter, FileIO, TextIOWrapper
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+from smarttac_can.host.background import Background
+
+if sys.platform == "win32":
+    _FLAGS: Final = os.O_RDONLY | os.O_BINARY
+    _NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_BINARY
+else:
+    _FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY
+    _NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+
+
+def open_regular(path: Path) -> BufferedReader:
+    """Open a regular file, or a link to one; never wait for it.
+
+    Raises
+    ------
+    OSError
+        If it is something else, such as a pipe, a device or a directory, or cannot be opened.
+    """
+    # Looked at before as well, because opening alone makes some devices act.
+    _require_regular(path, path.stat())
+    file = os.fdopen(os.open(path, _FLAGS), "rb")
+    try:
+        _require_regular(path, os.fstat(file.fileno()))
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def create_regular(path: Path) -> BufferedWriter:
+    """Make a new file to write to, in place of what had its name; follow no link, wait for nothing.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made, as in the place of a directory.
+    """
+    path.unlink(missing_ok=True)
+    return os.fdopen(os.open(path, _NEW, 0o666), "wb")
+
+
+def read_bounded(path: Path, most: int) -> bytes:
+    """Return the content of a regular file of `most` bytes at most; of another, read one more.
+
+    Raises
+    ------
+    OSError
+        If it is larger, and as for `open_regular`.
+    """
+    with open_regular(path) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise too_large(path, most)
+    return data
+
+
+def too_large(path: Path, most: int) -> OSError:
+    """Error that says so, with the bound in bytes."""
+    return OSError(errno.EFBIG, f"is larger than {most} bytes", str(path))
+
+
+def _require_regular(path: Path, status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "is no regular file", str(path))
+
+
+def reason(error: OSError) -> str:
+    """Return in words what is wrong with a file, and which folder is missing; without its name."""
+    if error.filename is not None and isinstance(error, FileNotFoundError | NotADirectoryError):
+        folders = list(reversed(Path(error.filename).parents))
+        for folder in folders:
+            if not folder.exists():
+                return f"the folder {folder} does not exist"
+            if not folder.is_dir():
+                return f"{folder} is a file, not a folder"
+        if isinstance(error, FileNotFoundError):
+            return "there is no such file"
+    if isinstance(error, IsADirectoryError):
+        return "that is a folder, not a file"
+    return error.strerror or str(error)
+
+
+def trouble(error: OSError) -> str:
+    """Return the name of the file, if there is one, and `reason`."""
+    return reason(error) if error.filename is None else f"{error.filename}: {reason(error)}"
+
+
+@contextmanager
+def in_words(path: Path | str | None = None) -> Iterator[None]:
+    """Give an `OSError` of the block the text of `trouble`; its class stays.
+
+    Parameters
+    ----------
+    path
+        The file that is meant where an error names none, as one of writing; None for no such.
+
+    Raises
+    ------
+    OSError
+        Whose text is one line, as from `trouble`.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            if path is None or not error.errno:
+                raise
+            error.filename = str(path)
+        raise type(error)(trouble(error)) from None
+
+
+@contextmanager
+def result_file(path: Path) -> Iterator[TextIO]:
+    r"""Open a file that takes the place of an old one when all of it is written.
+
+    It is UTF-8 with lines that end in ``\n``. A block that fails leaves the old one.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; names it.
+    """
+    if path.exists() and not path.is_file():  # such as /dev/stdout, or a pipe
+        with _opened(path, path) as file:
+            yield file
+        return
+    behind_links = path.resolve()
+    part = behind_links.with_name(f"{behind_links.name}.part")
+    try:
+        with _opened(part, path) as file:
+            yield file
+        part.replace(behind_links)
+    finally:
+        with suppress(OSError):  # why it could not be opened is the reason to tell
+            part.unlink()
+
+
+def _opened(path: Path, name: Path) -> TextIO:
+    raw = _NamedFile(path, name)
+    return TextIOWrapper(BufferedWriter(raw), encoding="utf-8", newline="\n")
+
+
+class _NamedFile(FileIO):
+    """A file whose errors, also of writing, have the name that a person gave.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        What it is called.
+    """
+
+    def __init__(self, path: Path, name: Path) -> None:
+        self._named = str(name)
+        try:
+            super().__init__(path, "w")
+        except OSError as error:
+            error.filename = self._named
+            raise
+
+    def write(self, data: Any) -> int:
+        """Write some of it."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            error.filename = self._named
+            raise
+
+
+MAX_STORED_BYTES: Final = 4 << 20
+"""Of what a device stores; a DOMAIN takes up to 1 MiB of it."""
+
+
+class StorageFile:
+    """Storage of a device in one file: the old bytes or the new ones, wherever the power fails.
+
+    Parameters
+    ----------
+    path
+        The file, or a link to it; it need not exist, its directory must.
+
+    Attributes
+    ----------
+    path
+        The file, behind all links.
+    """
+
+    def __init__(self, path: Path) -> None:
+        # A link is followed now: replacing it would leave the file behind it as it was.
+        self.path = Path(os.path.realpath(path))
+        self._new = self.path.with_name(self.path.name + ".new")
+
+    def read(self) -> bytes | None:
+        """Return the content of the file, None if there is none.
+
+        What a power cut has left half written is removed.
+
+        Raises
+        ------
+        OSError
+            If it is no regular file, longer than `MAX_STORED_BYTES`, or cannot be read.
+        """
+        with suppress(OSError):
+            self._new.unlink()
+        try:
+            return read_bounded(self.path, MAX_STORED_BYTES)
+        except FileNotFoundError:
+            return None
+
+    def require_writable(self) -> None:
+        """Make what a write begins with, and remove it.
+
+        Raises
+        ------
+        OSError
+            If it cannot be made, as on a file system that is read-only; names the file itself.
+        """
+        try:
+            create_regular(self._new).close()
+            self._new.unlink()
+        except OSError as error:
+            error.filename = str(self.path)
+            raise
+
+    def write(self, data: bytes) -> None:
+        """Replace the file as a whole; on `OSError` the old one is still there.
+
+        A pipe or a link in the place of the new one is neither waited for nor followed.
+        """
+        if len(data) > MAX_STORED_BYTES:
+            raise too_large(self.path, MAX_STORED_BYTES)
+        with create_regular(self._new) as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        self._new.replace(self.path)
+        _sync_directory(self.path.parent)
+
+
+def _sync_directory(path: Path) -> None:
+    """Make the new name last; Windows cannot open directories and does it by itself."""
+    if os.name == "nt":
+        return
+    directory = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+
+
+_LONGEST: Final = 500
+_UNPRINTABLE: Final = re.compile("[^ -~]")
+PERIOD_S: Final = 1.0
+"""A `FaultFile` is written at most that often."""
+
+
+class FaultFile(Background):
+    """Keeps lines that change now and then in a file; whoever has them never waits for it.
+
+    It writes in a thread of its own. A context manager that ends with a last look.
+
+    Parameters
+    ----------
+    file
+        Replaced as a whole whenever the lines have changed.
+    lines
+        Returns them; called in the thread.
+    failed
+        Called in the thread with the first `OSError`; the lines are tried again.
+    period
+        Time in s between two looks at the lines, above 0.
+    """
+
+    def __init__(
+        self,
+        file: StorageFile,
+        lines: Callable[[], tuple[str, ...]],
+        failed: Callable[[OSError], None],
+        period: float = PERIOD_S,
+    ) -> None:
+        self._file = file
+        self._lines = lines
+        self._failed: Callable[[OSError], None] | None = failed
+        self._period = period
+        self._kept = lines()
+        self._over = threading.Event()
+        super().__init__("fault file", self._keep, self._over.set)
+
+    def _keep(self) -> None:
+        while not self._over.wait(self._period):
+            self._save()
+        self._save()
+
+    def _save(self) -> None:
+        lines = self._lines()
+        if lines == self._kept:
+            return
+        try:
+            self._file.write("".join(f"{line}\n" for line in lines).encode("ascii", "replace"))
+        except OSError as error:
+            if self._failed is not None:
+                self._failed(error)
+            self._failed = None
+            return
+        self._kept = lines
+
+
+def read_lines(file: StorageFile) -> tuple[str, ...]:
+    """Return the lines of a file, none if there is none; raises `OSError`.
+
+    What is no printable ASCII becomes a question mark, and of a line 500 characters are enough.
+    """
+    lines = (file.read() or b"").decode("latin-1").splitlines()
+    return tuple(_UNPRINTABLE.sub("?", line[:_LONGEST]) for line in lines)
+
+
+MAX_EDS_BYTES: Final = 4 << 20
+"""Of an EDS: those of our own have 57 KB at most."""
+_PACKAGE: Final = Path(__file__).parents[1]
+PLACES: Final = (_PACKAGE / "eds", _PACKAGE.parent / "eds")
+"""In an installed package, and in the source tree."""
+
+
+def packaged_eds(name: str) -> Path:
+    """Find an EDS file of this package.
+
+    Parameters
+    ----------
+    name
+        Name of the file, e.g. ``plate.eds``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If neither the installed package nor the source tree has it.
+    """
+    for place in PLACES:
+        if (place / name).is_file():
+            return place / name
+    raise FileNotFoundError(f"there is no EDS file {name} in the package or its source tree")
+
+
+def read_eds(name: str) -> str:
+    """Return the text of an EDS file of this package.
+
+    Raises
+    ------
+    FileNotFoundError
+        As `packaged_eds`.
+    """
+    return packaged_eds(name).read_text(encoding="ascii")
+
+
+def read_eds_file(path: Path) -> str:
+    """Return the text of an EDS or DCF of any maker: ASCII by rule, UTF-8 or Windows' in practice.
+
+    Raises
+    ------
+    OSError
+        If it is no regular file, longer than `MAX_EDS_BYTES`, or cannot be read.
+    """
+    data = read_bounded(path, MAX_EDS_BYTES)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")

@@ -1,0 +1,484 @@
+"""Files that a person names: opened with care, replaced as a whole, complained of in words."""
+
+import contextlib
+import errno
+import gc
+import os
+import resource
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import count
+from pathlib import Path
+
+import pytest
+from interrupts import interrupted
+
+from smarttac_can.bench import Trace, read_csv, write_csv
+from smarttac_can.device.device import Device
+from smarttac_can.device.frame import Frame
+from smarttac_can.host import files
+from smarttac_can.host.files import (
+    MAX_EDS_BYTES,
+    FaultFile,
+    StorageFile,
+    in_words,
+    open_regular,
+    read_bounded,
+    read_eds,
+    read_eds_file,
+    read_lines,
+    reason,
+    result_file,
+    trouble,
+)
+from smarttac_can.host.finger_file import read_finger
+from smarttac_can.od.eds import load_eds
+
+SPARSE = 8 << 30
+
+
+def test_a_file_of_the_bound_is_read_and_one_byte_more_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"1234")
+    assert read_bounded(path, 4) == b"1234"
+    with pytest.raises(OSError, match="is larger than 3 bytes") as caught:
+        read_bounded(path, 3)
+    assert (caught.value.errno, caught.value.filename) == (errno.EFBIG, str(path))
+
+
+def test_a_link_is_followed_and_nothing_is_said_to_be_nothing(tmp_path: Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "file")
+    with pytest.raises(FileNotFoundError):
+        read_bounded(link, 4)
+    (tmp_path / "file").write_bytes(b"1234")
+    assert read_bounded(link, 4) == b"1234"
+
+
+@pytest.mark.parametrize("what", ["pipe", "link to a pipe", "device", "directory"])
+def test_what_is_no_file_is_neither_waited_for_nor_read(what: str, tmp_path: Path) -> None:
+    path = {"device": Path("/dev/zero"), "directory": tmp_path}.get(what, tmp_path / "it")
+    if what.endswith("pipe"):
+        os.mkfifo(tmp_path / "pipe")
+        path.symlink_to("pipe")
+    with pytest.raises(OSError, match="is no regular file"):
+        read_bounded(path, 4)
+    with pytest.raises(OSError, match="is no regular file"):
+        open_regular(path)
+
+
+def test_what_changes_between_the_look_and_the_opening_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, harmless = tmp_path / "pipe", tmp_path / "file"
+    os.mkfifo(path)
+    harmless.touch()
+    seen = harmless.stat()
+    monkeypatch.setattr(Path, "stat", lambda self: seen)
+    with pytest.raises(OSError, match="is no regular file"):
+        read_bounded(path, 4)
+
+
+def test_every_reader_is_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "sparse"
+    with path.open("wb") as file:
+        file.truncate(SPARSE)
+    for read, most in (
+        (read_eds_file, 4 << 20),
+        (read_finger, 8 << 20),
+        (lambda path: StorageFile(path).read(), 4 << 20),
+    ):
+        with pytest.raises(OSError, match=f"is larger than {most} bytes"):
+            read(path)
+
+
+def test_what_could_not_be_read_again_is_not_stored(tmp_path: Path) -> None:
+    storage = StorageFile(tmp_path / "kept")
+    storage.write(bytes(4 << 20))
+    assert storage.read() == bytes(4 << 20)
+    with pytest.raises(OSError, match="is larger than 4194304 bytes"):
+        storage.write(bytes(1 + (4 << 20)))
+    assert storage.read() == bytes(4 << 20)
+
+
+def test_an_eds_as_windows_writes_it(tmp_path: Path) -> None:
+    path = tmp_path / "some.eds"
+    path.write_bytes(b"\x93Temperature [\xb0C]\x94\x81")
+    assert read_eds_file(path) == "\u201cTemperature [\u00b0C]\u201d\ufffd"
+    path.write_bytes(bytes(MAX_EDS_BYTES))
+    assert len(read_eds_file(path)) == MAX_EDS_BYTES
+
+
+@pytest.mark.parametrize(
+    ("act", "path", "said"),
+    [
+        (Path.read_bytes, "none", "there is no such file"),
+        (Path.read_bytes, "a/b/none", "the folder {}/a does not exist"),
+        (lambda path: path.write_text(""), "a/b/none", "the folder {}/a does not exist"),
+        (Path.read_bytes, "file/none", "{}/file is a file, not a folder"),
+        (lambda path: path.write_text(""), "file/a/none", "{}/file is a file, not a folder"),
+        (Path.mkdir, "a/b", "the folder {}/a does not exist"),
+        (Path.read_bytes, "", "that is a folder, not a file"),
+        (Path.mkdir, "file", "File exists"),
+    ],
+)
+def test_what_hinders_and_what_is_to_be_made(
+    act: Callable[[Path], object], path: str, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    full = tmp_path / path
+    with pytest.raises(OSError) as plain:
+        act(full)
+    assert reason(plain.value) == said.format(tmp_path)
+    assert trouble(plain.value) == f"{full}: {said.format(tmp_path)}"
+    with pytest.raises(type(plain.value)) as told, in_words():
+        act(full)
+    assert str(told.value) == trouble(plain.value)
+    assert told.value.__suppress_context__
+
+
+def test_an_error_of_no_file_is_as_it_was() -> None:
+    error = OSError(28, "No space left on device")
+    assert trouble(error) == "No space left on device"
+    with pytest.raises(OSError) as told, in_words():
+        raise error
+    assert told.value is error
+
+
+def test_a_relative_name_is_said_as_it_was_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"^a/b: the folder a does not exist$"), in_words():
+        Path("a/b").read_bytes()
+
+
+# Files for results that cannot be written to the end: a full disk, or an interrupt.
+
+
+TRACE = Trace.from_rows("a", 0, [(k, *range(9)) for k in range(2000)])
+
+
+@contextmanager
+def nearly_full() -> Iterator[None]:
+    """Let a file have 4 kB: its errors come where those of a full disk do."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+
+
+def test_a_file_that_fails_leaves_the_old_one(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("old")
+    with pytest.raises(OSError) as told, result_file(path) as file, nearly_full():
+        file.write("x" * 100_000)
+    assert (told.value.errno, told.value.filename) == (errno.EFBIG, str(path))
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_written_as_it_is_closed(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    with pytest.raises(OSError) as told, nearly_full(), result_file(path) as file:
+        file.write("x" * 5000)
+    assert told.value.filename == str(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
+def test_an_interrupt_at_any_instruction_leaves_no_half_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+
+    def ended(instruction: int) -> bool:
+        try:
+            with interrupted(instruction, files, contextlib), ExitStack() as stack:
+                stack.enter_context(result_file(path)).write("new")
+        except KeyboardInterrupt:
+            return False
+        return True
+
+    instruction = 0
+    while not ended(instruction):
+        gc.collect(1)  # as a process does that ends: what the traceback kept alive is closed
+        left = {file.name: file.read_text() for file in tmp_path.iterdir()}
+        assert left in ({}, {"t.csv": "new"}), instruction
+        path.unlink(missing_ok=True)
+        instruction += 1
+    assert instruction > 100
+    assert path.read_text() == "new"
+
+
+def test_a_device_is_written_itself() -> None:
+    with pytest.raises(OSError) as told, result_file(Path("/dev/full")) as file:
+        file.write("x")
+    assert (told.value.errno, told.value.filename) == (errno.ENOSPC, "/dev/full")
+
+
+def test_traces_on_a_full_disk_leave_those_before(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    write_csv(path, TRACE)
+    other = Trace.from_rows("b", 0, TRACE.counts)
+    with pytest.raises(OSError, match=rf"^{path}: File too large$"), nearly_full():
+        write_csv(path, other)
+    assert read_csv(path)[0].experiment == "a"
+    write_csv(path, other)
+    assert read_csv(path)[0].experiment == "b"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_one(tmp_path: Path) -> None:
+    (tmp_path / "link.csv").symlink_to(tmp_path / "t.csv")
+    write_csv(tmp_path / "link.csv", TRACE)
+    assert (tmp_path / "link.csv").is_symlink()
+    assert read_csv(tmp_path / "t.csv")[0].experiment == "a"
+
+
+def test_an_error_that_has_no_number_is_as_it_was() -> None:
+    error = OSError("of another")
+    with pytest.raises(OSError) as told, in_words("t.csv"):
+        raise error
+    assert told.value is error
+
+
+EDS = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
+HEARTBEAT = 0x1017
+SAVE = bytes.fromhex("2310100173617665")
+EMCY = Frame(0x0A0, bytes.fromhex("3055010000000000"))
+
+
+def powered(path: Path) -> tuple[Device, list[Frame]]:
+    device = Device(load_eds(EDS, 0x20), storage=StorageFile(path))
+    return device, device.start()
+
+
+def heartbeat(device: Device) -> int:
+    return device.od.number(HEARTBEAT)
+
+
+def save(device: Device, period: int) -> bytes:
+    device.od.entry(HEARTBEAT).value = period
+    (answer,) = device.receive(Frame(0x620, SAVE))
+    return answer.data
+
+
+def test_survives_the_process(tmp_path: Path) -> None:
+    path = tmp_path / "node.store"
+    device, sent = powered(path)
+    assert sent == [Frame(0x720, b"\0")]
+    assert save(device, 500)[0] == 0x60
+    again, sent = powered(path)
+    assert sent == [Frame(0x720, b"\0")]
+    assert heartbeat(again) == 500
+    assert [p.name for p in tmp_path.iterdir()] == ["node.store"]
+
+
+def test_a_file_cut_or_garbled_at_any_byte_gives_defaults_and_an_emergency(tmp_path: Path) -> None:
+    path = tmp_path / "node.store"
+    save(powered(path)[0], 500)
+    whole = path.read_bytes()
+    broken = [whole[:k] for k in range(len(whole))]
+    broken += [whole[:k] + bytes((whole[k] ^ 0xFF,)) + whole[k + 1 :] for k in range(len(whole))]
+    broken += [whole + b"\0", whole * 2]
+    for data in broken:
+        path.write_bytes(data)
+        device, sent = powered(path)
+        assert sent == [Frame(0x720, b"\0"), EMCY], data
+        assert heartbeat(device) == 0
+        assert all(entry.value == entry.default for entry in device.od if entry.index > 0x1003)
+    sent = device.receive(Frame(0x620, SAVE))
+    assert [f.data[0] for f in sent] == [0x00, 0x60], "a good store takes the error back"
+
+
+def test_power_cut_while_writing_leaves_the_old_parameters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "node.store"
+    device, _ = powered(path)
+    save(device, 500)
+    old = path.read_bytes()
+    save(device, 700)
+    new = path.read_bytes()
+    for k in range(len(new) + 1):
+        path.write_bytes(old)
+        path.with_name("node.store.new").write_bytes(new[:k])
+        again, sent = powered(path)
+        assert heartbeat(again) == 500
+        assert sent == [Frame(0x720, b"\0")]
+        assert [p.name for p in tmp_path.iterdir()] == ["node.store"]
+
+    def full(_: int) -> None:
+        raise OSError("no space left")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        assert save(again, 900) == bytes.fromhex("8010100100000606")
+    assert path.read_bytes() == old
+    assert save(again, 900)[0] == 0x60
+    assert heartbeat(powered(path)[0]) == 900
+
+
+def test_file_that_cannot_be_read_is_an_error_of_the_device(tmp_path: Path) -> None:
+    device, sent = powered(tmp_path)  # a directory
+    assert sent == [Frame(0x720, b"\0"), EMCY]
+    assert save(device, 500) == bytes.fromhex("8010100100000606")
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    path, kept = tmp_path / "node.store", tmp_path / "disk" / "kept"
+    path.symlink_to(kept)
+    assert save(powered(path)[0], 500) == bytes.fromhex("8010100100000606"), "no such directory"
+    kept.parent.mkdir()
+    for period in (500, 700):
+        assert save(powered(path)[0], period)[0] == 0x60
+        assert path.is_symlink()
+        assert heartbeat(powered(kept)[0]) == period
+    assert [p.name for p in kept.parent.iterdir()] == ["kept"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no named pipes in folders")
+def test_a_pipe_in_the_place_of_the_new_file_is_not_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "node.store"
+    os.mkfifo(tmp_path / "node.store.new")
+    writing = threading.Thread(target=StorageFile(path).write, args=(b"1",), daemon=True)
+    writing.start()
+    writing.join(5.0)
+    assert not writing.is_alive()
+    assert path.read_bytes() == b"1"
+    assert not (tmp_path / "node.store.new").exists()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_link_in_the_place_of_the_new_file_is_not_followed(tmp_path: Path, there: bool) -> None:
+    path, precious = tmp_path / "node.store", tmp_path / "precious"
+    if there:
+        precious.write_bytes(b"precious")
+    (tmp_path / "node.store.new").symlink_to(precious)
+    StorageFile(path).write(b"1")
+    assert path.read_bytes() == b"1" and not path.is_symlink()
+    assert precious.exists() == there
+    assert not there or precious.read_bytes() == b"precious"
+
+
+def test_a_directory_in_the_place_of_the_new_file_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "node.store"
+    path.write_bytes(b"old")
+    (tmp_path / "node.store.new").mkdir()
+    with pytest.raises(OSError, match=r"node\.store\.new") as refusal:
+        StorageFile(path).write(b"1")
+    assert len(str(refusal.value).splitlines()) == 1
+    assert path.read_bytes() == b"old"
+
+
+# Lines that are kept in a file, by a thread, at most so often.
+
+
+GUARD_S = 60.0
+
+
+def never(error: OSError) -> None:
+    raise AssertionError(error)
+
+
+class CountingFile(StorageFile):
+    writes = 0
+
+    def write(self, data: bytes) -> None:
+        self.writes += 1
+        super().write(data)
+
+
+def test_lines_come_back(tmp_path: Path) -> None:
+    file = StorageFile(tmp_path / "kept")
+    assert read_lines(file) == ()
+    lines: tuple[str, ...] = ()
+    with FaultFile(file, lambda: lines, never):
+        lines = ("new", "old \xb5")
+    assert read_lines(file) == ("new", "old ?")
+
+
+def test_what_is_no_text_does_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "kept"
+    path.write_bytes(b"\xff\x1b[2J\n" + b"x" * 10_000)
+    assert read_lines(StorageFile(path)) == ("??[2J", "x" * 500)
+
+
+def test_they_are_written_while_it_lasts_and_not_more_often(tmp_path: Path) -> None:
+    file = CountingFile(tmp_path / "kept")
+    number = 0
+    with FaultFile(file, lambda: (str(number),), never, 0.05):
+        start = time.monotonic()
+        while file.writes < 3:
+            number += 1
+            assert time.monotonic() < start + GUARD_S
+        assert time.monotonic() >= start + 0.1
+    assert read_lines(file) == (str(number),)
+
+
+def test_by_default_they_are_looked_at_once_a_second(tmp_path: Path) -> None:
+    waits: list[float] = []
+
+    class Second(threading.Event):
+        """Lets three seconds pass at once."""
+
+        def wait(self, timeout: float | None = None) -> bool:
+            assert timeout is not None
+            waits.append(timeout)
+            return len(waits) > 3
+
+    file = CountingFile(tmp_path / "kept")
+    numbers = count()
+    kept = FaultFile(file, lambda: (str(next(numbers)),), never)
+    kept._over = Second()
+    with kept:
+        pass
+    assert waits == [1.0] * 4
+    assert file.writes == 4, "after each second, and at the end"
+
+
+def test_what_has_not_changed_is_not_written(tmp_path: Path) -> None:
+    file = CountingFile(tmp_path / "kept")
+    with FaultFile(file, lambda: ("same",), never, 0.01):
+        time.sleep(0.05)
+    assert file.writes == 0
+
+
+def test_a_file_that_fails_is_said_once_and_tried_again(tmp_path: Path) -> None:
+    folder = tmp_path / "gone"
+    file = StorageFile(folder / "kept")
+    said: list[OSError] = []
+    lines: tuple[str, ...] = ()
+    with FaultFile(file, lambda: lines, said.append, 0.01):
+        lines = ("fault",)
+        end = time.monotonic() + GUARD_S
+        while not said:
+            assert time.monotonic() < end
+        time.sleep(0.05)
+        folder.mkdir()
+    assert len(said) == 1
+    assert read_lines(file) == ("fault",)
+
+
+@pytest.mark.parametrize("name", ["stimulator.eds", "plate.eds"])
+def test_both_nodes_have_one(name: str) -> None:
+    assert f"FileName={name}" in read_eds(name).replace(" ", "")
+
+
+def test_packaged_file_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "plate.eds").write_text("packaged")
+    monkeypatch.setattr(files, "PLACES", (tmp_path, *files.PLACES))
+    assert read_eds("plate.eds") == "packaged"
+    assert "FileName" in read_eds("stimulator.eds")
+
+
+def test_missing_file_is_named() -> None:
+    with pytest.raises(FileNotFoundError, match=r"no EDS file toaster\.eds"):
+        read_eds("toaster.eds")
