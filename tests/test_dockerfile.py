@@ -9,6 +9,8 @@ import re
 import tomllib
 from pathlib import Path
 
+import click
+
 from smarttac_can.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -50,5 +52,7 @@ def test_its_command_is_taken() -> None:
     (entry,), command = (json.loads(*arguments(name)) for name in ("ENTRYPOINT", "CMD"))
     assert entry in PROJECT["project"]["scripts"]
     name, *options = command
-    context = main.commands[name].make_context(name, options)
+    command = main.get_command(click.Context(main), name)
+    assert command is not None
+    context = command.make_context(name, options)
     assert context.params["interface"] == "udp_multicast"

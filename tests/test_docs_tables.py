@@ -8,7 +8,7 @@ import pytest
 
 from smarttac_can.host.faulty_bus import FaultyBus, FrameFault
 from smarttac_can.plant.faults import Fault
-from smarttac_can.timing.frozen_stage import frozen_stage
+from smarttac_can.timing.loop_timing import frozen_stage
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
 from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
 

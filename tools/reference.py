@@ -107,7 +107,10 @@ def _parameter(context: click.Context, parameter: click.Parameter) -> tuple[str,
 
 
 def _commands(group: click.Group, prefix: str) -> Iterator[tuple[str, click.Command]]:
-    for name, command in group.commands.items():
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
         full = f"{prefix} {name}"
         if isinstance(command, click.Group):
             yield from _commands(command, full)

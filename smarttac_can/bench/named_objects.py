@@ -9,7 +9,7 @@ from numbers import Real
 from typing import Final
 
 from smarttac_can.bench.link import Link
-from smarttac_can.commissioning.rounding import require_kept
+from smarttac_can.commissioning.dcf import require_kept
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary

@@ -32,8 +32,8 @@ from smarttac_can.host.files import in_words, open_regular
 from smarttac_can.host.frame_log import RECORD, FrameLogReader, Records
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import EDSError
 from smarttac_can.od.entry import Entry
-from smarttac_can.od.ini import EDSError
 from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status

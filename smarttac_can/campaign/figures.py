@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from smarttac_can.bench.drawing import GREEN, PALE, RED, canvas
-from smarttac_can.campaign.chunk import COLUMNS, Rows
+from smarttac_can.campaign.record import COLUMNS, Rows
 from smarttac_can.campaign.summary import LIMIT_CYCLE
 
 _PANELS: Final = {

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from hashlib import sha256
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from smarttac_can.campaign.chunk import COLUMNS, Rows, parameters
+from smarttac_can.campaign.record import COLUMNS, Rows, parameters
 from smarttac_can.campaign.runner import Result
 from smarttac_can.population.trial import Campaign
 
@@ -76,3 +78,32 @@ def lines(results: dict[str, Any]) -> list[str]:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
+
+
+RESULTS, FINGERS, PICTURE = "campaign.json", "fingers.csv", "campaign.png"
+FILES: Final = (RESULTS, FINGERS, PICTURE, "campaign.svg")
+"""All that `write_folder` writes."""
+
+
+def write_folder(folder: Path, results: dict[str, Any], rows: Rows) -> Path:
+    """Write a folder, and return the path of the PNG; the same results make the same bytes.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    # matplotlib is an extra.
+    from smarttac_can.bench.drawing import save  # noqa: PLC0415
+    from smarttac_can.campaign.figures import distributions  # noqa: PLC0415
+
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(results, indent=2) + "\n"
+    (folder / RESULTS).write_text(text, encoding="utf-8")
+    with (folder / FINGERS).open("w", encoding="ascii", newline="") as file:
+        file.write(",".join(("finger", *COLUMNS)) + "\n")
+        for number, row in enumerate(rows):
+            file.write(",".join((str(number), *map(repr, row.tolist()))) + "\n")
+    picture = folder / PICTURE
+    save(distributions(rows, lines(results)[0]), picture)
+    return picture

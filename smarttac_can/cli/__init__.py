@@ -1,28 +1,16 @@
-"""The command ``smarttac`` and its subcommands."""
+"""The command ``smarttac`` and its subcommands, in families of a module each or two.
+
+A module is loaded when one of its commands is called: `--help` needs none of them, nor a bus.
+"""
 
 from __future__ import annotations
+
+from importlib import import_module
+from typing import Final, NamedTuple
 
 import click
 
 from smarttac_can import __version__
-from smarttac_can.cli.calibrate import calibrate
-from smarttac_can.cli.campaign import campaign
-from smarttac_can.cli.conformance import conform
-from smarttac_can.cli.device import device
-from smarttac_can.cli.eds import eds
-from smarttac_can.cli.faults import faults, soak
-from smarttac_can.cli.fmeda import fmeda
-from smarttac_can.cli.hostile import hostile
-from smarttac_can.cli.jitter import jitter
-from smarttac_can.cli.lss import lss
-from smarttac_can.cli.nodes import node, plate
-from smarttac_can.cli.record import record
-from smarttac_can.cli.replay import replay
-from smarttac_can.cli.reproduction import demo, report, reproduce
-from smarttac_can.cli.scan import scan
-from smarttac_can.cli.selftest import selftest
-from smarttac_can.cli.status import reset, status
-from smarttac_can.cli.watch import watch
 from smarttac_can.host.process_signals import sigterm_interrupts
 
 EXAMPLE = """\b
@@ -32,16 +20,80 @@ Examples:
 """
 
 
-@click.group(epilog=EXAMPLE, context_settings={"help_option_names": ["-h", "--help"]})
+class _Command(NamedTuple):
+    """Where a command is, by its name there, and what it does in a line."""
+
+    module: str
+    does: str
+
+
+FAMILIES: Final = {
+    "Use": {
+        "demo": _Command("experiments", "Run the paper's experiments without hardware."),
+        "reproduce": _Command("experiments", "Run experiments, and compare with the paper."),
+        "report": _Command("experiments", "Draw the pictures of an older run anew."),
+        "campaign": _Command("experiments", "Compare the laws on thousands of random fingers."),
+        "node": _Command("nodes", "Run the stimulator node."),
+        "plate": _Command("nodes", "Run the plate node, simulated or with hardware."),
+    },
+    "Bench": {
+        "status": _Command("bench", "Show state, faults and levels of a stimulator."),
+        "reset": _Command("bench", "Reset the latched fault of a stimulator."),
+        "watch": _Command("bench", "Show a stimulator live."),
+        "record": _Command("recording", "Record a stimulator while others drive it."),
+        "calibrate": _Command("bench", "Calibrate the force gauges by known weights."),
+        "selftest": _Command("bench", "Check timing, gauges, pick-up and resonance."),
+    },
+    "Commission": {
+        "scan": _Command("commission", "List the devices on a bus."),
+        "lss": _Command("commission", "Give a device its node-ID."),
+        "eds": _Command("commission", "Check an EDS; make documents, DBC and DCF of it."),
+        "device": _Command("nodes", "Run a simulated device of any EDS."),
+        "conform": _Command("commission", "Test a CANopen device by its EDS."),
+    },
+    "Verify": {
+        "jitter": _Command("jitter", "Measure the timing of the loop on this machine and bus."),
+        "replay": _Command("recording", "Recompute a log, and compare what was sent."),
+        "faults": _Command("trials", "Inject every fault in every mode."),
+        "soak": _Command("trials", "Simulate hours of strokes, faults and restarts."),
+        "hostile": _Command("trials", "Let a third node attack a driven pair."),
+        "fmeda": _Command("trials", "Let sensors fail, and see what the plate does."),
+    },
+}
+"""The commands in the order of the help."""
+_COMMANDS: Final = {name: of for commands in FAMILIES.values() for name, of in commands.items()}
+
+
+class _Families(click.Group):
+    """A group of commands that are loaded when they are called, and listed by family."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - as click calls it
+        """Return the names of the commands."""
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Load a command; return None if there is none of that name."""
+        if cmd_name not in _COMMANDS:
+            return None
+        module = import_module(f"{__name__}.{_COMMANDS[cmd_name].module}")
+        command: click.Command = getattr(module, cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """Write the commands of each family with a line on each."""
+        width = max(map(len, _COMMANDS))
+        for family, commands in FAMILIES.items():
+            with formatter.section(family):
+                formatter.write_dl(
+                    [(name.ljust(width), command.does) for name, command in commands.items()]
+                )
+
+
+@click.group(
+    cls=_Families, epilog=EXAMPLE, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(__version__)
 @click.pass_context
 def main(context: click.Context) -> None:
     """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""
     context.with_resource(sigterm_interrupts())
-
-
-for command in (
-    demo, reproduce, report, node, plate, device, conform, scan, lss, eds, jitter, faults,
-    soak, hostile, fmeda, campaign, status, reset, watch, record, replay, selftest, calibrate,
-):  # fmt: skip
-    main.add_command(command)

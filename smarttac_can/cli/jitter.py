@@ -10,20 +10,22 @@ from typing import Any
 
 import click
 
-from smarttac_can.cli.options import NODE_ID, BusChoice, bus_options
-from smarttac_can.cli.plain_errors import need_matplotlib, plain_errors
-from smarttac_can.cli.result_file import (
+from smarttac_can.cli.shared import (
+    NODE_ID,
+    BusChoice,
+    bus_options,
     force_option,
     json_file_option,
+    need_matplotlib,
     opened_results,
+    plain_errors,
     report_results,
     result_folder,
     result_folder_path,
 )
 from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.timing.frozen_stage import SHORTEST_MS
 from smarttac_can.timing.loop_run import LoopRun, measure_loop
-from smarttac_can.timing.loop_timing import DEADLINE_RULE, LoopTiming
+from smarttac_can.timing.loop_timing import DEADLINE_RULE, SHORTEST_MS, LoopTiming
 from smarttac_can.vocabulary.states import State
 
 PICTURE = "jitter.png"

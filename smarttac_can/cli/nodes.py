@@ -1,49 +1,117 @@
-"""The commands that run a node on a bus: ``node`` and ``plate``."""
+"""Commands that run a node on a bus: ``node``, ``plate`` and ``device``."""
 
 from __future__ import annotations
 
+import csv
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from io import StringIO
 from pathlib import Path
 from secrets import randbelow
+from typing import Final
 
 import click
 from click.core import ParameterSource
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, know_nulls
-from smarttac_can.cli.options import (
+from smarttac_can.cli.process import Pace, pace_options, run_in_process
+from smarttac_can.cli.shared import (
+    EDS_FILE,
     NODE_ID,
     BusChoice,
     Command,
     bus_options,
+    lockstep_option,
+    naming,
+    one_line,
     own_node_id,
+    plain_errors,
     seed_option,
     storage_option,
     unconfigured_option,
+    warn,
     with_options,
 )
-from smarttac_can.cli.plain_errors import naming, one_line, plain_errors, warn
-from smarttac_can.cli.process import Pace, pace_options, run_in_process
+from smarttac_can.device.device import Device
 from smarttac_can.host.files import (
     FaultFile,
     StorageFile,
+    read_bounded,
     read_eds,
     read_eds_file,
     read_lines,
     reason,
 )
-from smarttac_can.host.finger_file import read_finger
 from smarttac_can.host.front_ends import FrontEndError, opened_front_end
+from smarttac_can.nodes.plain_node import PlainNode
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
-from smarttac_can.plant.finger import Trajectory
+from smarttac_can.plant.finger import SAMPLE_RANGES, Trajectory
+from smarttac_can.vocabulary.model import require
 from smarttac_can.vocabulary.objects import LIFTED, RECORDED, STROKE
 from smarttac_can.vocabulary.plate import TimedPlate
+
+_COLUMNS: Final = {"t_s": 1.0, "x_mm": 1e-3, "Fn_N": 1.0}
+"""Names of the columns, with their units in those of the SI."""
+FINGER_HEADER: Final = list(_COLUMNS)
+MAX_FINGER_BYTES: Final = 8 << 20
+MAX_FINGER_ROWS: Final = 100_000
+"""Of a recording: 100 s at 1 kHz."""
+
+
+def read_finger(path: Path) -> Trajectory:
+    """Read a recorded finger.
+
+    Parameters
+    ----------
+    path
+        CSV with the header ``t_s,x_mm,Fn_N``: time in s, position along the plate in mm from its
+        middle, and normal force in N.
+
+    Raises
+    ------
+    ValueError
+        If the header, a number or the order is not as it should be, or there are more than
+        `MAX_FINGER_ROWS`; names file and line. Or if there are fewer than 2 rows.
+    OSError
+        If it is no regular file, longer than `MAX_FINGER_BYTES`, or cannot be read.
+    """
+    data = read_bounded(path, MAX_FINGER_BYTES)
+    try:
+        return Trajectory(_samples(data.decode("utf-8-sig")))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _samples(text: str) -> list[tuple[float, float, float]]:
+    """Time in s, x in m and Fn in N of each row."""
+    samples: list[tuple[float, float, float]] = []
+    rows = csv.reader(StringIO(text, newline=""))
+    try:
+        if next(rows, None) != FINGER_HEADER:
+            raise ValueError(f"the header is not {','.join(FINGER_HEADER)}")
+        for row in rows:
+            if len(samples) == MAX_FINGER_ROWS:
+                raise ValueError(f"there are more than {MAX_FINGER_ROWS} rows")
+            if len(row) != len(FINGER_HEADER):
+                raise ValueError(
+                    f"{len(row)} fields are not the {len(FINGER_HEADER)} of the header"
+                )
+            time, x, Fn = numbers = [float(field) for field in row]
+            columns = zip(numbers, _COLUMNS.items(), SAMPLE_RANGES, strict=True)
+            for number, (name, unit), (_, low, high) in columns:
+                require(name, number, low / unit, high / unit)
+            if samples and time <= samples[-1][0]:
+                raise ValueError(f"t_s {time:g} is not after the {samples[-1][0]:g} before it")
+            samples.append((time, x * _COLUMNS["x_mm"], Fn))
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"line {rows.line_num}: {error}") from error
+    return samples
 
 
 def _finger(
@@ -300,3 +368,48 @@ def blaming(eds: Path | None) -> Iterator[None]:
             reason = f"{reason}, so it is of another version: {_OWN_EDS}"
         said = one_line(f"{eds} does not suit the device: {reason}")
         raise click.ClickException(said) from error
+
+
+_DEFAULT_ID = 1
+
+
+@click.command(
+    epilog="Example: smarttac device --eds some.eds --node-id 5 --interface socketcan "
+    "--channel vcan0"
+)
+@click.option(
+    "--eds",
+    type=EDS_FILE,
+    required=True,
+    help="Data sheet or DCF that says what the device has.",
+)
+@click.option(
+    "--node-id", type=NODE_ID, help="Wins over a stored one; without, the stored one or else 1."
+)
+@unconfigured_option
+@bus_options
+@click.option("--autostart", is_flag=True, help="OPERATIONAL without waiting for a master.")
+@lockstep_option
+@storage_option("File for stored parameters; without it they end with the command.")
+def device(
+    *,
+    eds: Path,
+    node_id: int | None,
+    unconfigured: bool,
+    bus: BusChoice,
+    autostart: bool,
+    lockstep: bool,
+    storage: StorageFile | None,
+) -> None:
+    """Run a device of any EDS, with its values in memory, until Ctrl-C or SIGTERM.
+
+    It has every service whose objects the EDS has, and nothing behind its other objects: what is
+    written is read back, and TPDOs carry it.
+    """
+    with plain_errors():
+        fixed = own_node_id(node_id, unconfigured)
+        with naming(eds):
+            od = load_eds(read_eds_file(eds), _DEFAULT_ID if node_id is None else node_id)
+        warn(eds, od.warnings)
+        node = PlainNode(Device(od, autostart=autostart, storage=storage, node_id=fixed))
+        run_in_process("device", node, bus, Pace(lockstep))

@@ -13,14 +13,39 @@ from io import StringIO
 from itertools import product
 from typing import Final
 
-from smarttac_can.commissioning.rounding import require_kept
 from smarttac_can.od.cia import IDENTITY, Abort, DataType, ObjectType
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.eds_values import parse_integer, parse_value
+from smarttac_can.od.eds import EDSError, load_eds, parse_integer, parse_value
 from smarttac_can.od.entry import Entry
-from smarttac_can.od.ini import EDSError
 from smarttac_can.od.units import Quantity
+
+
+def require_kept(entry: Entry, raw: int, given: str) -> None:
+    """Refuse a quantity of which rounding leaves nothing.
+
+    Parameters
+    ----------
+    entry
+        Object that it is for.
+    raw
+        What it is rounded to.
+    given
+        Such as ``80 V``.
+
+    Raises
+    ------
+    ValueError
+        If it is not 0, and 0 would go over the wire; names it and the step of the object, or the
+        lowest value if it is below that.
+    """
+    quantity = Quantity.parse(given)
+    if raw == 0 and quantity.number:
+        if quantity.over(entry.unit) < entry.low:
+            lowest = f"{entry.low * float(entry.unit.number):.12g} {entry.unit.symbol}".rstrip()
+            raise ValueError(f"{entry.name} {given} is below {lowest}, its lowest value")
+        step = f"{entry.unit.number:f} {entry.unit.symbol}".rstrip()
+        raise ValueError(f"{entry.name} {given} would become 0: it goes in steps of {step}")
+
 
 _BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Bit rates in bit/s that an EDS can speak of."""

@@ -26,9 +26,8 @@ from smarttac_can.od.cia import (
     DataType,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
+from smarttac_can.od.eds import load_eds, read_sections
 from smarttac_can.od.entry import Entry
-from smarttac_can.od.ini import read_sections
 
 if TYPE_CHECKING:
     from smarttac_can.conformance.examiner import Examiner

@@ -7,20 +7,175 @@ only four of the eight signed types, and takes no `$NODEID` in the limits.
 from __future__ import annotations
 
 import re
+import struct
 from numbers import Integral
 from typing import Any, Final, TypeVar
 
 from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, DataType, ObjectType
-from smarttac_can.od.data_types import TEXT, bounds, visible, zero
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, bounds, visible, zero
 from smarttac_can.od.dictionary import Object, ObjectDictionary
-from smarttac_can.od.eds_values import parse_integer, parse_value
 from smarttac_can.od.entry import ACCESS, Entry
-from smarttac_can.od.entry_rules import LONGEST_NAME
-from smarttac_can.od.ini import EDSError, read_sections
 from smarttac_can.od.units import ONE, Quantity, split_name
 
-_OBJECT: Final = re.compile(r"^[0-9a-f]{4}$")
-_MEMBER: Final = re.compile(r"^([0-9a-f]{4})sub([0-9a-f]{1,2})$")
+# The section and key syntax of EDS files (CiA 306, clause 4.3), tolerant where nothing is lost.
+
+
+MAX_LINES: Final = 40_000
+"""Lines of a file, which a slow machine reads and writes in 2 s; our own have 3 774 at most."""
+MAX_ODD: Final = 1000
+"""Lines that are left out or merged, with a warning each; a file with more is no EDS."""
+
+_COMMENT: Final = re.compile(r"(?:^|\s);.*$")
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
+
+
+Section = dict[str, str]
+Sections = dict[str, Section]
+"""Sections and their keys, both in lower case."""
+
+
+class EDSError(ValueError):
+    """An EDS that cannot be interpreted; the message is one line."""
+
+
+def read_sections(text: str, warnings: list[str]) -> Sections:
+    """Read the sections of a file, names and keys in lower case, values stripped.
+
+    A section that comes twice is merged. Lines that are neither section, key nor comment are left
+    out with a warning.
+
+    Raises
+    ------
+    EDSError
+        A key has two different values, a line has a control character, or there are more than
+        `MAX_LINES`, or `MAX_ODD` odd ones.
+    """
+    sections: Sections = {}
+    current: Section | None = None
+    name = ""
+    for number, raw in enumerate(text.removeprefix("\ufeff").splitlines(), 1):
+        line = _COMMENT.sub("", raw).strip()
+        if not line:
+            continue
+        if number > MAX_LINES:
+            raise EDSError(f"there are more than {MAX_LINES} lines")
+        if len(warnings) > MAX_ODD:
+            raise EDSError(f"line {number}: more than {MAX_ODD} lines before it are odd")
+        # A name is shown on terminals, which obey such characters.
+        if found := _CONTROL.search(line):
+            raise EDSError(f"line {number}: {found[0]!r} is a control character")
+        if line.startswith("[") and line.endswith("]"):
+            name = line[1:-1].strip().lower()
+            if name in sections:
+                warnings.append(f"line {number}: section [{name}] comes again, merged")
+            current = sections.setdefault(name, {})
+            continue
+        key, equals, value = line.partition("=")
+        key, value = key.strip().lower(), value.strip()
+        if current is None or not equals or not key:
+            warnings.append(f"line {number}: {line!r} is no key of a section, ignored")
+            continue
+        if current.get(key, value) != value:
+            raise EDSError(f"line {number}: [{name}] {key} is both {current[key]} and {value}")
+        current[key] = value
+    return sections
+
+
+# Values as an EDS writes them: numbers, `$NODEID` formulas, texts and octets (CiA 306, 4.3).
+
+
+_NUMBER: Final = re.compile(r"^([+-]?)(0x[0-9a-f]{1,32}|[0-9]{1,32})$")
+_NODE_ID: Final = re.compile(r"^(?:\$nodeid\+)(.+)$|^(.+)\+\$nodeid$|^\$nodeid()$")
+
+
+def parse_value(data_type: DataType, text: str, node_id: int, where: str) -> Any:
+    """Read a default, a limit or another value of an entry.
+
+    Parameters
+    ----------
+    text
+        Not empty.
+    node_id
+        What stands for ``$NODEID``.
+    where
+        What the message of an error begins with.
+
+    Raises
+    ------
+    EDSError
+        The text is no value of the type.
+    """
+    if data_type in TEXT:
+        return text
+    if data_type in REAL:
+        return _real(data_type, text, where)
+    if bounds(data_type) == (0, 0):
+        return _octets(data_type, text, where)
+    lowered = text.replace(" ", "").lower()
+    if found := _NODE_ID.match(lowered):
+        value = node_id + parse_integer(next((g for g in found.groups() if g), "0"), where)
+    else:
+        value = parse_integer(lowered, where)
+    low, high = bounds(data_type)
+    if data_type in SIGNED and lowered.startswith("0x") and high < value <= 2 * high + 1:
+        value -= 2 * int(high) + 2
+    if not low <= value <= high:
+        raise EDSError(f"{where} is outside {data_type.name}")
+    return value
+
+
+def parse_integer(text: str, where: str) -> int:
+    """Read a decimal, a hexadecimal with 0x or an octal with a leading 0.
+
+    Raises
+    ------
+    EDSError
+        If the text is none of them; the message begins with ``where``.
+    """
+    found = _NUMBER.match(text.strip().lower())
+    if found is None:
+        raise EDSError(f"{where} is no integer")
+    digits = found[2]
+    octal = len(digits) > 1 and digits.startswith("0") and not digits.startswith("0x")
+    try:
+        value = int(digits, 8 if octal else 0)
+    except ValueError:
+        raise EDSError(f"{where} is no octal number") from None
+    return -value if found[1] == "-" else value
+
+
+def _real(data_type: DataType, text: str, where: str) -> float:
+    """Read a decimal, or the bits in hexadecimal, as some tools write them."""
+    low, high = bounds(data_type)
+    try:
+        if text.lower().startswith("0x"):
+            raw = int(text, 16).to_bytes(SIZES[data_type], "big")
+            value = float(struct.unpack(">f" if data_type == DataType.REAL32 else ">d", raw)[0])
+        else:
+            value = float(text)
+    except (ValueError, OverflowError):
+        raise EDSError(f"{where} is no {data_type.name}") from None
+    if not low <= value <= high:
+        raise EDSError(f"{where} is outside {data_type.name}")
+    return value
+
+
+def _octets(data_type: DataType, text: str, where: str) -> bytes:
+    """Read bytes in hexadecimal; a plain 0 stands for bytes of zero."""
+    size = SIZES.get(data_type, 0)
+    if text.lower() in ("0", "0x0"):
+        return bytes(size)
+    try:
+        data = bytes.fromhex(text.lower().removeprefix("0x"))
+    except ValueError:
+        raise EDSError(f"{where} is no hexadecimal string") from None
+    if size and len(data) != size:
+        raise EDSError(f"{where} is not {size} bytes long")
+    return data
+
+
+OBJECT: Final = re.compile(r"^[0-9a-f]{4}$")
+MEMBER: Final = re.compile(r"^([0-9a-f]{4})sub([0-9a-f]{1,2})$")
 _COMPACT: Final = re.compile(r"^([0-9a-f]{4})(name|value|denotation|objectlinks)$")
 _OTHER: Final = re.compile(
     r"^(fileinfo|deviceinfo|dummyusage|comments|devicecomm?issioning|dynamicchannels"
@@ -28,10 +183,10 @@ _OTHER: Final = re.compile(
 )
 _LISTS: Final = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
 
+LONGEST_NAME: Final = 241
 MAX_ENTRIES: Final = 32_768
 """Sub-indices of a device; a line with CompactSubObj makes 254."""
 
-Section = dict[str, str]
 _Kind = TypeVar("_Kind", DataType, ObjectType)
 
 
@@ -66,7 +221,7 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
     objects = [
         item
         for name in sections
-        if _OBJECT.match(name) and (item := reader.object(name)) is not None
+        if OBJECT.match(name) and (item := reader.object(name)) is not None
     ]
     if not objects:
         raise EDSError("the file has no objects")
@@ -79,14 +234,14 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
 
 
 class _Reader:
-    def __init__(self, sections: dict[str, Section], node_id: int, warnings: list[str]) -> None:
+    def __init__(self, sections: Sections, node_id: int, warnings: list[str]) -> None:
         self.sections = sections
         self.node_id = node_id
         self.warnings = warnings
         self.entries = 0
         self.members: dict[int, dict[int, str]] = {}
         for name in sections:
-            if found := _MEMBER.match(name):
+            if found := MEMBER.match(name):
                 subs = self.members.setdefault(int(found[1], 16), {})
                 subindex = int(found[2], 16)
                 if subindex in subs:
@@ -202,11 +357,11 @@ class _Reader:
     def warn_about_leftovers(self, known: set[int]) -> None:
         """Report what the file holds but the dictionary does not, and the other way round."""
         for name in self.sections:
-            found = _MEMBER.match(name) or _COMPACT.match(name)
+            found = MEMBER.match(name) or _COMPACT.match(name)
             if found is not None:
                 if int(found[1], 16) not in known:
                     self.warnings.append(f"[{name}] belongs to no object, ignored")
-            elif not _OBJECT.match(name) and not _OTHER.match(name):
+            elif not OBJECT.match(name) and not _OTHER.match(name):
                 self.warnings.append(f"section [{name}] is not known, ignored")
         listed = {
             self._integer(name, key)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from smarttac_can._faces import lazily
 
 if TYPE_CHECKING:
-    from smarttac_can.population.cases import CASES
-    from smarttac_can.population.fingers import draw_finger
+    from smarttac_can.population.fingers import CASES, draw_finger
     from smarttac_can.population.trial import Campaign, outcome_of
 
 __all__ = ["CASES", "Campaign", "draw_finger", "outcome_of"]
@@ -16,7 +15,7 @@ __all__ = ["CASES", "Campaign", "draw_finger", "outcome_of"]
 __getattr__ = lazily(
     __name__,
     {
-        "CASES": "cases",
+        "CASES": "fingers",
         "draw_finger": "fingers",
         "Campaign": "trial",
         "outcome_of": "trial",

@@ -181,7 +181,7 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def connect(**_: Any) -> Stimulator:
         bench = Stimulator.simulate()
-        command = importlib.import_module("smarttac_can.cli.record")
+        command = importlib.import_module("smarttac_can.cli.recording")
         monkeypatch.setattr(command, "sleep", lambda _: bench.run(0.05))
         return bench
 

@@ -6,9 +6,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from smarttac_can.campaign import cluster
-from smarttac_can.campaign.cluster import ClusterError
-from smarttac_can.campaign.runner import run_campaign
+from smarttac_can.campaign import runner
+from smarttac_can.campaign.runner import ClusterError, run_campaign
 from smarttac_can.population.trial import Campaign
 
 CAMPAIGN = Campaign(seed=5, dead_time=540e-6)
@@ -17,11 +16,11 @@ FINGERS = 40
 
 CLUSTER = """
 import sys
-from smarttac_can.campaign import chunk
+from smarttac_can.campaign import record
 from distributed import LocalCluster
 workers, lacking = int(sys.argv[1]), sys.argv[2:]
 if lacking:
-    chunk.can_compile = lambda: False
+    record.can_compile = lambda: False
 with LocalCluster(
     n_workers=workers, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=":0"
 ) as local:
@@ -76,6 +75,6 @@ def test_a_cluster_without_workers_is_one_error():
 
 
 def test_without_dask_it_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(cluster, "find_spec", lambda _: None)
+    monkeypatch.setattr(runner, "find_spec", lambda _: None)
     with pytest.raises(ClusterError, match=r"pip install 'smarttac-can\[dask\]'$"):
         run_campaign(CAMPAIGN, FINGERS, cluster="tcp://127.0.0.1:9")

@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from smarttac_can.campaign.chunk import COLUMNS
-from smarttac_can.campaign.folder import FILES, FINGERS, RESULTS, write_folder
+from smarttac_can.campaign.record import COLUMNS
 from smarttac_can.campaign.runner import Result
-from smarttac_can.campaign.summary import LIMIT_CYCLE, lines, summary
+from smarttac_can.campaign.summary import (
+    FILES,
+    FINGERS,
+    LIMIT_CYCLE,
+    RESULTS,
+    lines,
+    summary,
+    write_folder,
+)
 from smarttac_can.population.trial import Campaign
 
 CAMPAIGN = Campaign(seed=3, dead_time=540e-6)

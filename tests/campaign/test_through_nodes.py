@@ -6,10 +6,8 @@ import pytest
 from smarttac_can.bench import Mode, Stimulator
 from smarttac_can.nodes import simulated_plate
 from smarttac_can.plant.plate import Plate
-from smarttac_can.population.cases import CASES
-from smarttac_can.population.fingers import F0, TRAVEL, draw_finger
-from smarttac_can.population.outcome import outcome
-from smarttac_can.population.trial import Campaign, traces_of
+from smarttac_can.population.fingers import CASES, F0, TRAVEL, draw_finger
+from smarttac_can.population.trial import Campaign, outcome, traces_of
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
 
 CASE = CASES["nominal"]

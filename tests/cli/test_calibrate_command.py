@@ -1,7 +1,6 @@
 """``smarttac calibrate`` as a command, on a simulated plate that is pressed and pulled as told."""
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -79,7 +78,7 @@ def laboratory(monkeypatch: pytest.MonkeyPatch, scale: float) -> Iterator[Labora
     made = Laboratory(scale)
     monkeypatch.setattr(Stimulator, "connect", lambda **_: made.bench)
     monkeypatch.setattr(made.bench._link, "close", lambda: None)
-    monkeypatch.setattr(sys.modules["smarttac_can.cli.calibrate"], "_ask", made.do)
+    monkeypatch.setattr("smarttac_can.cli.bench._ask", made.do)
     yield made
 
 
@@ -241,7 +240,7 @@ def test_who_interrupts_is_told_that_nothing_is_kept(
             raise end
         laboratory.do(what)
 
-    monkeypatch.setattr(sys.modules["smarttac_can.cli.calibrate"], "_ask", leave)
+    monkeypatch.setattr("smarttac_can.cli.bench._ask", leave)
     result = calibrate(tmp_path, "--write")
     assert (result.exit_code, result.stderr) == (
         1,

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from smarttac_can.campaign import chunk, record, runner
+from smarttac_can.campaign import record, runner
 from smarttac_can.cli import main
 from smarttac_can.population import trial
 
 # The package shows the command under the name of its module.
-command = import_module("smarttac_can.cli.campaign")
+command = import_module("smarttac_can.cli.experiments")
 FEW = ("campaign", "--fingers", "4", "--dead-time", "auto", "--workers", "2")
 
 
@@ -110,7 +110,7 @@ def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: int, messag
 def test_without_numba_it_says_so_and_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     one = ("campaign", "--fingers", "1", "--json", "-")
     compiled_ = json.loads(run(*one).stdout)
-    for module in (command, chunk, runner):
+    for module in (command, record, runner):
         monkeypatch.setattr(module, "can_compile", lambda: False)
     monkeypatch.setattr(trial, "fastest", trial.plain)
     result = run(*one)
@@ -138,7 +138,7 @@ def test_it_goes_on_after_numba_was_installed(
     some = ("campaign", "--resume", str(rows), "--json", "-", "--fingers")
     whole = json.loads(run("campaign", "--fingers", "2", "--json", "-").stdout)
     with monkeypatch.context() as without:
-        for module in (command, chunk, runner, record):
+        for module in (command, record, runner):
             without.setattr(module, "can_compile", lambda: False)
         without.setattr(trial, "fastest", trial.plain)
         plain = json.loads(run(*some, "1").stdout)

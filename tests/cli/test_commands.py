@@ -5,13 +5,13 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 import pytest
 from click.testing import CliRunner, Result
+from commands_of import commands_of
 
 from smarttac_can import __version__
 from smarttac_can.bench.traces import read_csv, sha256
@@ -19,17 +19,8 @@ from smarttac_can.cli import main
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.summary import summary
 
-COMMANDS = sorted(main.commands)
+COMMANDS = sorted(main.list_commands(click.Context(main)))
 FIRST_RUN = Path(__file__).parents[2] / "docs" / "tutorial" / "first-run.md"
-
-
-def paths(group: click.Group, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Every command, those of groups by group and name."""
-    for name, command in sorted(group.commands.items()):
-        if isinstance(command, click.Group):
-            yield from paths(command, (*above, name))
-        else:
-            yield (*above, name)
 
 
 def run(*arguments: str | Path) -> Result:
@@ -65,7 +56,7 @@ def test_the_commands() -> None:
     assert all(f"\n  {command} " in listed for command in COMMANDS)
 
 
-@pytest.mark.parametrize("command", [(), *paths(main)], ids=" ".join)
+@pytest.mark.parametrize("command", [(), *(path for path, _ in commands_of(main))], ids=" ".join)
 @pytest.mark.parametrize("flag", ["-h", "--help"])
 def test_help_shows_an_example(command: tuple[str, ...], flag: str) -> None:
     text, example, shown = succeed(*command, flag).partition("Example")
@@ -318,3 +309,19 @@ def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(shown) == 3
     assert set(shown) <= set(result.stdout.splitlines())
     assert "dead time 0 us" in result.stdout
+
+
+def test_help_loads_no_bus_and_no_numbers() -> None:
+    """What it needs alone: the modules of the commands are loaded when one is called."""
+    look = "import sys; sys.argv[1:] = ['--help']; from smarttac_can.__main__ import run\n"
+    look += "try: run()\nexcept SystemExit: print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", look], stdout=subprocess.PIPE, text=True, check=True
+    )
+    loaded = done.stdout.splitlines()[-1].split()
+    assert not {"can", "canopen", "numpy", "matplotlib"} & set(loaded)
+
+
+def test_help_shows_the_commands_by_family() -> None:
+    titles = [line.strip(":") for line in succeed("--help").splitlines() if line[:1].isalpha()]
+    assert titles[1:] == ["Options", "Use", "Bench", "Commission", "Verify"]

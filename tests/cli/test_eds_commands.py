@@ -1,7 +1,6 @@
 """``smarttac eds``: results on stdout or in a file, and one line for what is wrong."""
 
 import json
-import sys
 from pathlib import Path
 
 import cantools
@@ -132,7 +131,7 @@ def test_dbc_of_our_nodes_alone_has_names_of_states_and_emergencies() -> None:
 
 
 def test_dbc_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["smarttac_can.cli.eds"], "find_spec", lambda name: None)
+    monkeypatch.setattr("smarttac_can.cli.commission.find_spec", lambda name: None)
     assert "pip install 'smarttac-can[dbc]'" in refusal("dbc", RICH)
 
 

@@ -17,7 +17,7 @@ import smarttac_can.bench
 from smarttac_can.bench import BenchError, FaultError, RefusedError, Stimulator
 from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.cli import main
-from smarttac_can.cli.plain_errors import plain_errors
+from smarttac_can.cli.shared import plain_errors
 from smarttac_can.vocabulary.faults import FaultKind
 
 NOWHERE = ("--interface", "nonsense")

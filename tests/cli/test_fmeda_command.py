@@ -50,8 +50,7 @@ def test_the_seed_draws_the_grid_as_well(
         grids.append((seed, fine))
         return [parse_cell(SOUND)]
 
-    # The package has the command of this name in the place of its module.
-    monkeypatch.setattr(sys.modules["smarttac_can.cli.fmeda"], "grid_cells", grid)
+    monkeypatch.setattr("smarttac_can.cli.trials.grid_cells", grid)
     assert "1 cells, 0 violations" in run("--seed", "7", *more).stdout
     assert grids == [asked]
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from nodes_on_a_bus import both, stimulator_with_plate
 
-from smarttac_can.cli.state_lines import StateLines
+from smarttac_can.cli.process import StateLines
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.reconnecting_bus import ReconnectingBus

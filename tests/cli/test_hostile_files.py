@@ -23,7 +23,10 @@ SLACK = MIB // 4
 GUARD_S = 60.0
 LIMITED = """
 import resource, sys
+import click
 from smarttac_can.cli import main
+
+main.get_command(click.Context(main), sys.argv[1])  # reads its modules
 
 def number(file, key):
     lines = open(f"/proc/self/{file}").read().splitlines()

@@ -12,7 +12,7 @@ SCRIPT = tomllib.loads(PROJECT.read_text())["project"]["scripts"]["smarttac"]
 MODULE, _, FUNCTION = SCRIPT.partition(":")
 
 
-@pytest.mark.parametrize("loaded", ["click", "numpy", "smarttac_can.cli.watch"])
+@pytest.mark.parametrize("loaded", ["click", "numpy", "smarttac_can.cli.bench"])
 @pytest.mark.parametrize(
     "start",
     [("-m", "smarttac_can"), ("-c", f"from {MODULE} import {FUNCTION}; {FUNCTION}()")],
@@ -28,7 +28,7 @@ def test_a_start_that_is_interrupted(start: tuple[str, str], loaded: str, tmp_pa
         "sys.meta_path.insert(0, Finder)\n"
     )
     done = subprocess.run(
-        [sys.executable, *start, "--version"],
+        [sys.executable, *start, "status", "--help"],
         env={"PYTHONPATH": f"{tmp_path}:{PROJECT.parent}"},
         capture_output=True,
         text=True,

@@ -185,7 +185,7 @@ def test_a_plate_that_is_not_there(multicast: dict[str, Any]) -> None:
 def test_a_loop_that_is_there_already(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.timing.loop_processes._QUIET_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.timing.loop_run._QUIET_S", GUARD_S)
     with can.Bus(**multicast) as bus:
         over = threading.Event()
 
@@ -219,7 +219,7 @@ def test_a_node_that_is_there_already(
     multicast: dict[str, Any],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("smarttac_can.timing.loop_processes._ANSWER_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
     with processes(multicast, command) as (node,):
         line = refusal(*options(multicast), *others)
         assert len(children()) == 1
@@ -233,7 +233,7 @@ def test_a_node_that_is_there_already(
 def test_a_node_that_is_stopped_is_known_by_its_heartbeat(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.timing.loop_processes._ANSWER_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
     with processes(multicast, "node"), can.Bus(**multicast) as bus:
         bus.send(can.Message(arbitration_id=0, data=[2, 32], is_extended_id=False))
         assert refusal(*options(multicast)).startswith("Error: a node 32 is on this bus already")

@@ -4,8 +4,8 @@ import pytest
 from click.testing import CliRunner
 
 from smarttac_can.cli import main, process
-from smarttac_can.cli.options import BusChoice
 from smarttac_can.cli.process import Pace
+from smarttac_can.cli.shared import BusChoice
 
 VIRTUAL = ("--interface", "virtual", "--channel", "pace")
 CURES = ["real time: one thing is refused", "real time: another is refused"]

@@ -19,7 +19,7 @@ from nodes_on_a_bus import GUARD_S, multicast_options, processes
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.recording_file import Summary
 from smarttac_can.cli import main
-from smarttac_can.cli.record import _lines
+from smarttac_can.cli.recording import _lines
 from smarttac_can.host.frame_log import RECORD, FrameLogReader
 
 

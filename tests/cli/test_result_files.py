@@ -1,15 +1,15 @@
 """No command replaces results without ``--force``, and no old ones stay beside new ones."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-import click
 import pytest
 from click.testing import CliRunner, Result
+from commands_of import commands_of
 
 from smarttac_can.cli import main
-from smarttac_can.cli.result_file import result_folder
+from smarttac_can.cli.shared import result_folder
 from smarttac_can.host.files import result_file
 
 CHANNEL = ("--interface", "virtual", "--channel", "results")
@@ -23,14 +23,6 @@ def run(*arguments: str | Path) -> Result:
 
 def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
-def commands(group: click.Group, above: tuple[str, ...] = ()) -> Iterator[click.Command]:
-    for command in group.commands.values():
-        if isinstance(command, click.Group):
-            yield from commands(command)
-        else:
-            yield command
 
 
 @pytest.fixture(autouse=True)
@@ -79,13 +71,13 @@ def test_a_file_with_results_is_kept(arguments: tuple[str | Path, ...], tmp_path
 def test_each_command_with_a_file_for_results_has_force_and_a_case_here() -> None:
     options = {
         f"{command.name} {parameter.opts[0]}"
-        for command in commands(main)
+        for _, command in commands_of(main)
         for parameter in command.params
         if parameter.opts[0] in ("--json", "--output", "--report", "--log", "--certificate")
     }
     with_force = {
         command.name
-        for command in commands(main)
+        for _, command in commands_of(main)
         if any(parameter.opts[0] == "--force" for parameter in command.params)
     }
     assert {name.partition(" ")[0] for name in options} <= with_force
@@ -202,9 +194,9 @@ def test_the_error_names_what_was_asked_for(
 
 
 INTERRUPTED = {
-    "reproduce": ("smarttac_can.cli.reproduction.run_reproduction", FOLDERS["reproduce --output"]),
-    "demo": ("smarttac_can.cli.reproduction.run_reproduction", FOLDERS["demo --output"]),
-    "campaign": ("smarttac_can.cli.campaign.run_campaign", FOLDERS["campaign --output"]),
+    "reproduce": ("smarttac_can.cli.experiments.run_reproduction", FOLDERS["reproduce --output"]),
+    "demo": ("smarttac_can.cli.experiments.run_reproduction", FOLDERS["demo --output"]),
+    "campaign": ("smarttac_can.cli.experiments.run_campaign", FOLDERS["campaign --output"]),
 }
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.cli.state_lines import StateLines
+from smarttac_can.cli.process import StateLines
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
 from smarttac_can.master import requests

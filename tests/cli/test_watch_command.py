@@ -138,8 +138,7 @@ def test_a_bus_that_cannot_be_opened_is_one_line() -> None:
 
 
 def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    command = sys.modules["smarttac_can.cli.watch"]  # the package has the command by that name
-    monkeypatch.setattr(command, "find_spec", lambda name: None)
+    monkeypatch.setattr("smarttac_can.cli.bench.find_spec", lambda name: None)
     said = (1, "Error: watch needs Textual: pip install 'smarttac-can[watch]'")
     assert refusal("--interface", "virtual") == said
 

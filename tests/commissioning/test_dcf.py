@@ -11,9 +11,8 @@ from canopen.objectdictionary.eds import import_eds
 
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.host.files import read_eds
-from smarttac_can.od.eds import load_eds
+from smarttac_can.od.eds import EDSError, load_eds
 from smarttac_can.od.eds_check import check_eds
-from smarttac_can.od.ini import EDSError
 
 RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text()
 

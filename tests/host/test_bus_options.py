@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from smarttac_can.bench.tapped_network import TappedNetwork
-from smarttac_can.cli.options import BusChoice
+from smarttac_can.cli.shared import BusChoice
 from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.timing.loop_processes import require_quiet
+from smarttac_can.timing.loop_run import require_quiet
 
 GROUP = {"interface": "udp_multicast", "channel": "239.74.163.3"}
 

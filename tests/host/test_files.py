@@ -18,6 +18,7 @@ import pytest
 from interrupts import interrupted
 
 from smarttac_can.bench import Trace, read_csv, write_csv
+from smarttac_can.cli.nodes import read_finger
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import files
@@ -35,7 +36,6 @@ from smarttac_can.host.files import (
     result_file,
     trouble,
 )
-from smarttac_can.host.finger_file import read_finger
 from smarttac_can.od.eds import load_eds
 
 SPARSE = 8 << 30

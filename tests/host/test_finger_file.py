@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.host.finger_file import read_finger
+from smarttac_can.cli.nodes import read_finger
 
-HEADER = "t_s,x_mm,Fn_N\n"
+FINGER_HEADER = "t_s,x_mm,Fn_N\n"
 
 
 def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "finger.csv"
-    path.write_text(f"{HEADER}0.5,-38,10\r\n1.5,38,0\r\n", encoding="utf-8-sig")
+    path.write_text(f"{FINGER_HEADER}0.5,-38,10\r\n1.5,38,0\r\n", encoding="utf-8-sig")
     assert read_finger(path).at(1.0) == pytest.approx((0.0, 5.0))
 
 
@@ -33,7 +33,7 @@ def test_what_is_wrong_is_named_by_line_in_the_units_of_the_file(
     rows: str, reason: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "finger.csv"
-    path.write_text(HEADER + rows)
+    path.write_text(FINGER_HEADER + rows)
     with pytest.raises(ValueError) as caught:
         read_finger(path)
     assert str(caught.value) == f"{path}: {reason}"

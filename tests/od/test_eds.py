@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from smarttac_can.od.cia import DataType, ObjectType
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.ini import EDSError
+from smarttac_can.od.eds import EDSError, load_eds
 from smarttac_can.od.units import ONE
 
 RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()

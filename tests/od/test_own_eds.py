@@ -7,8 +7,7 @@ import pytest
 
 from smarttac_can.od.cia import DataType, ObjectType
 from smarttac_can.od.data_types import SIGNED
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.ini import read_sections
+from smarttac_can.od.eds import load_eds, read_sections
 
 ROOT = Path(__file__).parents[2]
 FILES = [ROOT / "tests" / "eds" / "rich.eds", *sorted((ROOT / "eds").glob("*.eds"))]

@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 
 from smarttac_can.plant.friction import sliding_coefficient
-from smarttac_can.population.cases import CASES, Case
 from smarttac_can.population.fingers import (
+    CASES,
     F0,
     SPAN,
     STEP,
     W_LEAST,
     W_MOST,
+    Case,
     Lifting,
     draw_finger,
     stroke_of,

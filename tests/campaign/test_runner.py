@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from smarttac_can.campaign import runner
-from smarttac_can.campaign.chunk import COLUMNS, SIZE, chunks_of, run_chunk
-from smarttac_can.campaign.record import Record
+from smarttac_can.campaign.record import COLUMNS, SIZE, Record, chunks_of, run_chunk
 from smarttac_can.campaign.runner import run_campaign
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.trial import Campaign

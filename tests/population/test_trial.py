@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from smarttac_can.population.outcome import NO_STEP, Traces, outcome
+from smarttac_can.population.trial import NO_STEP, Traces, outcome
 
 LOW, HIGH = 0.3, 0.4
 PASS = 300

@@ -1,4 +1,4 @@
-"""The commands that break things on purpose: ``faults`` and ``soak``."""
+"""Commands that break things on purpose: ``faults``, ``soak``, ``hostile`` and ``fmeda``."""
 
 from __future__ import annotations
 
@@ -15,20 +15,35 @@ from click.core import ParameterSource
 
 from smarttac_can.audit import verify_rows
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.cli.options import FiniteRange, seed_option
-from smarttac_can.cli.plain_errors import naming, plain_errors
-from smarttac_can.cli.result_file import (
+from smarttac_can.cli.shared import (
+    FiniteRange,
     force_option,
     json_file_option,
+    naming,
     opened_results,
+    plain_errors,
     report_results,
     result_path,
+    seed_option,
 )
 from smarttac_can.host.files import read_bounded, result_file
 from smarttac_can.host.log_file import CandumpWriter, read_candump
 from smarttac_can.host.terminal import progress_bar
 from smarttac_can.trials.fault_cases import CASES, WAYS, cases
 from smarttac_can.trials.fault_matrix import HOLD_CYCLES, FaultRow, fault_matrix, rows_as_json
+from smarttac_can.trials.healthy_runs import HealthyRun, healthy_as_json, healthy_run
+from smarttac_can.trials.hostile import Hostile, HostileReport
+from smarttac_can.trials.sensor_sweep import (
+    Cell,
+    Result,
+    as_json,
+    grid_cells,
+    parse_cell,
+    random_cells,
+    run_all,
+    run_cell,
+    summary,
+)
 from smarttac_can.trials.soak import (
     CYCLES_PER_HOUR,
     SoakReport,
@@ -161,7 +176,7 @@ def faults(
             ):
                 rows.append(row)
                 progress(len(rows) / len(chosen))
-        report_results(rows_as_json(rows), map(_line, rows), results)
+        report_results(rows_as_json(rows), map(_row_line, rows), results)
     failed = [row for row in rows if not row.passed]
     if failed:
         raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
@@ -219,12 +234,12 @@ def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> N
                 jobs=jobs or os.cpu_count() or 1,
                 progress=progress,
             )
-        report_results(report.as_json(), [_summary(report)], results)
+        report_results(report.as_json(), [_soak_summary(report)], results)
     if not report.passed:
         raise click.ClickException(f"{report.violated} violated invariants")
 
 
-def _line(row: FaultRow) -> str:
+def _row_line(row: FaultRow) -> str:
     zero = "never at 0 V" if row.cycles_to_zero is None else f"0 V after {row.cycles_to_zero:4d}"
     verdict = "ok    " if row.passed else "FAILED"
     return (
@@ -235,7 +250,7 @@ def _line(row: FaultRow) -> str:
     )
 
 
-def _summary(report: SoakReport) -> str:
+def _soak_summary(report: SoakReport) -> str:
     laws = ", ".join(
         f"{kind} {law} {seconds:.0f} s"
         for kind, times in (
@@ -269,3 +284,176 @@ def _margins(margins: Table) -> Iterator[str]:
         cells = levels if what != "event" else ["event"]
         first = name if at else ""
         yield f"{first:<20}" + "".join(f"{cell:>21}" for cell in cells)
+
+
+@click.command(epilog="Example: smarttac hostile --actions 100000 --seed 7 --json hostile.json")
+@click.option("--actions", type=click.IntRange(min=1), required=True, help="Frames that are sent.")
+@seed_option("Seed of all that happens.")
+@json_file_option
+@force_option()
+def hostile(actions: int, seed: int, json_file: Path | None) -> None:
+    """Let a third node send anything to a driven pair, and check every cycle.
+
+    SDO requests, PDOs, SYNC, EMCY, heartbeats, NMT and garbage come at random, while a master arms
+    again and resets faults. The same seed and number give the same run.
+    """
+    with plain_errors(), ExitStack() as stack:
+        results = opened_results(stack, json_file)
+        with progress_bar("attacking") as progress:
+            report = Hostile(actions, seed, progress).run()
+        report_results(report.as_json(), [_attack_summary(report)], results)
+    if not report.passed:
+        raise click.ClickException(f"{report.violated} violations")
+
+
+def _attack_summary(report: HostileReport) -> str:
+    lines = [
+        f"seed {report.seed}: {sum(report.actions.values())} frames in {report.cycles} cycles, "
+        f"{report.wall_s:.0f} s",
+        *(f"{count:9d} {kind}" for kind, count in report.actions.items()),
+        f"running {100 * report.running_share:.1f} % of the cycles, "
+        f"{100 * report.running_share_alone:.1f} % of those without a double; a voltage in "
+        f"{100 * report.driven_share:.1f} %",
+        f"{report.resets} faults reset, {report.arms} times armed, {report.repairs} objects put "
+        "right by the master",
+        f"at most {report.peak_um:.2f} um and {report.peak_v:.2f} V, {report.violated} violations",
+        *report.violations,
+    ]
+    return "\n".join(lines)
+
+
+_WORST: Final = 20
+"""Violations that are printed."""
+
+
+def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) -> list[Cell]:
+    try:
+        return [parse_cell(text) for text in texts]
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from None
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac fmeda --json fmeda.json\n"
+    "  smarttac fmeda --random 5000 --seed 7 --workers 2\n"
+    "  smarttac fmeda --healthy 1000 --seed 3\n"
+    "  smarttac fmeda --cell failure=d:gain:0.05,mode=AMPLITUDE,detuning=-90"
+)
+@click.option(
+    "--coarse/--fine",
+    "coarse",
+    default=True,
+    show_default=True,
+    help="The sweep of a minute, or that of 20 minutes on two processors.",
+)
+@click.option(
+    "--random",
+    "random_",
+    type=click.IntRange(min=1),
+    help="Instead, so many cells that --seed draws from the continuous ranges.",
+)
+@click.option(
+    "--healthy",
+    type=click.IntRange(min=1),
+    help="Instead, so many runs without a failure: none may end in a fault that has no cause.",
+)
+@click.option(
+    "--cell",
+    "cells",
+    multiple=True,
+    callback=_cell,
+    metavar="NAME=VALUE,...",
+    help="Instead, this cell alone, as a line of the results names it; may be given again.",
+)
+@seed_option("Seed of the cells, or of the first healthy run.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Processes that share the work.",
+)
+@json_file_option
+@force_option()
+def fmeda(
+    *,
+    coarse: bool,
+    random_: int | None,
+    healthy: int | None,
+    cells: list[Cell],
+    seed: int,
+    workers: int,
+    json_file: Path | None,
+) -> None:
+    """Let one sensor fail in many ways, modes and set-points, and hold the plate to its bounds.
+
+    Shown are what ended the runs of each failure mode, and the worst true vibration of the plate
+    meanwhile. A cell beyond what is promised is a violation.
+    """
+    if sum((random_ is not None, healthy is not None, bool(cells))) > 1:
+        raise click.UsageError("--random, --healthy and --cell exclude each other")
+    with plain_errors(), ExitStack() as stack:
+        file = opened_results(stack, json_file)
+        with progress_bar("cells") as progress:
+            if healthy is not None:
+                seeds = range(seed, seed + healthy)
+                runs = list(run_all(healthy_run, seeds, workers=workers, progress=progress))
+            else:
+                if random_ is not None:
+                    cells = random_cells(random_, seed)
+                chosen = cells or grid_cells(seed, fine=not coarse)
+                results = list(run_all(run_cell, chosen, workers=workers, progress=progress))
+        if healthy is not None:
+            report_results(healthy_as_json(runs), _healthy_lines(runs), file)
+            bad, what = sum(run.false for run in runs), "healthy runs ended in a false trip"
+        else:
+            report_results(as_json(results), _sweep_lines(results), file)
+            bad, what = sum(bool(r.violation) for r in results), "cells break the promise"
+    if bad:
+        raise click.ClickException(f"{bad} {what}")
+
+
+def _sweep_lines(results: list[Result]) -> list[str]:
+    worst = sorted((r for r in results if r.violation), key=lambda r: -r.energy_J)
+    lines = []
+    for name, row in summary(results).items():
+        ended = ", ".join(
+            f"{n} {by}" for by, n in sorted(row["ended"].items(), key=lambda i: -i[1])
+        )
+        lines.append(
+            f"{name:<42} {row['cells']:5d} cells  {row['peak_um']:6.2f} um  "
+            f"{row['above']:5d} cycles  {row['energy_J']:7.3f} J  "
+            f"{row['violations']:4d} violations  {ended}"
+        )
+    if len(results) == 1:
+        lines = [f"{name}: {getattr(results[0], name)}" for name in Result.__slots__]
+    for result in worst[:_WORST] if len(results) > 1 else []:
+        lines.append(
+            f"{result.peak_um:.2f} um, {result.energy_J:.2f} J, {_ended(result)}: "
+            f"{result.violation}\n    smarttac fmeda --cell {result.cell}"
+        )
+    if len(worst) > _WORST:
+        lines.append(f"and {len(worst) - _WORST} more: --json has them all")
+    lines.append(f"{len(results)} cells, {len(worst)} violations")
+    return lines
+
+
+def _ended(result: Result) -> str:
+    return f"{result.ended_by} after {result.after}" if result.ended_by else "not ended"
+
+
+def _healthy_lines(runs: list[HealthyRun]) -> list[str]:
+    lines = [
+        f"{'FALSE' if run.false else 'true '} seed {run.seed}: {run.ended_by} after {run.after} "
+        f"cycles, {run.peak_um:.2f} um, {run.cause or 'no cause'}: {run.what}"
+        for run in sorted(runs, key=lambda run: run.false)
+        if run.ended_by
+    ]
+    cycles = sum(run.cycles for run in runs)
+    limited = sum(run.limited for run in runs)
+    lines.append(
+        f"{len(runs)} healthy runs, {len(lines)} of them ended in a fault, "
+        f"{sum(run.false for run in runs)} without a cause in the vibration of the plate; "
+        f"{100.0 * limited / cycles:.1f} % of the cycles limited"
+    )
+    return lines

@@ -1,22 +1,27 @@
-"""Options that several commands share: the bus and the node-ID."""
+"""What commands share: errors in one line, options of bus and node, files for results."""
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager, suppress
 from enum import IntEnum
 from functools import reduce, wraps
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any, Final, NamedTuple, TextIO
 
 import canopen
 import click
 
+from smarttac_can.bench.errors import in_shell_words
+from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.tapped_network import TappedNetwork
-from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.device.stored_image import begins_as_image
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import opening, unknown_options
@@ -26,9 +31,66 @@ from smarttac_can.host.files import (
     packaged_eds,
     read_bounded,
     reason,
+    result_file,
+    trouble,
 )
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import UNCONFIGURED
+from smarttac_can.od.eds import EDSError
+
+_LONGEST_LINE: Final = 500
+_MOST_WARNINGS: Final = 20
+
+
+@contextmanager
+def plain_errors(*others: type[Exception]) -> Iterator[None]:
+    """Turn the errors of bus, bench, EDS, files, killed processes and others into one line."""
+    plain: tuple[type[Exception], ...] = (BenchError, BusError, EDSError, *others)
+    try:
+        yield
+    except KeyboardInterrupt:  # that of a run is an error of the bench as well
+        raise
+    except plain as error:
+        texts = map(in_shell_words, (error, *getattr(error, "__notes__", ())))
+        raise click.ClickException(one_line("; ".join(filter(None, texts)))) from error
+    except BrokenProcessPool as error:
+        raise click.ClickException("a process that shared the work was killed") from error
+    except OSError as error:
+        raise click.ClickException(one_line(trouble(error))) from error
+
+
+@contextmanager
+def naming(file: str | Path, *others: type[Exception]) -> Iterator[None]:
+    """Put the name of the file in front of what is wrong with an EDS, or of other errors."""
+    wrong: tuple[type[Exception], ...] = (EDSError, *others)
+    try:
+        yield
+    except wrong as error:
+        raise click.ClickException(one_line(f"{file}: {error}")) from error
+
+
+def warn(file: str | Path, warnings: Sequence[str]) -> None:
+    """Say on stderr what is odd about a file; beyond 20 lines only how many more there are."""
+    for warning in warnings[:_MOST_WARNINGS]:
+        click.echo(one_line(f"{file}: {warning}"), err=True)
+    if more := len(warnings[_MOST_WARNINGS:]):
+        click.echo(one_line(f"{file}: {more} more warnings"), err=True)
+
+
+def need_matplotlib() -> None:
+    """Refuse a command that draws, before its work begins, if matplotlib is missing."""
+    with plain_errors():
+        require_matplotlib()
+
+
+def one_line(text: object) -> str:
+    """Make a line of at most 500 characters that a terminal only shows, whatever a file holds."""
+    line = " ".join(str(text).split())
+    if len(line) > _LONGEST_LINE:
+        line = f"{line[:_LONGEST_LINE]}..."
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
+
 
 Command = Callable[..., Any]
 
@@ -75,6 +137,13 @@ timeout_option = click.option(
     default=0.5,
     show_default=True,
     help="Longest wait for an answer in s.",
+)
+
+
+lockstep_option = click.option(
+    "--lockstep",
+    is_flag=True,
+    help="Let SYNC be the only clock: for simulated time at any pace.",
 )
 
 
@@ -285,3 +354,146 @@ stimulator_options = with_options(
     click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node."),
 )
 """Options of a command that reaches a stimulator: those of the bus, and who is asked there."""
+
+# Files and folders for results: nothing that is there is replaced without ``--force``.
+#
+# What would be replaced is refused before the work begins. New results take the place of old ones
+# when all of them are written, so that a run that fails leaves the old ones as they were.
+
+
+_FORCE: Final = f"{__name__}.force"
+_MOST_NAMED: Final = 3
+
+
+class _ResultPath(click.Path):
+    """Path for results, refused if it holds something, unless ``--force`` was given."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path; refuse one that holds something."""
+        path = super().convert(value, param, ctx)
+        assert isinstance(path, Path)
+        if ctx is not None and not ctx.meta.get(_FORCE) and (held := _held(path)):
+            raise click.ClickException(held)
+        return path
+
+
+def _held(path: Path) -> str:
+    """Say what a path holds that results would replace; empty for nothing, and for a device."""
+    if path.is_dir():
+        # What is hidden is not the work of a person: .gitkeep, .DS_Store.
+        names = sorted(file.name for file in path.iterdir() if not file.name.startswith("."))
+        if not names:
+            return ""
+        more = [f"{len(names) - _MOST_NAMED} more"] if len(names) > _MOST_NAMED else []
+        listed = ", ".join([*names[:_MOST_NAMED], *more])
+        return (
+            f"the folder {path} is not empty ({listed}): choose another folder, or replace older "
+            "results in it with --force"
+        )
+    if path.is_file() and path.stat().st_size:
+        return f"{path} exists: choose another file, or replace it with --force"
+    return ""
+
+
+def _take_force(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    ctx.meta[_FORCE] = value
+
+
+def force_option(text: str = "Replace older results.") -> Callable[[Command], Command]:
+    """Option that lets older results be replaced, with this help; the command is not told of it."""
+    return click.option(
+        "--force", is_flag=True, is_eager=True, expose_value=False, callback=_take_force, help=text
+    )
+
+
+result_path = _ResultPath(dir_okay=False, writable=True, path_type=Path)
+"""Parameter type of a file for results; the command needs a `force_option`."""
+result_folder_path = _ResultPath(file_okay=False, path_type=Path)
+"""The same for a folder."""
+json_file_option = click.option(
+    "--json",
+    "json_file",
+    type=result_path,
+    help="File for the results; - is stdout.",
+)
+json_option = click.option(
+    "--json",
+    "json_file",
+    type=result_path,
+    is_flag=False,
+    flag_value="-",
+    help="File for the results; - is stdout, and so is none.",
+)
+"""The same for a command whose results are all that it prints."""
+
+
+def opened_results(stack: ExitStack, json_file: Path | None) -> TextIO | None:
+    """Open the file for the results before the run; None for none."""
+    if json_file is None:
+        return None
+    if json_file == Path("-"):
+        return sys.stdout
+    return stack.enter_context(result_file(json_file))
+
+
+def report_results(results: object, lines: Iterable[str], file: TextIO | None) -> None:
+    """Write results to their file, and lines to stdout unless it has the results."""
+    if file is not None:
+        click.echo(json.dumps(results, indent=2), file)
+    if file is not sys.stdout and (text := "\n".join(lines)):
+        click.echo(text)
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder if there is none; if nothing is in it after the block, it is gone again."""
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        if new:
+            with suppress(OSError):  # it has results
+                folder.rmdir()
+
+
+@contextmanager
+def result_folder(folder: Path, names: Iterable[str]) -> Iterator[Path]:
+    """Give an empty folder whose files take the place of old results when all of them are there.
+
+    Parameters
+    ----------
+    folder
+        Where they are to be; made if it does not exist.
+    names
+        Of all files that such results may have: old ones that were not made anew are removed.
+        Files of other names stay.
+
+    Yields
+    ------
+    Path
+        A folder inside it, where the results are to be written.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    with ExitStack() as stack:
+        stack.enter_context(_made(folder))
+        try:
+            part = stack.enter_context(TemporaryDirectory(prefix=".part-", dir=folder))
+        except OSError as error:
+            error.filename = str(folder)
+            raise
+        try:
+            yield Path(part)
+        except OSError as error:
+            if error.errno and error.filename is None:  # as on a full disk
+                error.filename = str(folder)
+            raise
+        made = list(Path(part).iterdir())
+        for name in {*names} - {file.name for file in made}:
+            (folder / name).unlink(missing_ok=True)
+        for file in made:
+            file.replace(folder / file.name)

@@ -1,0 +1,562 @@
+"""Commands at a stimulator: ``status``, ``reset``, ``watch``, ``selftest`` and ``calibrate``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
+from functools import partial
+from importlib.util import find_spec
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import canopen
+import click
+import numpy as np
+
+from smarttac_can import __version__
+from smarttac_can.bench import FaultError, State, Stimulator, plate_od, stimulator_od
+from smarttac_can.bench.bench_heartbeat import bench_id
+from smarttac_can.bench.calibration import (
+    POSITIONS,
+    Calibration,
+    require_two_directions,
+    write_calibration,
+)
+from smarttac_can.bench.errors import in_shell_words
+from smarttac_can.bench.gauge_samples import mean_gauges, weigh
+from smarttac_can.bench.remote_device import RemoteDevice
+from smarttac_can.bench.self_test import Check
+from smarttac_can.bench.self_test import selftest as judge
+from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
+from smarttac_can.cli.shared import (
+    OLD_FILE,
+    BusChoice,
+    FiniteRange,
+    closing_network,
+    force_option,
+    json_file_option,
+    json_option,
+    lockstep_option,
+    naming,
+    one_line,
+    opened_results,
+    plain_errors,
+    report_results,
+    result_path,
+    stimulator_options,
+    timeout_option,
+)
+from smarttac_can.commissioning.node_ids import wait_until
+from smarttac_can.commissioning.scan import STATES, UNKNOWN
+from smarttac_can.host.files import result_file
+from smarttac_can.master.errors import BenchError
+from smarttac_can.nodes.lock import watched_node
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_ID,
+    PDO_COB_ID,
+    RPDO_COMMUNICATION,
+    TPDO_IDS,
+)
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.objects import LIFTED
+from smarttac_can.vocabulary.states import Status, known_state
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, level, watchdogs_in
+from smarttac_can.watch.listener import Listener
+from smarttac_can.watch.watcher import Watcher
+
+_HEARTBEATS_WAITED: Final = 1.5
+_LONGEST_WATCH_S: Final = 2.0
+_STATUS: Final = sum(Status)
+_LEVELS: Final = (
+    ("voltage", "Vibration.Voltage", "Limit.Voltage", "V"),
+    ("amplitude", "Vibration.Amplitude", "Limit.Amplitude trip", "um"),
+    ("temperature", "Plate temperature", "Limit.Temperature", "degC"),
+    ("normal force", "Contact.Normal force", "Limit.Normal force", "N"),
+    ("lateral force", "Contact.Tangential force", "Limit.Lateral force", "N"),
+)
+"""What is measured, by its name here and there, with the limit at which it is a fault."""
+
+
+class _Watch(NamedTuple):
+    """A node whose heartbeat a stimulator watches."""
+
+    node_id: int
+    entry: int
+    """Sub-index of its entry."""
+    bench: bool
+    """Whether it is that of bench scripts."""
+    seconds: float
+    """How long it may be silent."""
+    heard: bool = False
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac status --interface socketcan --channel can0\n"
+    "  smarttac status --interface socketcan --channel can0 --json | jq .state"
+)
+@stimulator_options
+@timeout_option
+@json_option
+@force_option()
+def status(
+    *,
+    bus: BusChoice,
+    node_id: int,
+    plate_node: int | None,
+    timeout: float,
+    json_file: Path | None,
+) -> None:
+    """Say how a stimulator is: NMT, state, faults, message, who drives, how near its limits it is.
+
+    It only asks: nothing is started, and whoever drives goes on. The exit code is 0 also for a
+    stimulator in FAULT.
+    """
+    with plain_errors(), ExitStack() as stack:
+        results = opened_results(stack, json_file)
+        with closing_network(bus) as network:
+            said = _asked(network, bus.where, node_id, plate_node, timeout)
+        report_results(said, _lines(said), results)
+
+
+@click.command(epilog="\b\nExample:\n  smarttac reset --interface socketcan --channel can0")
+@stimulator_options
+@timeout_option
+@lockstep_option
+def reset(
+    *, bus: BusChoice, node_id: int, plate_node: int | None, timeout: float, lockstep: bool
+) -> None:
+    """Reset the latched fault of a stimulator; 1 if its cause is still there.
+
+    It starts the nodes, and is refused while another bench drives. Without a fault nothing is done.
+    """
+    with (
+        plain_errors(),
+        _cure_of_silence(bus, node_id, plate_node, timeout),
+        Stimulator.connect(
+            node_id=node_id,
+            plate_node_id=plate_node,
+            timeout=timeout,
+            lockstep=lockstep,
+            **bus.options,
+        ) as stimulator,
+    ):
+        state = stimulator.state
+        if state is not State.FAULT:
+            click.echo(f"stimulator {node_id} has no fault: its state is {_plain(state)}")
+            return
+        why = stimulator.message
+        stimulator.reset_fault()
+        click.echo(one_line(f"stimulator {node_id} is reset ({why}): {_plain(stimulator.state)}"))
+
+
+@contextmanager
+def _cure_of_silence(
+    bus: BusChoice, node_id: int, plate_node: int | None, timeout: float
+) -> Iterator[None]:
+    """Name the node whose lost heartbeat refuses a reset, and what to do, in the error's notes."""
+    try:
+        yield
+    except FaultError as error:
+        if WATCHDOGS[Watchdog.HEARTBEAT].text in str(error):
+            with closing_network(bus) as network:
+                device = RemoteDevice(network, stimulator_od(node_id), bus.where, timeout)
+                for watch in _watches(network, device, plate_node or _plate_of(device)):
+                    if not watch.heard:
+                        error.add_note(
+                            f"node {watch.node_id} is watched but not heard: start it again, or "
+                            f"write 0 to {HEARTBEAT_CONSUMER:X}h sub-index {watch.entry} of node "
+                            f"{node_id}, or reset node {node_id} (NMT)"
+                        )
+        raise
+
+
+def _plain(state: State) -> str:
+    return state.name.lower().replace("_", " ")
+
+
+def _asked(
+    network: canopen.Network, where: str, node_id: int, plate_node: int | None, timeout: float
+) -> dict[str, Any]:
+    """Ask a stimulator, and listen for the heartbeats of those that it watches."""
+    device = RemoteDevice(network, stimulator_od(node_id), where, timeout)
+    plate_id = plate_node or _plate_of(device)
+    plate = None if plate_id is None else RemoteDevice(network, plate_od(plate_id), where, timeout)
+    return {
+        "bus": where,
+        "node_id": node_id,
+        "nmt": _nmt(device),
+        "plate": None if plate is None else {"node_id": plate_id, "nmt": _nmt(plate)},
+        **_state(device),
+        "levels": _levels(device),
+        "driven_by": [
+            {"node_id": watch.node_id, "bench": watch.bench, "heard": watch.heard}
+            for watch in _watches(network, device, plate_id)
+        ],
+    }
+
+
+def _plate_of(device: RemoteDevice) -> int | None:
+    """Return the node-ID of the plate that a stimulator is linked to; None if it is inside."""
+    first = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[0] - 1
+    cob_id = int(device.read(device.od.entry(first, PDO_COB_ID)))
+    plate = (cob_id & CAN_ID_MASK) - TPDO_IDS[0]
+    return plate if not cob_id & COB_INVALID and 1 <= plate <= CAN_ID_MASK >> 4 else None
+
+
+def _watches(network: canopen.Network, device: RemoteDevice, plate_id: int | None) -> list[_Watch]:
+    """Return the nodes that a stimulator watches beside its plate, and listen for each of them."""
+    heard: set[int] = set()
+
+    def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
+        heard.add(can_id - HEARTBEAT_ID)
+
+    watches = [watch for watch in _entered(device) if watch.node_id != plate_id]
+    for watch in watches:
+        network.subscribe(HEARTBEAT_ID + watch.node_id, hear)
+    longest = max((watch.seconds for watch in watches), default=0.0)
+    wait_until(
+        lambda: heard.issuperset(watch.node_id for watch in watches),
+        min(longest, _LONGEST_WATCH_S),
+    )
+    return [watch._replace(heard=watch.node_id in heard) for watch in watches]
+
+
+def _entered(device: RemoteDevice) -> Iterator[_Watch]:
+    own = device.od.node_id
+    for subindex, entry in device.od.objects[HEARTBEAT_CONSUMER].entries.items():
+        if subindex:
+            value = int(device.read(entry))
+            if node_id := watched_node(value):
+                is_bench = node_id == bench_id(own)
+                yield _Watch(node_id, subindex, is_bench, (value & 0xFFFF) * 1e-3)
+
+
+def _nmt(device: RemoteDevice) -> str:
+    """Wait for a heartbeat, and return the NMT state in it."""
+    wait_until(lambda: device.heartbeat_at is not None, _HEARTBEATS_WAITED * device.heartbeat_s)
+    return STATES.get(device.state, UNKNOWN) if device.heartbeat_at is not None else UNKNOWN
+
+
+def _state(device: RemoteDevice) -> dict[str, Any]:
+    od = device.od
+    word = int(device.read(od["Statusword"]))
+    state = known_state(word)
+    if state is None:
+        raise BenchError(f"node {od.node_id} has a statusword of {word:04X}h, which no state has")
+    return {
+        "state": state.name.lower(),
+        "mode": Mode(device.read(od["Mode display"])).name.lower(),
+        "flags": [bit.name.lower() for bit in Status(word & _STATUS) if bit.name],
+        "message": str(device.read(od["Message"])),
+        "latched": _faults(device, "Diagnosis.Latched"),
+        "present": _faults(device, "Diagnosis.Present"),
+    }
+
+
+def _faults(device: RemoteDevice, name: str) -> list[dict[str, Any]]:
+    watchdogs = watchdogs_in(int(device.read(device.od[name])))
+    return [{"code": int(WATCHDOGS[w].code), "text": WATCHDOGS[w].text} for w in watchdogs]
+
+
+def _levels(device: RemoteDevice) -> dict[str, Any]:
+    def number(name: str, unit: str) -> float:
+        entry = device.od[name]
+        return float(entry.unit.times(device.read(entry), unit))
+
+    levels = {}
+    for name, measured, bound, unit in _LEVELS:
+        value, limit = number(measured, unit), number(bound, unit)
+        share = round(level(abs(value), limit), 3) if limit else None
+        levels[name] = {"value": value, "limit": limit, "unit": unit, "level": share}
+    return levels
+
+
+def _lines(said: dict[str, Any]) -> Iterator[str]:
+    plate = said["plate"]
+    nodes = [f"stimulator {said['node_id']} {_heard(said['nmt'])}"]
+    if plate is not None:
+        nodes.append(f"plate {plate['node_id']} {_heard(plate['nmt'])}")
+    yield _named("nodes", f"{', '.join(nodes)}, on {said['bus']}")
+    flags = f" ({', '.join(said['flags'])})" if said["flags"] else ""
+    yield _named("state", f"{said['state'].replace('_', ' ')}, mode {said['mode']}{flags}")
+    for fault in said["latched"]:
+        gone = "" if fault in said["present"] else "; no longer present: smarttac reset"
+        yield _named("fault", f"{fault['code']:04X}h {fault['text']}{gone}")
+    for fault in said["present"]:
+        if fault not in said["latched"]:
+            yield _named("present", f"{fault['code']:04X}h {fault['text']}, not latched")
+    if said["message"]:
+        yield _named("message", said["message"])
+    yield _named("driven by", _drivers(said))
+    if "live" not in said["flags"]:
+        yield _named("no cycle comes", "what follows is of the last one, or of none")
+    for name, now in said["levels"].items():
+        share = "" if now["level"] is None else f", {now['level']:.0%}"
+        yield _named(name, f"{now['value']:g} of {now['limit']:g} {now['unit']}{share}")
+
+
+def _heard(nmt: str) -> str:
+    return "in a state that no heartbeat tells" if nmt == UNKNOWN else nmt
+
+
+def _named(name: str, text: str) -> str:
+    return f"{name:<15}{one_line(text)}"
+
+
+def _drivers(said: dict[str, Any]) -> str:
+    there = [
+        f"{'a bench script' if who['bench'] else 'a master'}, heartbeat of node {who['node_id']}"
+        for who in said["driven_by"]
+        if who["heard"]
+    ]
+    silent = [str(who["node_id"]) for who in said["driven_by"] if not who["heard"]]
+    if not there:
+        drives = said["state"] in ("armed", "running")
+        there = ["somebody whose heartbeat is not watched" if drives else "nobody"]
+    if silent:
+        there.append(f"node {' and '.join(silent)} watched but not heard")
+    return "; ".join(there)
+
+
+_BIT_RATE: Final = 1_000_000
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac watch --interface socketcan --channel can0\n"
+    "  smarttac watch --interface socketcan --channel can0 --plate-node 33 --drive"
+)
+@stimulator_options
+@click.option("--drive", is_flag=True, help="Start the nodes, and take set-points and a stop key.")
+@click.option(
+    "--no-sdo",
+    is_flag=True,
+    help="Send nothing at all: set-points, counts and latched faults are not shown.",
+)
+def watch(
+    *, bus: BusChoice, node_id: int, plate_node: int | None, drive: bool, no_sdo: bool
+) -> None:
+    """Show a stimulator live in the terminal: friction, drive, state, faults, counts and bus.
+
+    It listens to what the nodes publish, and reads by SDO, seldom and one object at a time, what
+    they do not. With --drive it is a bench of its own, watched by its heartbeat: Esc disarms.
+    """
+    if drive and no_sdo:
+        raise click.UsageError("--drive writes by SDO: leave out --no-sdo")
+    if find_spec("textual") is None:
+        raise click.ClickException("watch needs Textual: pip install 'smarttac-can[watch]'")
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise click.ClickException("watch needs a terminal; for a file, take a log of the bus")
+    from smarttac_can.watch.screen import WatchScreen  # noqa: PLC0415 - Textual is an extra
+
+    with plain_errors(), ExitStack() as stack:
+        watcher = Watcher(
+            stimulator_od(node_id),
+            None if plate_node is None else plate_od(plate_node),
+            bit_rate=bus.bitrate or _BIT_RATE,
+            reads=not no_sdo,
+        )
+        listener = stack.enter_context(Listener(bus.open))
+        stimulator = None
+        if drive:
+            stimulator = Stimulator.connect(
+                node_id=node_id, plate_node_id=plate_node, **bus.options
+            )
+            stack.enter_context(stimulator)
+        WatchScreen(watcher, listener, bus.where, stimulator).run()
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac selftest --interface socketcan --channel can0\n"
+    "  smarttac selftest --interface socketcan --channel can0 --plate-node 33 --json selftest.json"
+)
+@stimulator_options
+@lockstep_option
+@json_file_option
+@force_option()
+def selftest(
+    *,
+    bus: BusChoice,
+    node_id: int,
+    plate_node: int | None,
+    lockstep: bool,
+    json_file: Path | None,
+) -> None:
+    """Judge timing, gauges, pick-up and resonance of a stimulator; 1 if a check fails.
+
+    Nothing may rest on the plate: it vibrates with 0.5 um at most, and is left at 0 V on every way
+    out, Ctrl-C included. Checks are told on stderr as they are made.
+    """
+    with plain_errors(), ExitStack() as stack:
+        file = opened_results(stack, json_file)
+        stimulator = stack.enter_context(
+            Stimulator.connect(
+                node_id=node_id, plate_node_id=plate_node, lockstep=lockstep, **bus.options
+            )
+        )
+        serial = round(stimulator.get("Calibration.Plate serial number"))
+        checks = judge(stimulator, lambda check: click.echo(_check_line(check), err=True))
+        failed = [check for check in checks if not check.passed]
+        results = {
+            "version": __version__,
+            "node_id": node_id,
+            "plate_serial_number": serial,
+            "passed": not failed,
+            "checks": [check.as_json() for check in checks],
+        }
+        report_results(results, [_verdict(checks, failed)], file)
+    if failed:
+        raise click.exceptions.Exit(1)
+
+
+def _verdict(checks: list[Check], failed: list[Check]) -> str:
+    if not failed:
+        return f"passed: {len(checks)} checks"
+    names = ", ".join(check.name for check in failed)
+    return f"FAILED: {len(failed)} of {len(checks)} checks: {names}"
+
+
+def _check_line(check: Check) -> str:
+    verdict = "ok    " if check.passed else "FAILED"
+    if check.value is None:
+        return one_line(f"{verdict}  {check.name}: {in_shell_words(check.text)}")
+    low, high = (f"{bound:g}" if isfinite(bound) else "" for bound in (check.low, check.high))
+    limits = low if low == high else f"{low}..{high}"
+    return f"{verdict}  {check.name:<28} {check.value:>10.6g} {check.unit:<5} ({limits})"
+
+
+_LEVEL: Final = Placing(0.0, 0.0, 0.0, 0.0)
+
+
+@click.command(
+    epilog="\b\nExample:\n  smarttac calibrate weights.csv --certificate plate-1.json"
+    " --interface socketcan --channel can0 --write"
+)
+@click.argument("plan", type=OLD_FILE)
+@click.option("--certificate", type=result_path, required=True, help="JSON file for the results.")
+@force_option()
+@stimulator_options
+@click.option(
+    "--gravity",
+    type=FiniteRange(9.7, 9.9),
+    default=STANDARD_GRAVITY,
+    show_default=True,
+    help="At the place of the weighings in m/s^2.",
+)
+@click.option(
+    "--rehearse",
+    is_flag=True,
+    help="Have a simulated plate put the weights on by itself; nothing is asked.",
+)
+@lockstep_option
+@click.option("--write", is_flag=True, help="Set the calibration in the stimulator, and tare.")
+def calibrate(
+    *,
+    plan: Path,
+    certificate: Path,
+    bus: BusChoice,
+    node_id: int,
+    plate_node: int | None,
+    gravity: float,
+    rehearse: bool,
+    lockstep: bool,
+    write: bool,
+) -> None:
+    """Calibrate the tribometer by the weights of PLAN, asking for one after the other.
+
+    PLAN is CSV with mass_g,angle_deg,azimuth_deg,x_mm: a weight, the tilt of the plate, the
+    direction in which it falls (0 along x, 90 along y), and where the weight is. A fit that leaves
+    too much ends with 1, and changes nothing in the stimulator; the certificate says what.
+    """
+    _refuse_the_plan(certificate, plan)
+    with plain_errors(), ExitStack() as stack:
+        with plain_errors(ValueError):
+            placings = read_plan(plan)
+            with naming(plan, ValueError):
+                require_two_directions(placings)
+        file = stack.enter_context(result_file(certificate))
+        stimulator = stack.enter_context(
+            Stimulator.connect(
+                node_id=node_id, plate_node_id=plate_node, lockstep=lockstep, **bus.options
+            )
+        )
+        stimulator.claim()
+        before = [stimulator.get(f"Calibration.{name}", "mm") for name in POSITIONS]
+        weighings: list[Weighing] = []
+
+        def do(placing: Placing, number: str = "") -> None:
+            text = f"{number}{placing}"
+            if rehearse:
+                click.echo(text, err=True)
+                stimulator.finger.put(placing, gravity)
+            else:
+                _ask(text)
+
+        try:
+            if rehearse and stimulator.get("Finger.Motion") != LIFTED:
+                stimulator.finger.lift()
+                stimulator.start_run()
+            for number, placing in enumerate(placings, 1):
+                weighings.append(weigh(stimulator, placing, partial(do, number=f"{number}: ")))
+            do(_LEVEL)
+            nulls = mean_gauges(stimulator)
+        except (click.Abort, KeyboardInterrupt) as error:
+            raise click.ClickException(
+                f"interrupted after {len(weighings)} of {len(placings)} weighings: none is kept, "
+                "and nothing was set in the stimulator"
+            ) from error
+        with plain_errors(ValueError):
+            calibration = Calibration.fit(weighings, before, gravity)
+        results: dict[str, Any] = {
+            "version": __version__,
+            "time": datetime.now(UTC).isoformat(timespec="seconds"),
+            "plate_serial_number": round(stimulator.get("Calibration.Plate serial number")),
+            "temperature_degC": stimulator.get("Plate temperature", "degC"),
+            "gravity_m_s2": gravity,
+            "weighings": [weighing.as_json() for weighing in weighings],
+            "nulls_mN": [round(float(null) * 1e3, 3) for null in nulls],
+            "calibration": calibration.as_json(),
+            "written": {},
+        }
+        shortcomings = calibration.shortcomings()
+        if write and not shortcomings:
+            results["written"] = write_calibration(stimulator, calibration, nulls)
+            stimulator.tare()
+        file.write(json.dumps(results, indent=2) + "\n")
+        _tell(calibration)
+    if shortcomings:
+        raise click.ClickException(
+            one_line(f"not to be used: {'; '.join(shortcomings)}; {certificate} has all of it")
+        )
+
+
+def _refuse_the_plan(certificate: Path, plan: Path) -> None:
+    """Refuse to write over the plan, under whatever name, also while the certificate is made."""
+    for path in (
+        certificate,
+        certificate.resolve().with_name(f"{certificate.resolve().name}.part"),
+    ):
+        if path.exists() and path.samefile(plan):
+            raise click.UsageError(f"--certificate {certificate} would take the place of the plan")
+
+
+def _ask(what: str) -> None:
+    click.prompt(f"{what}; Enter", default="", show_default=False, prompt_suffix=" ", err=True)
+
+
+def _tell(calibration: Calibration) -> None:
+    od = stimulator_od()
+    for name, value in calibration.objects().items():
+        click.echo(f"{name}: {value:.4f} {od[name].unit.symbol}".rstrip())
+    names = (("Fx", "N"), ("Fy", "N"), ("Fn", "N"), ("x", "mm"))
+    for (name, unit), rms in zip(names, calibration.rms, strict=True):
+        if not np.isnan(rms):
+            click.echo(f"residual of {name}: {rms:.4f} {unit} rms")
+    click.echo(f"S3 to S6 show {calibration.scale:.4f} of the weights")

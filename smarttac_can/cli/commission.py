@@ -1,0 +1,474 @@
+"""Commands for any CANopen device: ``scan``, ``lss``, ``eds`` and ``conform``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
+from datetime import datetime
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TypeVar
+
+import click
+
+from smarttac_can.cli.shared import (
+    EDS_FILE,
+    NODE_ID,
+    OLD_FILE,
+    SECONDS,
+    BusChoice,
+    bus_options,
+    closing_network,
+    force_option,
+    json_file_option,
+    json_option,
+    naming,
+    one_line,
+    opened_results,
+    plain_errors,
+    report_results,
+    result_path,
+    timeout_option,
+)
+from smarttac_can.commissioning.dcf import make_dcf
+from smarttac_can.commissioning.node_ids import Identity, assign_node_id
+from smarttac_can.commissioning.scan import FoundDevice, compare_reads
+from smarttac_can.commissioning.scan import scan as scan_bus
+from smarttac_can.conformance.case import Case, DeviceDescription, Failure
+from smarttac_can.conformance.examiner import Examiner
+from smarttac_can.conformance.general import differences
+from smarttac_can.conformance.run import CASES, as_json, failed, line, markdown, run_cases, summary
+from smarttac_can.host.files import (
+    MAX_EDS_BYTES,
+    read_bounded,
+    read_eds,
+    read_eds_file,
+    result_file,
+)
+from smarttac_can.master.errors import NodeNotFoundError
+from smarttac_can.od.cia import IDENTITY
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import load_eds, read_sections
+from smarttac_can.od.eds_check import check_eds, shown
+from smarttac_can.od.object_reference import LEGEND, object_reference
+from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
+
+PACKAGED = ("stimulator.eds", "plate.eds")
+_HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "EDS")
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac scan --interface socketcan --channel can0\n"
+    "  smarttac scan --interface socketcan --channel can0 --eds drive.eds --json"
+)
+@bus_options
+@timeout_option
+@click.option(
+    "--eds",
+    "eds_files",
+    multiple=True,
+    type=OLD_FILE,
+    help="Compare with this EDS, too.",
+)
+@json_option
+@force_option()
+def scan(
+    bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], json_file: Path | None
+) -> None:
+    """List the devices on a bus with state, identity and the EDS that describes them.
+
+    Devices with a node-ID are found by SDO and heartbeat, those without one by LSS fastscan. A
+    node-ID of two devices is an error, exit code 1, and named on stderr.
+    """
+    with plain_errors(), ExitStack() as stack:
+        results = opened_results(stack, json_file)
+        texts = {name: read_eds(name) for name in PACKAGED}
+        texts |= {str(path): read_eds_file(path) for path in eds_files}
+        known = {name: _load(name, text) for name, text in texts.items()}
+        with closing_network(bus) as network:
+            found = scan_bus(network, known, timeout)
+        lines = _lines(found) if found else []
+        report_results([_row(device) for device in found], lines, results)
+    if not found:
+        raise click.ClickException(f"no device answers on {bus.where}")
+    doubled = [device.node_id for device in found if device.doubled]
+    for node_id in doubled:
+        click.echo(
+            f"node {node_id}: more than one device has this node-ID, and the row is of either; "
+            "give one of them another by LSS or --node-id",
+            err=True,
+        )
+    if doubled:
+        raise SystemExit(1)
+
+
+def _lines(found: list[FoundDevice]) -> Iterator[str]:
+    lines = [_HEAD, *(_cells(device) for device in found)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for cells in lines:
+        padded = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
+        yield "  ".join(padded).rstrip()
+
+
+def _load(name: str, text: str) -> ObjectDictionary:
+    with naming(name):
+        return load_eds(text, 1)
+
+
+def _row(device: FoundDevice) -> dict[str, object]:
+    identity = None if device.identity is None else device.identity._asdict()
+    return {**device._asdict(), "identity": identity}
+
+
+def _cells(device: FoundDevice) -> tuple[str, ...]:
+    numbers = device.identity
+    return (
+        "-" if device.node_id is None else f"{device.node_id}",
+        device.state,
+        one_line(device.name) or "-",
+        *(("-",) * 4 if numbers is None else [f"{number:08X}" for number in numbers]),
+        device.eds or "-",
+    )
+
+
+def _identity(_ctx: click.Context, _param: click.Parameter, text: str | None) -> Identity | None:
+    if text is None:
+        return None
+    try:
+        numbers = [int(part, 16) for part in text.split(":")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != len(Identity._fields) or not all(
+        0 <= number < 1 << 32 for number in numbers
+    ):
+        raise click.BadParameter(
+            f"{text!r} is not VENDOR:PRODUCT:REVISION:SERIAL, four hexadecimal numbers of 32 bits"
+        )
+    return Identity(*numbers)
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac lss 12 --store --interface socketcan --channel can0\n"
+    "  smarttac lss 12 --identity 0:534D5401:10000:1 --interface socketcan --channel can0"
+)
+@click.argument("node_id", type=NODE_ID)
+@click.option(
+    "--identity",
+    callback=_identity,
+    metavar="V:P:R:S",
+    help="Vendor, product, revision and serial number in hexadecimal; without, fastscan.",
+)
+@click.option("--store", is_flag=True, help="Have the device keep it over a power cut.")
+@click.option("--force", is_flag=True, help="Also if a device answers with that node-ID already.")
+@bus_options
+@timeout_option
+def lss(
+    node_id: int,
+    identity: Identity | None,
+    store: bool,
+    force: bool,
+    bus: BusChoice,
+    timeout: float,
+) -> None:
+    """Give a device the node-ID NODE_ID, by its identity or the first that has none.
+
+    A node-ID that another device answers with is refused.
+
+    A device that has a node-ID already is reset (NMT reset communication) to take the new one.
+    """
+    with plain_errors():
+        with closing_network(bus) as network:
+            assigned = assign_node_id(
+                network, node_id, identity=identity, store=store, timeout=timeout, force=force
+            )
+        if not assigned.booted:
+            raise NodeNotFoundError(
+                f"{assigned.identity} has taken node-ID {node_id}, but sent no boot-up"
+            )
+    before = "none" if assigned.previous is None else f"{assigned.previous}"
+    stored = ", stored" if store else ""
+    click.echo(f"{assigned.identity} has node-ID {node_id}{stored}; it had {before}")
+
+
+_Made = TypeVar("_Made")
+_VENDOR_AND_PRODUCT = (1, 2)
+"""Sub-indices of the identity object."""
+
+eds_file = click.argument("file", type=EDS_FILE, metavar="EDS")
+_output_option = click.option(
+    "--output",
+    type=result_path,
+    help="File to write instead of stdout.",
+)
+
+
+@click.group()
+def eds() -> None:
+    """Check an EDS, and make documents and files for other tools of it.
+
+    EDS is a file, or the name of a node of this package: stimulator or plate.
+    """
+
+
+@eds.command(
+    epilog="\b\nExamples:\n  smarttac eds check drive.eds\n"
+    "  smarttac eds check plate --device --node-id 33 --interface socketcan --channel can0"
+)
+@eds_file
+@click.option("--device", is_flag=True, help="Compare what a device on the bus reads, too.")
+@click.option("--node-id", type=NODE_ID, help="Node-ID of that device.")
+@timeout_option
+@bus_options
+@json_option
+@force_option()
+def check(
+    file: Path,
+    device: bool,
+    node_id: int | None,
+    timeout: float,
+    bus: BusChoice,
+    json_file: Path | None,
+) -> None:
+    """Check an EDS by the rules of CiA 306 and CiA 301; errors end with exit code 1.
+
+    With --device every object of a device is read, and compared with the default of the EDS.
+    """
+    if device and node_id is None:
+        raise click.UsageError("--device needs --node-id")
+    if node_id is not None and not device:
+        raise click.UsageError("--node-id is that of a --device: none is to be compared")
+    with plain_errors(), ExitStack() as stack:
+        results = opened_results(stack, json_file)
+        text = read_eds_file(file)
+        findings = check_eds(text, file.name)
+        if device and node_id is not None:
+            od = _made(file, lambda text: load_eds(text, node_id))
+            with closing_network(bus) as network:
+                findings += compare_reads(network, od, read_sections(text, []), timeout)
+        rows = [
+            {"section": shown(f.section), "message": f.message, "error": f.error} for f in findings
+        ]
+        lines = [one_line(f"{file}: {finding}") for finding in findings]
+        report_results({"file": str(file), "findings": rows}, lines, results)
+    if any(finding.error for finding in findings):
+        raise SystemExit(1)
+
+
+@eds.command(epilog="Example: smarttac eds show stimulator --output stimulator.eds")
+@eds_file
+@_output_option
+@force_option()
+def show(file: Path, output: Path | None) -> None:
+    """Write the EDS itself, byte for byte, for a master that wants the file."""
+    with plain_errors():
+        data = read_bounded(file, MAX_EDS_BYTES)
+        if output is None:
+            click.echo(data, nl=False)
+        else:
+            with result_file(output) as made:
+                made.buffer.write(data)
+
+
+@eds.command(epilog="Example: smarttac eds doc plate --output plate.md")
+@eds_file
+@_output_option
+@force_option()
+def doc(file: Path, output: Path | None) -> None:
+    """Write the reference of all PDOs and objects in Markdown."""
+    with plain_errors():
+        head = (f"# {file.name}", "", LEGEND, "")
+        _write(_made(file, lambda text: "\n".join([*head, *object_reference(text)])), output)
+
+
+@eds.command(epilog="Example: smarttac eds dbc stimulator --node-id 32 --output run.dbc")
+@eds_file
+@click.option("--node-id", type=NODE_ID, default=1, show_default=True)
+@_output_option
+@force_option()
+def dbc(file: Path, node_id: int, output: Path | None) -> None:
+    """Write a DBC of the default PDOs, EMCY and heartbeat, with scales and units, for analysers.
+
+    Of stimulator and plate it has names for modes, states, bits of the words, and emergencies.
+    """
+    if find_spec("cantools") is None:
+        raise click.ClickException("a DBC needs cantools: pip install 'smarttac-can[dbc]'")
+    from smarttac_can.commissioning.dbc import NO_NAMES, Names, make_dbc  # noqa: PLC0415 - an extra
+
+    def made(text: str) -> str:
+        od = load_eds(text, node_id)
+        return make_dbc(od, Names(FIELDS, EMERGENCIES) if _is_ours(od) else NO_NAMES)
+
+    with plain_errors():
+        _write(_made(file, made), output)
+
+
+def _is_ours(od: ObjectDictionary) -> bool:
+    """Tell whether an EDS is that of a stimulator or plate, by vendor-ID and product code."""
+    ours = [load_eds(read_eds(name), od.node_id) for name in PACKAGED]
+    return any(
+        all(od.number(IDENTITY, sub) == known.number(IDENTITY, sub) for sub in _VENDOR_AND_PRODUCT)
+        for known in ours
+    )
+
+
+def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
+    values = {}
+    for text in given:
+        name, separator, value = text.partition("=")
+        if not separator or not name or not value:
+            raise click.BadParameter(f"{text!r} is not NAME=VALUE")
+        values[name.strip()] = value.strip()
+    return values
+
+
+@eds.command(
+    epilog="Example: smarttac eds dcf stimulator --node-id 32 --bitrate 1000000"
+    " --set 1017=500 --set 'Limit.Voltage=80 V' --output stimulator-32.dcf"
+)
+@eds_file
+@click.option("--node-id", type=NODE_ID, required=True)
+@click.option(
+    "--bitrate",
+    type=click.IntRange(min=1),
+    required=True,
+    help="Bit rate in bit/s.",
+)
+@click.option(
+    "--set",
+    "values",
+    multiple=True,
+    metavar="NAME=VALUE",
+    callback=_values,
+    help="Value of an object, by name (Limit.Voltage) or section (1017, 2010sub1): raw, or with a"
+    " unit as in '80 V'.",
+)
+@_output_option
+@force_option()
+def dcf(
+    file: Path, node_id: int, bitrate: int, values: dict[str, str], output: Path | None
+) -> None:
+    """Write the DCF of one device: the EDS with its node-ID, bit rate and values."""
+    with plain_errors():
+        made = _made(
+            file,
+            lambda text: make_dcf(
+                text,
+                node_id=node_id,
+                bit_rate=bitrate,
+                values=values,
+                eds_name=file.name,
+                dcf_name=output.name if output is not None else f"{file.stem}.dcf",
+                now=datetime.now(),
+            ),
+        )
+        _write(made, output)
+
+
+def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
+    """Read an EDS file and make a document of it.
+
+    Raises
+    ------
+    click.ClickException
+        If the document cannot be made; the message begins with the name of the file.
+    """
+    with naming(file, ValueError):
+        return make(read_eds_file(file))
+
+
+def _write(text: str, output: Path | None) -> None:
+    """Write a text to a file, or to stdout if none is given, ending in a new line."""
+    if output is None:
+        click.echo(text, nl=not text.endswith("\n"))
+    else:
+        with result_file(output) as made:
+            made.write(text)
+
+
+def _chosen(
+    _ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]
+) -> Sequence[Case]:
+    """Return the cases of numbers such as ``SDO-07`` and groups such as ``SDO``; all if none."""
+    groups = dict.fromkeys(case.group for case in CASES)
+    known = {case.number for case in CASES} | set(groups)
+    for value in values:
+        if value.upper() not in known:
+            raise click.BadParameter(
+                f"{value!r} is neither a case nor a group of cases; groups are {', '.join(groups)}"
+            )
+    wanted = {value.upper() for value in values} or known
+    return [case for case in CASES if case.number in wanted or case.group in wanted]
+
+
+@click.command(
+    epilog="\b\nExamples:\n"
+    "  smarttac conform --eds device.eds --node-id 5 --interface socketcan --channel can0\n"
+    "  smarttac conform --eds device.eds --node-id 5 --case SDO --case PDO-09"
+)
+@click.option(
+    "--eds",
+    type=EDS_FILE,
+    required=True,
+    help="Data sheet of the device.",
+)
+@click.option("--node-id", type=NODE_ID, required=True)
+@bus_options
+@click.option(
+    "--timeout",
+    type=SECONDS,
+    default=0.3,
+    show_default=True,
+    help="Longest time for an answer in s; all other times are multiples of it.",
+)
+@click.option(
+    "--case",
+    "cases",
+    multiple=True,
+    callback=_chosen,
+    metavar="ID",
+    help="Case such as SDO-07, or group such as SDO; may come several times.",
+)
+@click.option("--report", type=result_path, help="Markdown file for the report.")
+@json_file_option
+@force_option()
+def conform(
+    *,
+    eds: Path,
+    node_id: int,
+    bus: BusChoice,
+    timeout: float,
+    cases: Sequence[Case],
+    report: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Judge a CANopen device by its data sheet, and leave with 1 if a case fails.
+
+    The device should be alone on the bus. It is reset before and after each case, and what is
+    writable is written: disconnect what must not move.
+    """
+    with plain_errors(), ExitStack() as stack:
+        file = opened_results(stack, json_file)
+        page = None if report is None else stack.enter_context(result_file(report))
+        say: Callable[[str], None] = partial(click.echo, err=file is sys.stdout)
+        with naming(eds):
+            sheet = DeviceDescription(read_eds_file(eds), node_id)
+        with closing(bus.open()) as connection:
+            examiner = Examiner(connection, sheet, timeout=timeout)
+            try:
+                examiner.require_device()
+            except Failure as failure:
+                text = f"node {node_id} does not answer on {bus.where}: {failure}"
+                raise click.ClickException(text) from failure
+            if others := differences(examiner):
+                text = f"{eds.name} may be of another device than node {node_id}"
+                click.echo(f"{text}: {', '.join(others)}", err=True)
+            results = run_cases(examiner, cases, lambda result: say(line(result)))
+        device = f"node {node_id} by {eds.name}"
+        say(summary(results))
+        if page is not None:
+            page.write(markdown(results, device))
+        report_results(as_json(results, device), (), file)
+    if failed(results):
+        raise click.exceptions.Exit(1)

@@ -1,0 +1,347 @@
+"""Commands that make a recording and compute one again: ``record`` and ``replay``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any, Final
+
+import click
+from click.core import ParameterSource
+
+from smarttac_can.bench.recording import Recording
+from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
+from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.cli.nodes import blaming, load_device
+from smarttac_can.cli.shared import (
+    NEW_FILE,
+    NODE_ID,
+    OLD_FILE,
+    BusChoice,
+    FiniteRange,
+    force_option,
+    json_file_option,
+    lockstep_option,
+    one_line,
+    opened_results,
+    plain_errors,
+    report_results,
+    require_image,
+    stimulator_options,
+    timeout_option,
+)
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.storage import Memory
+from smarttac_can.host.log_file import read_log
+from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.replay import DifferenceError, Replay, Replayed
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
+
+_LONGEST_S = 7 * 24 * 3600.0
+_LOOK_S = 0.1
+_SILENT_S = 1.0
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac record run.h5 --interface socketcan --channel can0\n"
+    "  smarttac record run.h5 --interface socketcan --channel can0 --seconds 60 --raw run.blf\n"
+    "  smarttac record run.h5 --channel can0 --subject P07 --operator jd --notes 'dry finger'\n"
+    "  smarttac record --recover run.h5.log run.h5"
+)
+@click.argument("file", type=NEW_FILE)
+@stimulator_options
+@click.option(
+    "--seconds",
+    type=FiniteRange(min=0.1, max=_LONGEST_S),
+    help="How long; without, until Ctrl-C or SIGTERM.",
+)
+@click.option(
+    "--raw",
+    type=NEW_FILE,
+    help="File for all frames on the bus besides: .asc, .blf, .csv, .log, .trc and so on.",
+)
+@click.option("--subject", metavar="TEXT", help="Who is recorded, for the file.")
+@click.option("--operator", metavar="TEXT", help="Who records, for the file.")
+@click.option("--notes", metavar="TEXT", help="What else is to be known, for the file.")
+@click.option(
+    "--recover",
+    "log",
+    type=OLD_FILE,
+    metavar="LOG",
+    help="Make FILE of the log that a killed recording has left, FILE.log; no bus is needed.",
+)
+@timeout_option
+@json_file_option
+@force_option("Replace an older --json file; FILE and --raw are never replaced.")
+def record(
+    *,
+    file: Path,
+    bus: BusChoice,
+    node_id: int,
+    plate_node: int | None,
+    seconds: float | None,
+    raw: Path | None,
+    subject: str | None,
+    operator: str | None,
+    notes: str | None,
+    log: Path | None,
+    timeout: float,
+    json_file: Path | None,
+) -> None:
+    """Record every cycle of a stimulator into the HDF5 file FILE, whoever drives it.
+
+    It starts the nodes and only reads: set-points, modes and voltage stay others' business, and
+    Ctrl-C ends the recording, not the drive. If no cycle came, the exit code is 1.
+    """
+    _refuse_twice(file, raw, json_file)
+    said = zip(METADATA, (subject, operator, notes), strict=True)
+    metadata = {name: text for name, text in said if text is not None}
+    with plain_errors(ValueError), ExitStack() as stack:
+        require_new(file)
+        results = opened_results(stack, json_file)
+        if log is not None:
+            _refuse_bus(bus, seconds, raw, *metadata)
+            summary = make_recording(log, file)
+        else:
+            summary = _record(
+                file,
+                lambda: Stimulator.connect(
+                    **bus.options, node_id=node_id, plate_node_id=plate_node, timeout=timeout
+                ),
+                seconds,
+                raw,
+                metadata,
+            )
+        report_results({"file": str(file), **summary._asdict()}, _lines(file, summary), results)
+        if log is None and summary.rows == 0:
+            raise ValueError(
+                f"{file} has no row: no cycle came. The loop needs SYNC and both nodes "
+                "OPERATIONAL; nodes in lockstep run only while a script calls run()"
+            )
+
+
+def _refuse_twice(file: Path, *others: Path | None) -> None:
+    """Refuse another file in the place of the recording, or of what stands beside it."""
+    own = [file.with_name(file.name + suffix).resolve() for suffix in ("", ".log", ".part")]
+    for other in others:
+        if other is not None and other.resolve() in own:
+            raise click.UsageError(f"{other} is a file of the recording itself: choose another")
+
+
+def _refuse_bus(bus: BusChoice, *others: object) -> None:
+    if bus.options or any(other is not None for other in others):
+        raise click.UsageError("--recover needs a log and no bus: leave out the other options")
+
+
+def _record(
+    file: Path,
+    connect: Callable[[], Stimulator],
+    seconds: float | None,
+    raw: Path | None,
+    metadata: dict[str, str],
+) -> Summary:
+    with stop_on_signals() as stopped, connect() as bench:
+        with bench.record(file, raw=raw, **metadata) as recording:
+            if recording.raw_note:
+                click.echo(recording.raw_note, err=True)
+            click.echo(f"recording {file}", err=True)  # scripts wait for it
+            _wait(recording, stopped, seconds)
+        assert recording.summary is not None
+        return recording.summary
+
+
+def _wait(recording: Recording, stopped: Callable[[], bool], seconds: float | None) -> None:
+    """Wait until the recording is to end, and say on stderr how it goes."""
+    begun = said = monotonic()
+    cycles = recording.cycles
+    silent = False
+    while not stopped() and (seconds is None or monotonic() < begun + seconds):
+        sleep(_LOOK_S)
+        recording.check()
+        now = monotonic()
+        if now < said + _SILENT_S:
+            continue
+        said, before, cycles = now, cycles, recording.cycles
+        if sys.stderr.isatty():
+            click.echo(f"\r{now - begun:.0f} s, {cycles} cycles", err=True, nl=False)
+        if (cycles == before) is not silent:
+            silent = not silent
+            words = "no cycle comes; it goes on when one does" if silent else "cycles come again"
+            click.echo(f"{now - begun:.0f} s: {words}", err=True)
+
+
+def _lines(file: Path, summary: Summary) -> list[str]:
+    counts = [
+        _counted(summary.rows, "row"),
+        f"{_counted(summary.lost, 'lost tick')} in {_counted(summary.gaps, 'gap')}",
+        _counted(summary.runs, "run"),
+        _counted(summary.markers, "marker"),
+        f"{_counted(summary.set_points, 'change')} of set-points",
+        _counted(summary.textures, "texture"),
+        f"{summary.emergencies} {'emergency' if summary.emergencies == 1 else 'emergencies'}",
+    ]
+    lines = [f"{file}: {', '.join(counts)}"]
+    if summary.damaged:
+        were = "was" if summary.damaged == 1 else "were"
+        records = _counted(summary.damaged, "record")
+        lines.append(f"{records} of the log {were} cut or damaged, and left out")
+    return lines
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+_FRAMES: Final = 1000
+"""How many are replayed between two looks at the clock."""
+_SAID_S: Final = 1.0
+_EARLY_S: Final = 1.0
+_TOLD: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "storage")
+"""Parameters that say how the stimulator was started."""
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac replay run.log\n"
+    "  smarttac replay run.blf --node-id 32 --plate-node 33 --json replay.json\n"
+    "  smarttac replay lockstep.log --lockstep"
+)
+@click.argument("log", type=OLD_FILE)
+@click.option(
+    "--node-id",
+    type=NODE_ID,
+    default=STIMULATOR_ID,
+    show_default=True,
+    help="Node-ID of the stimulator.",
+)
+@click.option(
+    "--plate-node",
+    type=NODE_ID,
+    default=PLATE_ID,
+    show_default=True,
+    help="Node-ID of the plate.",
+)
+@click.option("--produce-sync", is_flag=True, help="The stimulator was told to produce SYNC.")
+@lockstep_option
+@click.option(
+    "--deadline",
+    type=click.IntRange(min=1, max=1000),
+    metavar="MS",
+    help="Deadline of the loop in ms, where it was not that of the EDS; in lockstep and with"
+    f" --realtime it is {SHORT_DEADLINE_MS}.",
+)
+@click.option("--eds", type=OLD_FILE, metavar="FILE", help="EDS of the stimulator, if another.")
+@click.option(
+    "--storage",
+    type=OLD_FILE,
+    metavar="FILE",
+    help="What it had stored as it was switched on; the file stays as it is.",
+)
+@json_file_option
+@force_option()
+def replay(
+    *,
+    log: Path,
+    node_id: int,
+    plate_node: int,
+    produce_sync: bool,
+    lockstep: bool,
+    deadline: int | None,
+    eds: Path | None,
+    storage: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Have the controllers compute again what they sent, and name the first sample that differs.
+
+    LOG is a candump, ASC, BLF, CSV or TRC of stimulator and plate node, such as smarttac record
+    --raw makes; it has to begin before the stimulator is switched on or reset. What the stimulator
+    heard is given to one from the same EDS, at the times of the log, and each frame that it sends
+    is compared: drives, public TPDOs, emergencies, SDO answers. A difference ends with exit code 1.
+    """
+    if plate_node == node_id:
+        raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
+    if lockstep and produce_sync:
+        raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
+    with plain_errors(), blaming(eds), ExitStack() as stack:
+        results = opened_results(stack, json_file)
+        if deadline is None and lockstep:
+            deadline = SHORT_DEADLINE_MS
+        memory = Memory()
+        if storage is not None:
+            memory.write(require_image(storage))
+
+        def power_on() -> StimulatorNode:
+            return StimulatorNode(
+                load_device("stimulator.eds", eds, node_id),
+                plate_node_id=plate_node,
+                produce_sync=produce_sync,
+                lockstep=lockstep,
+                deadline_ms=deadline,
+                storage=memory,
+            )
+
+        power_on()  # an EDS that does not suit is refused before the log is read
+        found = _replay(log, Replay(power_on, node_id, lockstep=lockstep))
+        report_results({"log": str(log), **_as_json(found)}, [_line(log, found)], results)
+    if isinstance(found, DifferenceError):
+        raise click.ClickException(one_line(f"{log}: {found}{_perhaps_told(found.so_far)}"))
+
+
+def _perhaps_told(done: Replayed) -> str:
+    """Name the options of which one may be missing, if a log differs from its beginning on."""
+    given = click.get_current_context().get_parameter_source
+    left = [f"--{o.replace('_', '-')}" for o in _TOLD if given(o) is ParameterSource.DEFAULT]
+    if not left or done.ended_s - done.begun_s > _EARLY_S:
+        return ""
+    return (
+        f"; so early, it may have been started with an option that is not given: {', '.join(left)}"
+    )
+
+
+def _replay(log: Path, run: Replay) -> Replayed | DifferenceError:
+    """Replay all of a log, or up to the first difference."""
+    try:
+        for time, frame in _showing(
+            read_log(log, lambda line: click.echo(one_line(line), err=True))
+        ):
+            run.take(time, frame)
+        return run.end()
+    except DifferenceError as difference:
+        return difference
+    except (ValueError, EOFError) as error:
+        text = str(error)
+        raise click.ClickException(
+            one_line(text if text.startswith(str(log)) else f"{log}: {text}")
+        ) from error
+
+
+def _showing(frames: Iterable[tuple[int, Frame]]) -> Iterator[tuple[int, Frame]]:
+    """Say on the terminal once a second how far the replay is."""
+    said = monotonic()
+    first: int | None = None
+    for number, (time, frame) in enumerate(frames):
+        first = time if first is None else first
+        if number % _FRAMES == 0 and sys.stderr.isatty() and monotonic() > said + _SAID_S:
+            said = monotonic()
+            click.echo(f"\r{(time - first) * 1e-6:.0f} s, {number} frames", err=True, nl=False)
+        yield time, frame
+
+
+def _as_json(found: Replayed | DifferenceError) -> dict[str, Any]:
+    if isinstance(found, DifferenceError):
+        return {"same": False, **found.so_far._asdict(), "difference": found.difference.as_json()}
+    return {"same": True, **found._asdict(), "difference": None}
+
+
+def _line(log: Path, found: Replayed | DifferenceError) -> str:
+    done = found.so_far if isinstance(found, DifferenceError) else found
+    other = done.compared - done.drives
+    return (
+        f"{log}: {done.frames} frames up to {done.ended_s:.3f} s, from the boot-up at "
+        f"{done.begun_s:.3f} s on; {done.drives} drives and {other} other frames of the node "
+        "recomputed and the same"
+    )
