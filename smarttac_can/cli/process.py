@@ -69,7 +69,7 @@ class StateLines:
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
         self._diagnosis = _diagnosis(node.od) if isinstance(node, StimulatorNode) else None
         self._plate = node.block if isinstance(node, PlateNode) else None
-        self._farewell = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
+        self._shut_down = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
         self._collision = 0
@@ -109,7 +109,7 @@ class StateLines:
 
     def stopped(self) -> None:
         """Say that the node was shut down, a plate at 0 V."""
-        self._say(f"{self._title} {self._farewell}")
+        self._say(f"{self._title} {self._shut_down}")
 
     def lost(self, reason: BusError) -> None:
         """Say that the bus has failed, and why."""
