@@ -38,8 +38,7 @@ from smarttac_can.cli.shared import (
     FiniteRange,
     closing_network,
     force_option,
-    json_file_option,
-    json_option,
+    json_options,
     lockstep_option,
     naming,
     one_line,
@@ -104,8 +103,7 @@ class _Watch(NamedTuple):
 )
 @stimulator_options
 @timeout_option
-@json_option
-@force_option()
+@json_options(bare=True)
 def status(
     *,
     bus: BusChoice,
@@ -379,8 +377,7 @@ def watch(
 )
 @stimulator_options
 @lockstep_option
-@json_file_option
-@force_option()
+@json_options()
 def selftest(
     *,
     bus: BusChoice,

@@ -22,8 +22,7 @@ from smarttac_can.cli.shared import (
     bus_options,
     closing_network,
     force_option,
-    json_file_option,
-    json_option,
+    json_options,
     naming,
     one_line,
     opened_results,
@@ -72,8 +71,7 @@ _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "ED
     type=OLD_FILE,
     help="Compare with this EDS, too.",
 )
-@json_option
-@force_option()
+@json_options(bare=True)
 def scan(
     bus: BusChoice, timeout: float, eds_files: tuple[Path, ...], json_file: Path | None
 ) -> None:
@@ -221,8 +219,7 @@ def eds() -> None:
 @click.option("--node-id", type=NODE_ID, help="Node-ID of that device.")
 @timeout_option
 @bus_options
-@json_option
-@force_option()
+@json_options(bare=True)
 def check(
     file: Path,
     device: bool,
@@ -431,8 +428,7 @@ def _chosen(
     help="Case such as SDO-07, or group such as SDO; may come several times.",
 )
 @click.option("--report", type=result_path, help="Markdown file for the report.")
-@json_file_option
-@force_option()
+@json_options()
 def conform(
     *,
     eds: Path,

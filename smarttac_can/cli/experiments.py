@@ -21,7 +21,7 @@ from smarttac_can.campaign.summary import PICTURE, lines, summary, write_folder
 from smarttac_can.cli.shared import (
     NEW_FILE,
     force_option,
-    json_file_option,
+    json_options,
     law_option,
     naming,
     need_matplotlib,
@@ -157,9 +157,8 @@ def demo(seed: int, output: Path | None) -> None:
     help="Fingers of Fig. 7 and Table I: of one force and speed, or of their own.",
 )
 @_noise_seed_option
-@json_file_option
+@json_options()
 @output_option
-@force_option()
 def reproduce(
     *,
     what: tuple[str, ...],
@@ -271,13 +270,12 @@ _FINGERS_MAX = 1_000_000
     type=NEW_FILE,
     help="File that keeps the fingers that were run, and from which an interrupted run goes on.",
 )
-@json_file_option
+@json_options()
 @click.option(
     "--output",
     type=result_folder_path,
     help="Folder for results, a table of all fingers, and a picture.",
 )
-@force_option()
 @click.pass_context
 def campaign(
     context: click.Context,

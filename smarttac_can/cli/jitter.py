@@ -14,8 +14,7 @@ from smarttac_can.cli.shared import (
     NODE_ID,
     BusChoice,
     bus_options,
-    force_option,
-    json_file_option,
+    json_options,
     need_matplotlib,
     opened_results,
     plain_errors,
@@ -69,13 +68,12 @@ _ROWS = {
     show_default=True,
     help="How long to measure.",
 )
-@json_file_option
+@json_options()
 @click.option(
     "--output",
     type=result_folder_path,
     help=f"Folder for a histogram, {PICTURE}.",
 )
-@force_option()
 def jitter(
     bus: BusChoice,
     plate_node: int | None,

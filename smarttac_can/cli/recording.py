@@ -23,8 +23,7 @@ from smarttac_can.cli.shared import (
     OLD_FILE,
     BusChoice,
     FiniteRange,
-    force_option,
-    json_file_option,
+    json_options,
     lockstep_option,
     one_line,
     opened_results,
@@ -76,8 +75,7 @@ _SILENT_S = 1.0
     help="Make FILE of the log that a killed recording has left, FILE.log; no bus is needed.",
 )
 @timeout_option
-@json_file_option
-@force_option("Replace an older --json file; FILE and --raw are never replaced.")
+@json_options(force="Replace an older --json file; FILE and --raw are never replaced.")
 def record(
     *,
     file: Path,
@@ -241,8 +239,7 @@ _TOLD: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "st
     metavar="FILE",
     help="What it had stored as it was switched on; the file stays as it is.",
 )
-@json_file_option
-@force_option()
+@json_options()
 def replay(
     *,
     log: Path,

@@ -410,21 +410,21 @@ result_path = _ResultPath(dir_okay=False, writable=True, path_type=Path)
 """Parameter type of a file for results; the command needs a `force_option`."""
 result_folder_path = _ResultPath(file_okay=False, path_type=Path)
 """The same for a folder."""
-json_file_option = click.option(
-    "--json",
-    "json_file",
-    type=result_path,
-    help="File for the results; - is stdout.",
-)
-json_option = click.option(
-    "--json",
-    "json_file",
-    type=result_path,
-    is_flag=False,
-    flag_value="-",
-    help="File for the results; - is stdout, and so is none.",
-)
-"""The same for a command whose results are all that it prints."""
+
+
+def json_options(
+    *, bare: bool = False, force: str = "Replace older results."
+) -> Callable[[Command], Command]:
+    """Options of a file for results, and of replacing it; the command is called with ``json_file``.
+
+    With `bare`, for a command whose results are all that it prints, ``--json`` alone is stdout.
+    """
+    own: dict[str, Any] = {"help": "File for the results; - is stdout."}
+    if bare:
+        text = "File for the results; - is stdout, and so is none."
+        own = {"is_flag": False, "flag_value": "-", "help": text}
+    option = click.option("--json", "json_file", type=result_path, **own)
+    return with_options(option, force_option(force))
 
 
 def opened_results(stack: ExitStack, json_file: Path | None) -> TextIO | None:

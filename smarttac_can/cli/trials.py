@@ -17,8 +17,7 @@ from smarttac_can.audit import verify_rows
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli.shared import (
     FiniteRange,
-    force_option,
-    json_file_option,
+    json_options,
     naming,
     opened_results,
     plain_errors,
@@ -89,8 +88,7 @@ _jobs_option = click.option(
     '  smarttac faults --fault "S3 stuck" --mode friction\n'
     "  smarttac faults --verify faults.log faults.json"
 )
-@json_file_option
-@force_option()
+@json_options()
 @click.option(
     "--log",
     "log_file",
@@ -218,8 +216,7 @@ def _read_rows(rows: Path) -> Any:
 )
 @seed_option("Seed of all that happens.")
 @_jobs_option
-@json_file_option
-@force_option()
+@json_options()
 def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> None:
     """Let everything happen for hours of simulated time, and check every cycle.
 
@@ -289,8 +286,7 @@ def _margins(margins: Table) -> Iterator[str]:
 @click.command(epilog="Example: smarttac hostile --actions 100000 --seed 7 --json hostile.json")
 @click.option("--actions", type=click.IntRange(min=1), required=True, help="Frames that are sent.")
 @seed_option("Seed of all that happens.")
-@json_file_option
-@force_option()
+@json_options()
 def hostile(actions: int, seed: int, json_file: Path | None) -> None:
     """Let a third node send anything to a driven pair, and check every cycle.
 
@@ -373,8 +369,7 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
     show_default=True,
     help="Processes that share the work.",
 )
-@json_file_option
-@force_option()
+@json_options()
 def fmeda(
     *,
     coarse: bool,
