@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from nodes_on_a_bus import NodeProcess, multicast_options, processes
-from test_node_refusals import VIRTUAL, refusal
+from test_node_commands import VIRTUAL, refusal
 
 from smarttac_can.bench import BenchError, FaultError, Stimulator
 

@@ -1,0 +1,684 @@
+"""Commands at a stimulator: its state, reset, live view, self-test and calibration."""
+
+import fcntl
+import json
+import os
+import pty
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+import click
+import pytest
+from click.testing import CliRunner, Result
+from nodes_on_a_bus import (
+    GUARD_S,
+    both,
+    in_threads,
+    multicast_options,
+    processes,
+    stimulator_with_plate,
+)
+
+from smarttac_can.bench import BenchError, State, Stimulator
+from smarttac_can.bench.local_link import LocalLink
+from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.cli import main
+from smarttac_can.commissioning.node_ids import wait_until
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.plant.finger import Trajectory
+from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
+
+# ``smarttac status`` says how a stimulator is, and ``smarttac reset`` resets its fault.
+
+
+STUCK = {"code": int(WATCHDOGS[Watchdog.STUCK].code), "text": "a sensor is stuck"}
+
+
+@pytest.fixture
+def node(virtual: dict[str, Any]) -> Iterator[StimulatorNode]:
+    made = stimulator_with_plate(lockstep=False)
+    with in_threads(virtual, made, lockstep=False):
+        yield made
+
+
+@pytest.fixture
+def driven(virtual: dict[str, Any]) -> Iterator[Stimulator]:
+    """A bench whose node has no time but that of its runs, so that nothing else trips."""
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        Stimulator.connect(**virtual, lockstep=True) as bench,
+    ):
+        bench.run(0.2)
+        yield bench
+
+
+def smarttac(virtual: dict[str, Any], command: str, *arguments: str) -> Result:
+    bus = ["--interface", virtual["interface"], "--channel", virtual["channel"], "--timeout", "5"]
+    return CliRunner().invoke(main, [command, *bus, *arguments])
+
+
+def lines(result: Result) -> dict[str, str]:
+    assert (result.exit_code, result.stderr) == (0, "")
+    return {line[:15].strip(): line[15:] for line in result.stdout.splitlines()}
+
+
+def break_a_gauge(bench: Stimulator) -> None:
+    bench.set("Fault.Sensor", 3)
+    bench.set("Fault.Kind", FaultKind.STUCK)
+    with pytest.raises(BenchError):
+        while True:
+            bench.run(0.1)
+
+
+def test_a_node_that_nobody_has_started(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    """It is not started by the question."""
+    said = lines(smarttac(virtual, "status"))
+    bus = f"virtual:{virtual['channel']}"
+    assert said["nodes"] == f"stimulator 32 pre-operational, on {bus}"
+    assert said["state"] == "not ready, mode off (live)"
+    assert said["driven by"] == "nobody"
+    assert said["voltage"] == "0 of 150 V, 0%"
+    assert "fault" not in said
+    assert node.device.nmt_state.name == "PRE_OPERATIONAL"
+
+
+def test_who_drives_is_named(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    with Stimulator.connect(**virtual) as bench:
+        bench.run(0.2)
+        bench.arm()
+        said = json.loads(smarttac(virtual, "status", "--json").stdout)
+        text = lines(smarttac(virtual, "status"))
+    assert (said["node_id"], said["nmt"], said["plate"]) == (32, "operational", None)
+    assert said["driven_by"] == [{"node_id": 127, "bench": True, "heard": True}]
+    assert text["driven by"] == "a bench script, heartbeat of node 127"
+
+
+def test_state_and_levels_of_a_run_that_goes_on(
+    driven: Stimulator, virtual: dict[str, Any]
+) -> None:
+    driven.voltage = 12.0
+    driven.mode = "open_loop"
+    driven.run(0.1)
+    said = json.loads(smarttac(virtual, "status", "--json").stdout)
+    text = lines(smarttac(virtual, "status"))
+    assert driven.state is State.RUNNING
+    assert (said["state"], said["mode"]) == ("running", "open_loop")
+    assert said["flags"] == ["live", "driving"]
+    assert said["driven_by"] == []
+    assert said["levels"]["voltage"] == {"value": 12.0, "limit": 150.0, "unit": "V", "level": 0.08}
+    assert 0.1 < said["levels"]["amplitude"]["value"] < 1.0
+    assert said["levels"]["temperature"]["limit"] == 60.0
+    # Nothing but the bench moves the time of its node, and so its heartbeat.
+    assert said["nmt"] == "unknown"
+    assert text["state"] == "running, mode open_loop (live, driving)"
+    assert text["driven by"] == "somebody whose heartbeat is not watched"
+    assert text["voltage"] == "12 of 150 V, 8%"
+    assert text["nodes"].startswith("stimulator 32 in a state that no heartbeat tells, on virtual:")
+
+
+def test_values_that_no_cycle_has_renewed_are_named(virtual: dict[str, Any]) -> None:
+    with in_threads(virtual, stimulator_with_plate()):
+        said = smarttac(virtual, "status").stdout.splitlines()
+    assert said[3] == "no cycle comes what follows is of the last one, or of none"
+
+
+def test_a_fault_is_named_and_reset_when_its_cause_is_gone(
+    driven: Stimulator, virtual: dict[str, Any]
+) -> None:
+    driven.arm()
+    break_a_gauge(driven)
+    there = lines(smarttac(virtual, "status"))
+    assert there["state"] == "fault, mode off (live, fault)"
+    assert there["fault"] == f"{STUCK['code']:04X}h a sensor is stuck"
+    assert there["message"] == "a sensor is stuck"
+    refused = smarttac(virtual, "reset", "--lockstep")
+    assert (refused.exit_code, refused.stderr) == (
+        1,
+        "Error: the fault cannot be reset: a sensor is stuck\n",
+    )
+    driven.set("Fault.Kind", FaultKind.NONE)
+    driven.run(0.1)
+    gone = json.loads(smarttac(virtual, "status", "--json").stdout)
+    assert (gone["latched"], gone["present"]) == ([STUCK], [])
+    assert lines(smarttac(virtual, "status"))["fault"].endswith(
+        "; no longer present: smarttac reset"
+    )
+    done = smarttac(virtual, "reset")
+    assert (done.exit_code, done.output) == (
+        0,
+        "stimulator 32 is reset (a sensor is stuck): ready\n",
+    )
+    assert driven.state is State.READY
+
+
+def test_no_reset_beside_a_bench_that_drives(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    with Stimulator.connect(**virtual) as bench:
+        bench.run(0.2)
+        bench.arm()
+        break_a_gauge(bench)
+        refused = smarttac(virtual, "reset")
+    assert refused.exit_code == 1
+    assert "another bench script drives node 32" in refused.stderr
+
+
+def test_a_reset_that_is_not_needed_disturbs_nobody(
+    driven: Stimulator, virtual: dict[str, Any]
+) -> None:
+    driven.voltage = 5.0
+    driven.mode = "open_loop"
+    assert smarttac(virtual, "reset").output == (
+        "stimulator 32 has no fault: its state is running\n"
+    )
+    assert driven.state is State.RUNNING
+
+
+def test_the_plate_node_is_found(virtual: dict[str, Any]) -> None:
+    with in_threads(virtual, *both(lockstep=False), lockstep=False):
+        said = lines(smarttac(virtual, "status"))
+        assert said["nodes"].startswith("stimulator 32 pre-operational, plate 33 pre-operational")
+        assert said["driven by"] == "nobody"
+
+
+def test_a_master_that_is_not_heard(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    node.od.entry(0x1016, 2).value = 5 << 16 | 100
+    said = lines(smarttac(virtual, "status"))
+    assert said["driven by"] == "nobody; node 5 watched but not heard"
+
+
+def test_a_lost_master_is_named_with_the_cure(
+    virtual: dict[str, Any], node: StimulatorNode
+) -> None:
+    watch = "Consumer heartbeat time.Consumer heartbeat time 2"
+    with Stimulator.connect(**virtual) as bench, can.Bus(**virtual) as bus:
+        bench.run(0.2)
+        bench.set(watch, 5 << 16 | 2000)
+        bus.send(can.Message(arbitration_id=0x705, data=[5], is_extended_id=False))
+        bench.arm()
+        wait_until(lambda: bench.state is State.FAULT, 60.0)
+    for _ in range(2):
+        refused = smarttac(virtual, "reset")
+        assert (refused.exit_code, refused.stderr) == (
+            1,
+            "Error: the fault cannot be reset: the heartbeat of a watched node is lost; node 5 is "
+            "watched but not heard: start it again, or write 0 to 1016h sub-index 2 of node 32, or "
+            "reset node 32 (NMT)\n",
+        )
+    with Stimulator.connect(**virtual) as bench:
+        bench.set(watch, 0)
+    assert smarttac(virtual, "reset").exit_code == 0
+
+
+def test_no_node_there(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    result = smarttac(virtual, "status", "--node-id", "40", "--timeout", "0.2")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("Error: no node 40 answers on virtual:")
+
+
+# ``smarttac watch`` as a command: in a terminal of its own, and what it refuses.
+
+
+def refusal(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(main, ["watch", *arguments])
+    assert isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.stderr.splitlines()[-1]
+
+
+class Terminal:
+    """A command in a pseudo-terminal, as at the far end of ssh."""
+
+    def __init__(self, *arguments: str, columns: int = 80, lines: int = 24) -> None:
+        self._end, theirs = pty.openpty()
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
+        self.process = subprocess.Popen(
+            [sys.executable, "-W", "error", "-m", "smarttac_can", "watch", *arguments],
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            env=os.environ | {"TERM": "xterm-256color"},
+            start_new_session=True,
+        )
+        os.close(theirs)
+        self.seen = ""
+
+    def read(self) -> bool:
+        """Take what has come; False if nothing comes any more."""
+        if not select.select([self._end], [], [], 0.1)[0]:
+            return True
+        try:
+            data = os.read(self._end, 65536)
+        except OSError:  # Linux says so that the other end is closed
+            return False
+        self.seen += data.decode(errors="replace")
+        return bool(data)
+
+    def wait_for(self, text: str) -> None:
+        guard = time.monotonic() + GUARD_S
+        while text not in self.seen:
+            assert self.read() or text in self.seen, self.seen
+            assert time.monotonic() < guard, self.seen
+
+    def press(self, keys: str) -> None:
+        os.write(self._end, keys.encode())
+
+    def end(self) -> int:
+        guard = time.monotonic() + GUARD_S
+        while self.read() and time.monotonic() < guard:
+            pass
+        try:
+            return self.process.wait(GUARD_S)
+        finally:
+            self.process.kill()
+            self.process.wait()
+            os.close(self._end)
+
+
+@contextmanager
+def terminal(*arguments: str, **size: int) -> Iterator[Terminal]:
+    made = Terminal(*arguments, **size)
+    try:
+        yield made
+    finally:
+        if made.process.returncode is None:
+            made.process.kill()
+            made.end()
+
+
+def test_in_a_terminal_against_a_node(multicast: dict[str, Any]) -> None:
+    with (
+        processes(multicast, "node"),
+        terminal(*multicast_options(multicast)) as watch,
+    ):
+        watch.wait_for("stimulator 32: pre-operational")
+        watch.wait_for("is pre-operational: it publishes nothing")
+        watch.press("q")
+        assert watch.end() == 0
+    assert "Traceback" not in watch.seen
+
+
+def test_a_watch_that_drives_leaves_0_v_with_ctrl_c(multicast: dict[str, Any]) -> None:
+    options = multicast_options(multicast)
+    with processes(multicast, "node") as (node,), terminal(*options, "--drive") as watch:
+        watch.wait_for("ready")
+        watch.press("mode open_loop\r")
+        node.wait_for("stimulator 32 mode open_loop")
+        watch.press("\x03")
+        node.wait_for("stimulator 32 mode off")
+        assert watch.end() == 0
+    assert "Traceback" not in watch.seen
+
+
+def test_a_watch_that_is_killed_leaves_0_v(multicast: dict[str, Any]) -> None:
+    options = multicast_options(multicast)
+    with processes(multicast, "node") as (node,), terminal(*options, "--drive") as watch:
+        watch.wait_for("ready")
+        watch.press("mode open_loop\r")
+        node.wait_for("stimulator 32 mode open_loop")
+        watch.process.send_signal(signal.SIGKILL)
+        node.wait_for("stimulator 32 mode off")
+        node.wait_for("stimulator 32 fault 8131h: the heartbeat of a watched node is lost")
+
+
+def test_nobody_to_drive_is_one_line(multicast: dict[str, Any]) -> None:
+    with terminal(*multicast_options(multicast), "--drive") as watch:
+        assert watch.end() == 1
+    said = watch.seen.strip().splitlines()
+    assert len(said) == 1
+    assert said[0].startswith("Error: no node 32 answers on udp_multicast:239.74.163.3")
+
+
+def test_a_bus_that_cannot_be_opened_is_one_line() -> None:
+    with terminal("--interface", "socketcan", "--channel", "nocan7") as watch:
+        assert watch.end() == 1
+    (line,) = watch.seen.strip().splitlines()
+    assert line.startswith("Error: cannot open the socketcan bus, channel nocan7")
+
+
+def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("smarttac_can.cli.bench.find_spec", lambda name: None)
+    said = (1, "Error: watch needs Textual: pip install 'smarttac-can[watch]'")
+    assert refusal("--interface", "virtual") == said
+
+
+def test_without_a_terminal() -> None:
+    said = (1, "Error: watch needs a terminal; for a file, take a log of the bus")
+    assert refusal("--interface", "virtual") == said
+
+
+def test_what_drives_has_to_write() -> None:
+    assert refusal("--drive", "--no-sdo") == (
+        2, "Error: --drive writes by SDO: leave out --no-sdo",
+    )  # fmt: skip
+
+
+# ``smarttac selftest`` as a command: lines, JSON, exit codes, and 0 V after Ctrl-C.
+
+
+def command(bus: dict[str, Any], *arguments: str) -> list[str]:
+    own = [sys.executable, "-W", "error", "-m", "smarttac_can", "selftest"]
+    return [*own, *multicast_options(bus), *arguments]
+
+
+def run(bus: dict[str, Any], *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(bus, *arguments), capture_output=True, text=True, check=False, timeout=GUARD_S
+    )
+
+
+def test_a_sound_plate_and_a_broken_one(multicast: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "selftest.json"
+    with processes(multicast, "node --lockstep --finger none"):
+        sound = run(multicast, "--lockstep", "--json", str(path))
+        with Stimulator.connect(**multicast, lockstep=True) as bench:
+            bench.set("Fault.Sensor", 3)
+            bench.set("Fault.Value", 100)
+            bench.set("Fault.Kind", FaultKind.OFFSET)
+        broken = run(multicast, "--lockstep", "--json", "-")
+    assert (sound.returncode, sound.stdout) == (0, "passed: 35 checks\n")
+    assert sound.stderr.splitlines()[0] == (
+        "ok      timing.lost rows                      0 %     (0..5)"
+    )
+    results = json.loads(path.read_text())
+    assert results["passed"] is True
+    assert (results["node_id"], results["plate_serial_number"]) == (32, 1)
+    assert all(check["passed"] for check in results["checks"])
+    assert broken.returncode == 1
+    assert "FAILED  drift.S3" in broken.stderr
+    bad = [check for check in json.loads(broken.stdout)["checks"] if not check["passed"]]
+    assert [check["name"] for check in bad] == ["null.S3", "drift.S3"]
+    bad = bad[1:]
+    assert (bad[0]["unit"], bad[0]["high"]) == ("mN", 41.0)
+    assert 90 < bad[0]["value"] < 110
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_0_v(number: int, multicast: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "selftest.json"
+    with processes(multicast, "node --finger none") as (node,):
+        test = subprocess.Popen(
+            command(multicast, "--json", str(path)),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        node.wait_for("stimulator 32 mode open_loop")
+        test.send_signal(number)
+        _, complaints = test.communicate(timeout=GUARD_S)
+        node.wait_for("stimulator 32 mode off")
+    assert test.returncode == 1
+    assert complaints.splitlines()[-1] == "Aborted!"
+    assert "Traceback" not in complaints
+    assert not list(tmp_path.iterdir())
+
+
+def test_nobody_there(multicast: dict[str, Any]) -> None:
+    result = run(multicast)
+    assert (result.returncode, result.stdout) == (1, "")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("Error: no node 32 answers on udp_multicast:")
+
+
+# ``smarttac calibrate`` as a command, on a simulated plate that is pressed and pulled as told.
+
+
+PHASE_S = 1.0
+G = 9.80665
+PULL = 0.5
+PLAN = """mass_g,angle_deg,azimuth_deg,x_mm
+200,0,0,-20
+200,0,0,20
+101.890,30,1.6866,0
+99.930,30,92.2907,0
+"""
+"""The tilted ones load one lateral gauge each, by 0.5 N: what a simulated fault can do."""
+PRESSES = (
+    (-20e-3, 0.2 * G),
+    (20e-3, 0.2 * G),
+    (0.0, 0.1019 * G * 0.8660),
+    (0.0, 0.0999 * G * 0.8660),
+)
+
+
+class Laboratory:
+    """A bench whose person does what is asked, one phase of the simulated finger after another."""
+
+    def __init__(self, scale: float) -> None:
+        samples = [(0.0, 0.0, 0.0)]
+        for row, (x, Fn) in enumerate(PRESSES):
+            start = (2 * row + 2) * PHASE_S
+            samples += [(start - 0.6, x, 0.0), (start - 0.5, x, scale * Fn)]
+            samples += [(start + 0.5, x, scale * Fn), (start + 0.6, x, 0.0)]
+        block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od(), Trajectory(samples)))
+        self.od = block.od
+        self.bench = Stimulator(LocalLink(block), block.od)
+        self.bench.finger.play_recording()
+        self.bench.start_run()
+        self.bench.tare()
+        self._phase = 0
+        self.asked: list[str] = []
+
+    def do(self, what: str) -> None:
+        self.asked.append(what)
+        self._phase += 1
+        row, loaded = divmod(self._phase - 1, 2)
+        self.bench.set("Fault.Kind", FaultKind.NONE)
+        if loaded and row >= 2:
+            self.bench.set("Fault.Sensor", row - 1)
+            self.bench.set("Fault.Value", 1e3 * PULL)
+            self.bench.set("Fault.Kind", FaultKind.OFFSET)
+        now = self.bench.get("Cycle.Cycles") * 1e-3
+        self.bench.run(self._phase * PHASE_S - 0.2 - now)
+
+
+@pytest.fixture
+def scale(request: pytest.FixtureRequest) -> float:
+    return float(getattr(request, "param", 1.0))
+
+
+@pytest.fixture
+def laboratory(monkeypatch: pytest.MonkeyPatch, scale: float) -> Iterator[Laboratory]:
+    made = Laboratory(scale)
+    monkeypatch.setattr(Stimulator, "connect", lambda **_: made.bench)
+    monkeypatch.setattr(made.bench._link, "close", lambda: None)
+    monkeypatch.setattr("smarttac_can.cli.bench._ask", made.do)
+    yield made
+
+
+def calibrate(folder: Path, *arguments: str) -> Result:
+    plan = folder / "plan.csv"
+    if not plan.exists():
+        plan.write_text(PLAN)
+    certificate = str(folder / "plate.json")
+    return CliRunner().invoke(
+        main, ["calibrate", str(plan), "--certificate", certificate, *arguments]
+    )
+
+
+def test_a_plate_is_calibrated_and_has_its_nulls(laboratory: Laboratory, tmp_path: Path) -> None:
+    written: dict[str, Any] = {}
+    link = laboratory.bench._link
+    write = link.write
+    link.write = lambda name, raw: (written.update({name: raw}), write(name, raw))
+    result = calibrate(tmp_path, "--write")
+    assert result.exit_code == 0, result.output
+    assert laboratory.asked[:2] == [
+        "1: level the plate, nothing on it",
+        "1: put 200 g at -20 mm",
+    ]
+    assert laboratory.asked[4] == "3: tilt the plate by 30 degrees towards 1.6866, nothing on it"
+    assert laboratory.asked[-1] == "level the plate, nothing on it"
+    certificate = json.loads((tmp_path / "plate.json").read_text())
+    found = certificate["calibration"]["objects"]
+    # The simulated cross-talk is ((1, 0.04), (-0.03, 1.02)); its gauges stand at +-28 mm.
+    assert found["Calibration.Fx from S1"] == pytest.approx(0.9988, abs=0.01)
+    assert found["Calibration.Fx from S2"] == pytest.approx(-0.0392, abs=0.01)
+    assert found["Calibration.Fy from S1"] == pytest.approx(0.0294, abs=0.01)
+    assert found["Calibration.Fy from S2"] == pytest.approx(0.9792, abs=0.01)
+    assert found["Calibration.Position of S3"] == pytest.approx(-28_000, abs=300)
+    assert certificate["calibration"]["normal_scale"] == pytest.approx(1.0, abs=0.01)
+    assert len(certificate["weighings"]) == 4
+    assert len(certificate["weighings"][0]["loaded_mN"]) == 6
+    assert certificate["written"]["Gauge null.Window"] == 60
+    assert written["Gauge null.Window"] == 60
+    assert written["Calibration.Fx from S1"] == round(found["Calibration.Fx from S1"] * 1e4)
+    assert "S3 to S6 show" in result.stdout
+    assert "Calibration.Position of S3: -2" in result.stdout
+    assert result.stdout.splitlines()[4].endswith(" um")
+
+
+REHEARSAL = """mass_g,angle_deg,azimuth_deg,x_mm
+200,30,0,0
+200,30,90,0
+300,0,0,-20
+300,0,0,20
+"""
+
+
+@pytest.mark.parametrize(
+    "commands", [("node --lockstep",), ("node --lockstep --plate-node 33", "plate --lockstep")]
+)
+def test_a_calibration_is_rehearsed_without_a_person(
+    commands: tuple[str, ...], multicast: dict[str, Any], tmp_path: Path
+) -> None:
+    """Also of a plate that a finger strokes by default: it is lifted."""
+    (tmp_path / "plan.csv").write_text(REHEARSAL)
+    more = ["--plate-node", "33"] if len(commands) > 1 else []
+    with processes(multicast, *commands):
+        result = calibrate(
+            tmp_path, *multicast_options(multicast), *more, "--rehearse", "--lockstep", "--write"
+        )
+    assert result.exit_code == 0, result.output
+    assert result.stderr.splitlines()[:2] == [
+        "1: tilt the plate by 30 degrees towards 0, nothing on it",
+        "1: put 200 g at 0 mm",
+    ]
+    certificate = json.loads((tmp_path / "plate.json").read_text())
+    assert certificate["written"]["Calibration.Fx from S2"] == pytest.approx(-0.0392, abs=0.005)
+    assert certificate["written"]["Gauge null.Null of S3"] == pytest.approx(-1045.7, abs=3.0)
+
+
+def test_without_write_nothing_changes(laboratory: Laboratory, tmp_path: Path) -> None:
+    result = calibrate(tmp_path)
+    assert result.exit_code == 0, result.output
+    assert json.loads((tmp_path / "plate.json").read_text())["written"] == {}
+    assert laboratory.od["Gauge null.Window"].value == 1500
+
+
+@pytest.mark.parametrize("scale", [0.9], indirect=True)
+def test_what_does_not_fit_is_not_written(laboratory: Laboratory, tmp_path: Path) -> None:
+    result = calibrate(tmp_path, "--write")
+    assert result.exit_code == 1
+    line = result.stderr.splitlines()[-1]
+    assert line.startswith("Error: not to be used: Fn is left with")
+    assert "S3 to S6 show 0.8996 of the weights" in line
+    certificate = json.loads((tmp_path / "plate.json").read_text())
+    assert certificate["written"] == {}
+    assert len(certificate["calibration"]["shortcomings"]) == 2
+    assert laboratory.od["Gauge null.Window"].value == 1500
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("mass\n", "plan.csv: line 1 is not mass_g,angle_deg,azimuth_deg,x_mm"),
+        (PLAN.replace("200,0,0,20", "200,0,0,99"), "line 3: x_mm 99 is outside -38..38"),
+    ],
+)
+def test_a_plan_is_looked_at_before_a_bus_is_opened(
+    text: str, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "plan.csv").write_text(text)
+    result = calibrate(tmp_path, "--interface", "virtual")
+    assert result.exit_code == 1
+    assert message in result.stderr.splitlines()[-1]
+    assert not (tmp_path / "plate.json").exists()
+
+
+def test_tilts_in_one_direction_are_refused_before_any_weight_is_asked_for(
+    laboratory: Laboratory, tmp_path: Path
+) -> None:
+    (tmp_path / "plan.csv").write_text("\n".join(PLAN.splitlines()[:4]) + "\n")
+    result = calibrate(tmp_path)
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    assert line == (
+        f"Error: {tmp_path}/plan.csv: the tilted weighings load one direction only: "
+        "tilt along x and along y"
+    )
+    assert laboratory.asked == []
+    assert not (tmp_path / "plate.json").exists()
+
+
+def test_who_drives_is_not_disturbed(laboratory: Laboratory, tmp_path: Path) -> None:
+    laboratory.bench.voltage = 5.0
+    laboratory.bench.mode = "open_loop"
+    result = calibrate(tmp_path, "--write")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("Error: somebody drives the stimulator: it is armed or running")
+    assert laboratory.asked == []
+    assert not (tmp_path / "plate.json").exists()
+
+
+def test_a_certificate_that_exists_is_kept(laboratory: Laboratory, tmp_path: Path) -> None:
+    (tmp_path / "plate.json").write_text("of last year")
+    result = calibrate(tmp_path)
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    cure = "choose another file, or replace it with --force"
+    assert line == f"Error: {tmp_path}/plate.json exists: {cure}"
+    assert (tmp_path / "plate.json").read_text() == "of last year"
+    assert laboratory.asked == []
+
+
+@pytest.mark.parametrize("end", [click.Abort, KeyboardInterrupt])
+def test_who_interrupts_is_told_that_nothing_is_kept(
+    laboratory: Laboratory,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    end: type[BaseException],
+) -> None:
+    def leave(what: str) -> None:
+        if what.startswith("2: put"):
+            raise end
+        laboratory.do(what)
+
+    monkeypatch.setattr("smarttac_can.cli.bench._ask", leave)
+    result = calibrate(tmp_path, "--write")
+    assert (result.exit_code, result.stderr) == (
+        1,
+        "Error: interrupted after 1 of 4 weighings: none is kept, and nothing was set in the "
+        "stimulator\n",
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.csv"]
+
+
+@pytest.mark.parametrize("name", ["plan.csv", "linked.json", "./plan.csv"])
+def test_the_certificate_never_takes_the_place_of_the_plan(tmp_path: Path, name: str) -> None:
+    plan = tmp_path / "plan.csv"
+    plan.write_text(PLAN)
+    (tmp_path / "linked.json").symlink_to(plan)
+    arguments = ["calibrate", str(plan), "--certificate", f"{tmp_path}/{name}", "--force"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2
+    assert "would take the place of the plan" in result.stderr
+    assert plan.read_text() == PLAN
+
+
+def test_the_plan_is_not_where_the_certificate_is_made(tmp_path: Path) -> None:
+    plan = tmp_path / "plate.json.part"
+    plan.write_text(PLAN)
+    arguments = ["calibrate", str(plan), "--certificate", str(tmp_path / "plate.json")]
+    assert CliRunner().invoke(main, arguments).exit_code == 2
+    assert plan.read_text() == PLAN
