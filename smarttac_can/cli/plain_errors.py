@@ -11,7 +11,7 @@ from typing import Final
 import click
 
 from smarttac_can.bench.errors import in_shell_words
-from smarttac_can.bench.extras import require_matplotlib
+from smarttac_can.bench.traces import require_matplotlib
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.file_errors import trouble
 from smarttac_can.master.errors import BenchError

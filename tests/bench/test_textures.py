@@ -170,7 +170,7 @@ def test_a_picture_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_pictures_without_matplotlib(
     use: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.bench.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("smarttac_can.bench.traces.find_spec", lambda name: None)
     with pytest.raises(BenchError, match=r"^the pictures need matplotlib: pip install 'smarttac"):
         use(tmp_path / "wood.png")
     assert not list(tmp_path.iterdir())

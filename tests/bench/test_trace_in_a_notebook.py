@@ -103,7 +103,7 @@ def test_a_long_trace_keeps_its_peaks(trace: Trace) -> None:
 
 
 def test_pictures_without_matplotlib(trace: Trace, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("smarttac_can.bench.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("smarttac_can.bench.traces.find_spec", lambda name: None)
     with pytest.raises(
         BenchError, match=r"^the pictures need matplotlib: pip install 'smarttac-can\[report\]'$"
     ):
