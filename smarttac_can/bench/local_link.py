@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NoReturn
 
+from smarttac_can.bench.errors import refused_write
 from smarttac_can.bench.link import (
     PUBLISHED,
     RECORDED,
@@ -18,7 +19,6 @@ from smarttac_can.bench.link import (
     never,
 )
 from smarttac_can.bench.published import published_pdos
-from smarttac_can.bench.refused import refused_write
 from smarttac_can.device.frame import Frame
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.master.requests import download, downloaded, downloading

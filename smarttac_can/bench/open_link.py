@@ -10,10 +10,10 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
+from smarttac_can.bench.errors import bounds
 from smarttac_can.bench.link import Link
 from smarttac_can.bench.local_link import LocalLink
 from smarttac_can.bench.named_objects import find_number, raw_value, truth
-from smarttac_can.bench.refused import bounds
 from smarttac_can.bench.simulation import (
     PLATE_ID,
     STIMULATOR_ID,

@@ -13,8 +13,7 @@ import can
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from smarttac_can.bench.errors import NotRunningError
-from smarttac_can.bench.refused import refused_write, write_action
+from smarttac_can.bench.errors import NotRunningError, refused_write, write_action
 from smarttac_can.commissioning.scan import STATES, UNKNOWN
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self, cast
 
-from smarttac_can.bench.finger import SimulatedFinger
 from smarttac_can.bench.link import ClosedLink, Link
 from smarttac_can.bench.loop import Loop
 from smarttac_can.bench.named_objects import NamedObjects
 from smarttac_can.bench.of_part import of_part
 from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
+from smarttac_can.bench.plate_loads import SimulatedFinger
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.set_points import (
     BothSides,

@@ -17,11 +17,12 @@ from smarttac_can.bench import Stimulator, stimulator_od
 from smarttac_can.bench.calibration import (
     POSITIONS,
     Calibration,
+    mean_gauges,
     require_two_directions,
+    weigh,
     write_calibration,
 )
-from smarttac_can.bench.gauge_samples import mean_gauges, weigh
-from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
+from smarttac_can.bench.plate_loads import STANDARD_GRAVITY, Placing, Weighing, read_plan
 from smarttac_can.cli.options import OLD_FILE, BusChoice, FiniteRange, stimulator_options
 from smarttac_can.cli.plain_errors import naming, one_line, plain_errors
 from smarttac_can.cli.process import lockstep_option

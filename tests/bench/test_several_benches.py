@@ -12,7 +12,7 @@ import pytest
 from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
 
 from smarttac_can.bench import BenchError, NotRunningError, State, Stimulator, every_cycle, selftest
-from smarttac_can.bench.gauge_samples import mean_gauges
+from smarttac_can.bench.calibration import mean_gauges
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 
 
