@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.set_points import with_unit
+from smarttac_can.bench.named_objects import with_unit
 from smarttac_can.host.bounded_file import open_regular
 from smarttac_can.host.file_errors import in_words
 from smarttac_can.master.errors import BenchError, RefusedError
@@ -44,7 +44,7 @@ class SimulatedFinger:
     read
         Reads an object by name in a unit, `Stimulator.get`.
     write
-        Writes objects by name, all or none, `NamedObjects.set_all`.
+        Writes objects by name, all or none, as `NamedObjects` does.
     """
 
     def __init__(

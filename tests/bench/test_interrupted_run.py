@@ -66,7 +66,7 @@ def test_ctrl_c_before_the_first_cycle(bench: Stimulator, monkeypatch: pytest.Mo
     def at_once() -> Iterator[Any]:
         yield lambda: True
 
-    monkeypatch.setattr("smarttac_can.bench.loop.interrupt_waits", at_once)
+    monkeypatch.setattr("smarttac_can.bench.stimulator.interrupt_waits", at_once)
     with pytest.raises(RunInterruptedError, match="after 0 of 1000") as caught:
         bench.run(1)
     assert caught.value.trace is None
