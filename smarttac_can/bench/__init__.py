@@ -8,8 +8,8 @@ from smarttac_can.bench.errors import (
     NotRunningError,
     RunInterruptedError,
 )
+from smarttac_can.bench.link import Reading
 from smarttac_can.bench.plate_loads import Placing, Weighing, read_plan
-from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import RecordedData, make_recording, read_recording
 from smarttac_can.bench.self_test import selftest

@@ -11,8 +11,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from smarttac_can import __version__
-from smarttac_can.bench.link import Link
-from smarttac_can.bench.published import PublishedPdo
+from smarttac_can.bench.link import Link, PublishedPdo
 from smarttac_can.bench.recorded_frames import TICK
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.host.file_errors import reason

@@ -17,7 +17,7 @@ from smarttac_can.bench.errors import (
     NotRunningError,
     RunInterruptedError,
 )
-from smarttac_can.bench.link import ClosedLink, Link, Row, unwrapped
+from smarttac_can.bench.link import ClosedLink, Link, Reading, Row, unwrapped
 from smarttac_can.bench.named_objects import (
     ARMED,
     DISARM_FIRST,
@@ -30,7 +30,6 @@ from smarttac_can.bench.named_objects import (
 )
 from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
 from smarttac_can.bench.plate_loads import SimulatedFinger
-from smarttac_can.bench.reading import Reading
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.textures import Texture

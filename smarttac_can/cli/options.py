@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import canopen
 import click
 
+from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.bench.simulation import STIMULATOR_ID
-from smarttac_can.bench.tapped_network import TappedNetwork
 from smarttac_can.cli.plain_errors import one_line, plain_errors
 from smarttac_can.device.stored_image import begins_as_image
 from smarttac_can.host.bounded_file import read_bounded

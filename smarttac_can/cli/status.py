@@ -11,8 +11,7 @@ import canopen
 import click
 
 from smarttac_can.bench import FaultError, State, Stimulator, plate_od, stimulator_od
-from smarttac_can.bench.bench_heartbeat import bench_id
-from smarttac_can.bench.remote_device import RemoteDevice
+from smarttac_can.bench.remote_device import RemoteDevice, bench_id
 from smarttac_can.cli.options import (
     BusChoice,
     closing_network,

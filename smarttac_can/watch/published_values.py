@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from smarttac_can.bench.published import PUBLIC, PublishedPdo, published_pdos
+from smarttac_can.bench.link import PUBLIC, PublishedPdo, published_pdos
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import PDO_COB_ID, TPDO_COMMUNICATION, TPDO_MAPPING
 from smarttac_can.od.dictionary import ObjectDictionary

@@ -11,7 +11,7 @@ import pytest
 from nodes_on_a_bus import in_threads, stimulator_with_plate
 
 from smarttac_can.bench import BenchError, RunInterruptedError, Stimulator
-from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.bench.open_link import _over_can
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.process_signals import interrupt_waits

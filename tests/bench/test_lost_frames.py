@@ -10,7 +10,7 @@ import pytest
 from nodes_on_a_bus import GUARD_S, both, in_threads, processes, stimulator_with_plate
 
 from smarttac_can.bench import HeartbeatLostError, NotRunningError, Stimulator
-from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.bench.open_link import _over_can
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import Connection, LocalBus

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from nodes_on_a_bus import multicast_options, processes
 
 from smarttac_can.bench import Stimulator
-from smarttac_can.bench.local_link import LocalLink
+from smarttac_can.bench.open_link import LocalLink
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli import main
 from smarttac_can.nodes.plate_block import PlateBlock
