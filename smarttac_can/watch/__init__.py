@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 from smarttac_can._faces import lazily
 
 if TYPE_CHECKING:
-    from smarttac_can.watch.view import View
-    from smarttac_can.watch.watcher import Watcher
+    from smarttac_can.watch.watcher import View, Watcher
 
 __all__ = ["View", "Watcher"]
 
 __getattr__ = lazily(
     __name__,
     {
-        "View": "view",
+        "View": "watcher",
         "Watcher": "watcher",
     },
 )

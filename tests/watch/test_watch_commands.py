@@ -3,7 +3,7 @@
 import pytest
 
 from smarttac_can.bench import BenchError, Stimulator
-from smarttac_can.watch.commands import HINT, obey
+from smarttac_can.watch.screen import HINT, obey
 
 
 def test_set_points_take_units_as_at_the_bench() -> None:
