@@ -73,8 +73,8 @@ def truth(name: str, value: object) -> bool:
     return value
 
 
-def find_object(od: ObjectDictionary, name: str) -> Entry:
-    """Find an object by its name.
+def find_number(od: ObjectDictionary, name: str) -> Entry:
+    """Find an object that is a number by its name.
 
     Raises
     ------
@@ -86,18 +86,6 @@ def find_object(od: ObjectDictionary, name: str) -> Entry:
         near = get_close_matches(str(name), [known.name for known in od], _HINTS)
         hint = f", perhaps {' or '.join(near)}" if near else ""
         raise BenchError(f"there is no object {name!r}{hint}")
-    return entry
-
-
-def find_number(od: ObjectDictionary, name: str) -> Entry:
-    """Find an object that is a number by its name.
-
-    Raises
-    ------
-    BenchError
-        If there is none; the message has names that are near.
-    """
-    entry = find_object(od, name)
     if not isinstance(entry.default, int | float):
         hint = ": it is the text in .message" if name == _MESSAGE else ""
         raise BenchError(f"{name} is not a number{hint}")

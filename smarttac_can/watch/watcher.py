@@ -199,8 +199,8 @@ class Watcher:
             return
         peers = [node.at(now) for node in self._nodes]
         for peer in peers:
-            yield from notes_of(peer, now - (now if self._began is None else self._began))
-        if not gone(peers[0]):
+            yield from peer.notes(now - (now if self._began is None else self._began))
+        if not peers[0].gone:
             yield from self._notes_of_stimulator(now, peers[0])
         if self.stopping:
             yield "stop: written again and again until the stimulator shows that it is disarmed"
@@ -283,6 +283,25 @@ class Peer(NamedTuple):
     """NMT state; empty as long as nothing says which."""
     silent: float | None
     """Time in s since any frame of it; None if none has come."""
+
+    @property
+    def gone(self) -> bool:
+        """Whether it is not there, or no longer."""
+        return self.silent is None or self.silent > SILENT_S
+
+    def notes(self, listened: float) -> Iterator[str]:
+        """Say why it is not heard after so many s of listening."""
+        who = f"node {self.node_id} ({self.name})"
+        if self.silent is None:
+            if listened > SILENT_S:
+                yield (
+                    f"nothing has been heard of {who} for {listened:.0f} s: "
+                    "is it running on this bus, with that node-ID?"
+                )
+        elif self.gone:
+            yield f"{who} has been silent for {self.silent:.0f} s: it has stopped or left the bus"
+        elif self.nmt not in _SPEAKS:
+            yield f"{who} is {self.nmt}: it publishes nothing until a master starts it"
 
 
 class Emergency(NamedTuple):
@@ -385,26 +404,6 @@ class HeardNode:
         nmt = "" if self._nmt is None else STATES.get(self._nmt, UNKNOWN)
         silent = None if self._heard is None else now - self._heard
         return Peer(self.node_id, self.name, nmt, silent)
-
-
-def gone(peer: Peer) -> bool:
-    """Tell whether a node is not there, or no longer."""
-    return peer.silent is None or peer.silent > SILENT_S
-
-
-def notes_of(peer: Peer, listened: float) -> Iterator[str]:
-    """Say why a node is not heard after so many s of listening."""
-    who = f"node {peer.node_id} ({peer.name})"
-    if peer.silent is None:
-        if listened > SILENT_S:
-            yield (
-                f"nothing has been heard of {who} for {listened:.0f} s: "
-                "is it running on this bus, with that node-ID?"
-            )
-    elif peer.silent > SILENT_S:
-        yield f"{who} has been silent for {peer.silent:.0f} s: it has stopped or left the bus"
-    elif peer.nmt not in _SPEAKS:
-        yield f"{who} is {peer.nmt}: it publishes nothing until a master starts it"
 
 
 def mapping_entries(od: ObjectDictionary) -> Iterator[Entry]:
