@@ -1,4 +1,4 @@
-"""python-canopen's network with ears: taps, a local bus, and a log of all frames."""
+"""python-canopen's network whose frames others hear: on a bus, in this process, or into a log."""
 
 from __future__ import annotations
 
