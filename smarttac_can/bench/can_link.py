@@ -65,7 +65,7 @@ _POLL_S: Final = 0.005
 _TICK: Final = RECORDED.index("Contact.Tick")
 Receiver = Callable[[int, bytearray, float], None]
 _ANSWERED_S: Final = 0.25
-"""By then another bench has answered; who asks has heard that there may be one."""
+"""By then another bench has answered, if there is one."""
 _EVERY_CYCLE: Final = bytes((EVENT_MANUFACTURER,))
 _SETTLE_S: Final = 0.1
 """What still comes of the last SYNC has come by then."""
@@ -139,7 +139,7 @@ class CanLink:
         self._listen()
 
     def drive(self) -> None:
-        """Have this bench watched from now on, in real time; refused while another one drives."""
+        """Start the heartbeat of this bench, in real time; refused while another one drives."""
         if self._heartbeat is not None:
             self._heartbeat.begin()
 
@@ -153,7 +153,7 @@ class CanLink:
         return str(self._stimulator.read(self._stimulator.od[name]))
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object over SDO; a bench that drives is watched from then on."""
+        """Write a raw value to an object over SDO; one that drives starts the bench heartbeat."""
         if self.only_read and drives(name, raw):
             self.drive()
         device = self._owner(name)
@@ -233,7 +233,7 @@ class CanLink:
             )
 
     def source(self) -> FrameSource:
-        """Tell what the stimulator says its PDOs carry."""
+        """Return what the stimulator says its PDOs carry."""
         device = self._stimulator
         return FrameSource(
             published=self._pdos,
@@ -245,7 +245,7 @@ class CanLink:
 
     @contextmanager
     def frames(self, hear: Hear) -> Iterator[None]:
-        """Have the frames of these nodes told, and those that command them."""
+        """Pass on the frames of these nodes, and those that command them."""
         network = self._network
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
         told = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
@@ -265,7 +265,7 @@ class CanLink:
         return raw_log(self._network, path)
 
     def wrong_time(self) -> str:
-        """Say that the stimulator keeps another time than the link believes; empty if not."""
+        """Return what is wrong if the stimulator keeps another time than the link; else nothing."""
         if not self._threaded:
             return ""
         device = self._stimulator
@@ -285,7 +285,7 @@ class CanLink:
         return ""
 
     def _speaks(self, seconds: float) -> bool:
-        """Listen without sending SYNC: tell whether a heartbeat or TPDO comes within a time."""
+        """Return whether a heartbeat or TPDO comes within a time in s, without SYNC."""
         begun = monotonic()
         while monotonic() - begun < seconds:
             heard = [self._stimulator.heartbeat_at, *(pdo.received for pdo in self._pdos)]
@@ -336,7 +336,7 @@ class CanLink:
 
     @contextmanager
     def _hearing(self, can_ids: Iterable[int]) -> Iterator[None]:
-        """Have the kernel let more frames pass while a block lasts."""
+        """Add frames to those that the kernel lets pass, while a block lasts."""
         before, self._heard = self._heard, self._heard | frozenset(can_ids)
         self._listen()
         try:
@@ -346,7 +346,7 @@ class CanLink:
             self._listen()
 
     def _listen(self) -> None:
-        """Have the kernel drop what nobody here listens to."""
+        """Set the filter of the kernel to the frames that are listened to here."""
         if self._threaded:
             heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
             hear_only(self._network.bus, {*self._network.subscribers, heartbeat, *self._heard})
@@ -494,10 +494,10 @@ def _place(pdos: list[PublishedPdo], name: str) -> tuple[PublishedPdo, int] | No
 
 
 class EveryCycle:
-    """Has TPDOs sent in every cycle, and puts their types back when no bench needs it any more.
+    """Sets TPDOs to every cycle, and puts their types back when no bench needs it any more.
 
     Several benches may need it at once, and only the last of them may put the types back: until
-    another one asks anew, the cycles are lost. Who ends therefore asks whether anybody else needs
+    another one asks anew, the cycles are lost. A bench that ends asks whether another one needs
     them. The question is the SDO request that reads a type, the answer one that writes 254 to it
     again.
 
@@ -534,7 +534,7 @@ class EveryCycle:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Have them sent in every cycle; blocks may be nested.
+        """Send them in every cycle while a block lasts; blocks may be nested.
 
         They are sent so again at once when a reset, or a tool that does not ask, puts them back.
         """
@@ -586,7 +586,7 @@ class EveryCycle:
         return self._others.wait(_ANSWERED_S)
 
     def _keep(self, can_id: int, data: bytes) -> None:
-        """Hear what others ask for, answer, and ask again for what they have undone."""
+        """Answer other benches that ask, and set again what others have put back."""
         node_id, undone = self._device.od.node_id, self._undone
         frame = Frame(can_id, data)
         if can_id == HEARTBEAT_ID + node_id and data == BOOT_UP:
@@ -605,7 +605,7 @@ class EveryCycle:
             self._ask_for(ended)
 
     def _ask_for(self, entries: Iterable[Entry]) -> None:
-        """Write the types without waiting for an answer: who hears this is the one who receives."""
+        """Write the types without waiting for an answer, as this runs in the receiving thread."""
         if self._ends:
             return
         for entry in entries:

@@ -88,7 +88,7 @@ class Snapshot(NamedTuple):
 
 
 class OneRun:
-    """Lets one thread at a time run the loop of a link: it has one recording."""
+    """Allows one thread at a time to run the loop of a link, which has one recording."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -118,7 +118,7 @@ def never() -> bool:
 
 
 class FrameSource(NamedTuple):
-    """What the frames of a link mean that `Link.frames` tells."""
+    """What the frames that `Link.frames` passes on mean."""
 
     published: list[PublishedPdo]
     """Public TPDOs of the stimulator."""
@@ -127,7 +127,7 @@ class FrameSource(NamedTuple):
     commanded: list[PublishedPdo]
     """RPDOs by which a master commands it."""
     plate: ObjectDictionary | None
-    """EDS of the plate node; None with the plate inside."""
+    """EDS of the plate node; None if the plate is inside the stimulator."""
     clocked: bool
     """Whether ticks follow the clock, and not this bench."""
 
@@ -190,22 +190,22 @@ class Link(Protocol):
         """
 
     def source(self) -> FrameSource:
-        """Tell what the frames mean that `frames` tells."""
+        """Return what the frames that `frames` passes on mean."""
 
     def frames(self, hear: Hear) -> AbstractContextManager[None]:
-        """Have the frames of all cycles told, and those of masters, while a block lasts.
+        """Pass on the frames of all cycles, and those of masters, while a block lasts.
 
-        They are told as they come, by whichever thread has them.
+        `hear` is called as they come, by whichever thread has them.
         """
 
     def raw(self, path: Path) -> AbstractContextManager[str]:
         """Log all frames of the bus, in a format of python-can, while a block lasts.
 
-        It gives the block what of the log is not as on the bus, in one line; empty if all is.
+        It yields one line: what in the log differs from the bus; empty if nothing does.
         """
 
     def wrong_time(self) -> str:
-        """Say that the stimulator keeps another time than the link believes; empty if not."""
+        """Return what is wrong if the stimulator keeps another time than the link; else nothing."""
 
     def close(self) -> None:
         """Leave the bus; may be called twice."""

@@ -41,7 +41,7 @@ _OUT_OF_ORDER: Final = (
 
 
 class _Strays(can.Listener):
-    """Has python-can's thread that receives go on after what is no message."""
+    """Keeps the receiving thread of python-can going after something that is no message."""
 
     def __init__(self, network: canopen.Network) -> None:
         self._network = network
@@ -64,14 +64,14 @@ class _Strays(can.Listener):
 
 
 class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
-    """A network whose data frames, sent and received, are told to its taps.
+    """A network that passes its data frames, sent and received, on to its taps.
 
     Attributes
     ----------
     taps
         Called before who subscribes to a frame, in the thread that sends or receives.
     own_taps
-        These are told of sent frames alone.
+        Called with sent frames alone.
     hears_itself
         Whether its bus was told to echo what is sent, by an option or python-can's configuration.
     """

@@ -335,7 +335,7 @@ class LocalLink:
                     self._tell_cycle(self._hear)
 
     def source(self) -> FrameSource:
-        """Tell what the PDOs of a stimulator with the default mapping would carry."""
+        """Return what the PDOs of a stimulator with the default mapping would carry."""
         return FrameSource(
             published=self._pdos,
             every_cycle=[pdo.number for pdo in self._pdos if pdo.number != _STATUS_TPDO],
@@ -346,7 +346,7 @@ class LocalLink:
 
     @contextmanager
     def frames(self, hear: Hear) -> Iterator[None]:
-        """Have the frames told that there would be with a bus."""
+        """Pass on the frames that there would be with a bus."""
         self._hear = hear
         try:
             yield
@@ -358,20 +358,20 @@ class LocalLink:
         raise BenchError(f"there is no bus whose frames could go to {path}: simulate('bus')")
 
     def wrong_time(self) -> str:
-        """Return nothing: time passes in `run` alone."""
+        """Return an empty text: time passes in `run` alone."""
         return ""
 
     def close(self) -> None:
         """Do nothing: there is no bus to leave."""
 
     def _tell(self, frames: Iterable[Frame]) -> None:
-        """Tell the frames of a write that there would be with a bus."""
+        """Pass on the frames of a write that there would be with a bus."""
         if self._hear is not None:
             for frame in frames:
                 self._hear(frame.can_id, frame.data)
 
     def _tell_cycle(self, hear: Hear) -> None:
-        """Tell the TPDOs of a cycle; the one with the status if it has changed."""
+        """Pass on the TPDOs of a cycle; the one with the status only if it has changed."""
         for pdo, readers in zip(self._pdos, self._readers, strict=True):
             data = pdo.layout.pack(*[read() for read in readers])
             if pdo.number == _STATUS_TPDO:

@@ -164,7 +164,7 @@ class RemoteDevice:
         return self.state == NMTState.OPERATIONAL
 
     def check_operational(self) -> None:
-        """Raise NotRunningError if it says that it is in another NMT state."""
+        """Raise NotRunningError if its last heartbeat shows another NMT state."""
         if not self.operational:
             raise NotRunningError(
                 f"node {self.od.node_id} is {STATES.get(self.state, UNKNOWN)}: a master, or the "
@@ -172,7 +172,7 @@ class RemoteDevice:
             )
 
     def check_heartbeat(self) -> None:
-        """Raise HeartbeatLostError if heartbeats have come and then stayed away."""
+        """Raise HeartbeatLostError if heartbeats came and have stopped."""
         if self.heartbeat_at is None or not self.heartbeat_s:
             return
         silence = monotonic() - self.heartbeat_at
@@ -256,7 +256,7 @@ def bench_id(stimulator_id: int) -> int:
 
 
 def drives(name: str, raw: int) -> bool:
-    """Tell whether a write leads to a voltage; a quick stop does not: any bench may ask for it."""
+    """Return whether a write leads to a voltage; a quick stop, from any bench, does not."""
     if name == "Controlword":
         return bool(raw & (Control.ARM | Control.FAULT_RESET))
     return name == "Mode" and raw != Mode.OFF
@@ -292,7 +292,7 @@ class BenchHeartbeat:
         return self._thread.ident is not None
 
     def begin(self) -> None:
-        """Have this bench watched; a watch that the stimulator lost by a reset is set up anew.
+        """Start the heartbeat, and have the stimulator consume it, again if a reset has ended that.
 
         Raises
         ------
@@ -323,7 +323,7 @@ class BenchHeartbeat:
             self._thread.start()
 
     def end(self, at_rest: bool) -> None:
-        """Have the watch ended if the stimulator is at rest, then the heartbeat.
+        """End the consumer of the stimulator if it is at rest, then the heartbeat.
 
         One that still drives, or does not say, stops by the heartbeat that it misses.
         """
