@@ -52,7 +52,7 @@ class FaultError(BenchError):
 
 
 class RunInterruptedError(BenchError, KeyboardInterrupt):
-    """Ctrl-C has ended a run; who catches neither errors of the bench nor Ctrl-C is ended by it.
+    """Ctrl-C has ended a run; it ends a script that catches neither `BenchError` nor Ctrl-C.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class RunInterruptedError(BenchError, KeyboardInterrupt):
 
 
 def in_shell_words(text: object) -> str:
-    """Return a message of the bench as it helps somebody who has no script but a shell.
+    """Return a message of the bench in the words of the shell commands.
 
     Returns
     -------

@@ -151,7 +151,7 @@ class SimulatedFinger:
         )
 
     def put(self, placing: Placing, gravity: float = STANDARD_GRAVITY) -> None:
-        """Put a weight on the simulated plate, tilted as told, instead of the one before.
+        """Put a weight on the simulated plate, tilted as it says, instead of the one before.
 
         It lies there at once, and until another is put: ``placing.empty`` takes it away. Lift the
         finger first.

@@ -247,7 +247,7 @@ class RecordedPdo:
         self._dtype = np.dtype(fields)
 
     def found(self, records: Records) -> npt.NDArray[np.bool_]:
-        """Tell which records are frames of it."""
+        """Return which records are frames of it."""
         found: npt.NDArray[np.bool_] = (
             (records["can_id"] == self.can_id)
             & (records["kind"] == FRAME)
@@ -379,7 +379,7 @@ class RowReader:
         return columns
 
     def _since_restart(self, restarts: Places, at: Places) -> Flags:
-        """Tell for each row whether there was a restart since the row before."""
+        """Return for each row whether there was a restart since the row before."""
         before = np.searchsorted(restarts, at)
         since: Flags = np.diff(before, prepend=0) > 0
         if len(since):

@@ -61,7 +61,7 @@ CYCLES_PER_SECOND: Final = 1000
 _LEAST_RECORDED: Final = 0.5
 _MOST_S: Final = 604_800
 _LONG_S: Final = 2.0
-"""Who waits for longer is shown how far it is."""
+"""A progress bar is shown for longer runs."""
 _MOST_CYCLES: Final = 100
 """In which the objects of a sample have been read, on a slow bus as well."""
 
@@ -107,7 +107,7 @@ class Stimulator(NamedObjects):
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         super().__init__(link, od)
-        # Whether who asked for the state last was told of a fault.
+        # Whether the state was FAULT when it was last asked for.
         self._knows_fault = False
         self._recording: Recording | None = None
         self.finger = SimulatedFinger(self.get, self._set_all)
@@ -143,7 +143,7 @@ class Stimulator(NamedObjects):
 
     @property
     def state(self) -> State:
-        """State of the device; who has read FAULT here gets no `FaultError` of `run` for it."""
+        """State of the device. `run` raises no `FaultError` for a fault that was read here."""
         state = self._shown_state()
         self._knows_fault = state is State.FAULT
         return state
@@ -188,7 +188,7 @@ class Stimulator(NamedObjects):
 
     @contextmanager
     def _texture_explained(self, name: str) -> Iterator[None]:
-        """Where something of a texture is refused, say why as the stimulator does."""
+        """Give the reason of the stimulator where something of a texture is refused."""
         try:
             yield
         except RefusedError as error:
@@ -378,7 +378,7 @@ class Stimulator(NamedObjects):
         self._link.write("Mode", Mode.OFF)
 
     def _stop_driving(self) -> bool:
-        """Disarm, unless this bench only reads; tell whether that was possible."""
+        """Disarm, unless this bench only reads; return whether that was possible."""
         try:
             if not self._link.only_read:
                 self.disarm()
@@ -440,7 +440,7 @@ class Stimulator(NamedObjects):
             raise
 
     def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:
-        """Identify the unloaded plate and have the controllers designed for it.
+        """Identify the unloaded plate, and design the controllers for it.
 
         Parameters
         ----------
@@ -634,9 +634,9 @@ class Stimulator(NamedObjects):
     def _running(
         self, rows: list[Row], experiment: str, subject: int
     ) -> Iterator[Callable[[], bool]]:
-        """Have the loop run in a block: an error disarms, and keeps what was recorded.
+        """Handle the end of a run: an error disarms, and keeps what was recorded.
 
-        It gives the block what tells whether Ctrl-C has come.
+        It yields a function that returns whether Ctrl-C has come.
         """
         with interrupt_waits() as interrupted:
             try:

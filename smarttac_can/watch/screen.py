@@ -180,13 +180,13 @@ def lines(view: View, where: str, width: int, height: int, below: int = 0) -> li
     below
         Lines of it that others need.
     """
-    told = (
+    too_small = (
         f"the terminal has {width} x {height} characters, "
         f"watch needs {LEAST_COLUMNS} x {LEAST_LINES + below}: make it larger"
     )
     height -= below
     if width < LEAST_COLUMNS or height < LEAST_LINES:
-        return [Line(text, "alarm") for text in wrap(told, max(width, 1))[: max(height, 0)]]
+        return [Line(text, "alarm") for text in wrap(too_small, max(width, 1))[: max(height, 0)]]
     laid = [*_top(view, where), *_contact(view, width), *_drive(view), *_counts(view)]
     urgent = [*_urgent(view, width)]
     # What is wrong comes before what was wrong, if there is no room for both.

@@ -48,7 +48,7 @@ READ: Final = (
 )
 """What no TPDO carries by default, read by SDO in turn."""
 FORGOTTEN_S: Final = 5.0
-"""A value that SDO told is shown for so long."""
+"""A value read by SDO is shown for so long."""
 _EMERGENCIES: Final = 6
 _HISTORY: Final = 120
 _SAMPLE_S: Final = 0.25
@@ -69,7 +69,7 @@ _ARMED: Final = (State.ARMED, State.RUNNING)
 
 
 class Watcher:
-    """What can be told of a stimulator by listening, and by reading what no TPDO carries.
+    """State of a stimulator, from listening and from reading what no TPDO carries.
 
     It sends nothing but SDO reads of single objects, and nothing at all if `reads` is False; the
     one exception is `stop`.
@@ -150,7 +150,7 @@ class Watcher:
         return frames
 
     def stop(self) -> None:
-        """Have the stimulator disarmed: controlword and mode are written until it shows no drive.
+        """Disarm the stimulator: controlword and mode are written until it shows no drive.
 
         Any client may, whoever drives.
         """
@@ -181,8 +181,8 @@ class Watcher:
             frequency_hz=self._value(seen, "Vibration.Frequency", "Hz"),
             temperature_degc=self._value(seen, "Plate temperature", "degC"),
             position_mm=self._value(seen, "Contact.Position", "mm") if touching else None,
-            read=self._told(now),
-            cycle_rate=self._cycle_rate if "Cycle.Cycles" in self._told(now) else None,
+            read=self._read_values(now),
+            cycle_rate=self._cycle_rate if "Cycle.Cycles" in self._read_values(now) else None,
             latched=self._latched(now),
             emergencies=tuple(
                 Emergency(now - at, node_id, code, emergency_text(code))
@@ -221,7 +221,7 @@ class Watcher:
         """Return a COF; 0 stands for none."""
         return self._value(seen, f"Contact.{what}", "") or None
 
-    def _raw_told(self, now: float) -> dict[str, int]:
+    def _raw_read(self, now: float) -> dict[str, int]:
         reader = self._reader
         if reader is None:
             return {}
@@ -231,8 +231,8 @@ class Watcher:
             if entry in reader.values and now - at <= FORGOTTEN_S
         }
 
-    def _told(self, now: float) -> dict[str, float]:
-        raw = self._raw_told(now)
+    def _read_values(self, now: float) -> dict[str, float]:
+        raw = self._raw_read(now)
         return {
             name: raw[name] * self._od[name].unit.in_unit(self._od[name].unit.symbol)
             for name in READ
@@ -240,7 +240,7 @@ class Watcher:
         }
 
     def _latched(self, now: float) -> tuple[str, ...]:
-        bits = self._raw_told(now).get("Diagnosis.Latched", 0)
+        bits = self._raw_read(now).get("Diagnosis.Latched", 0)
         return tuple(WATCHDOGS[watchdog].text.partition(":")[0] for watchdog in watchdogs_in(bits))
 
     def _follow(self, reader: SdoReader, now: float) -> None:
@@ -280,7 +280,7 @@ class Peer(NamedTuple):
     node_id: int
     name: str
     nmt: str
-    """NMT state; empty as long as nothing says which."""
+    """NMT state; empty while it is not known."""
     silent: float | None
     """Time in s since any frame of it; None if none has come."""
 
@@ -339,7 +339,7 @@ class View(NamedTuple):
     position_mm: float | None
     """Of the finger, from the middle of the plate; None while none touches."""
     read: Mapping[str, float]
-    """What SDO has told, by the name of the object, in its displayed unit."""
+    """Values read by SDO, by the name of the object, in its displayed unit."""
     cycle_rate: float | None
     """Cycles a second."""
     latched: tuple[str, ...]
@@ -415,7 +415,7 @@ def mapping_entries(od: ObjectDictionary) -> Iterator[Entry]:
 
 
 class PublishedValues:
-    """What the public TPDOs brought last; decoded by the defaults of the EDS until told otherwise.
+    """What the public TPDOs brought last, decoded by the EDS until the mapping was read.
 
     Parameters
     ----------
@@ -430,17 +430,17 @@ class PublishedValues:
         self._since = 0.0
         self.remap({}, 0.0)
 
-    def remap(self, told: Mapping[Entry, int], now: float) -> None:
-        """Decode by what the node has told of its mapping; by the EDS where it has not.
+    def remap(self, known: Mapping[Entry, int], now: float) -> None:
+        """Decode by the mapping that was read from the node; by the EDS where it was not.
 
         Parameters
         ----------
-        told
+        known
             Raw values of entries of `mapping_entries`.
         now
             Time in s.
         """
-        pdos = published_pdos(self._od, lambda entry: told.get(entry, int(entry.default)))
+        pdos = published_pdos(self._od, lambda entry: known.get(entry, int(entry.default)))
         self._pdos = {pdo.can_id: pdo for pdo in pdos}
         self._ill = set()
         self._since = now
@@ -531,7 +531,7 @@ class SdoReader:
         return not self._open
 
     def take(self, now: float, frame: Frame) -> bool:
-        """Take any frame of the bus, maybe another client's request; tell if it is an answer."""
+        """Take any frame, also a request of another client; return whether it is an answer."""
         if frame.can_id == SDO_RX_ID + self._node_id:
             self._next = now + YIELD_S
             return False
