@@ -505,26 +505,6 @@ def test_two_runs_are_the_same_bits():
     assert trace() == trace()
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"amplitude_pole": 1.2}, r"amplitude_pole 1\.2 is outside 0\.\.0\.95"),
-        ({"resonance_pole": -0.1}, r"resonance_pole -0\.1 is outside 0\.\.0\.95"),
-        ({"law": 4}, "4 is not a valid Law"),
-        ({"vibration_law": 3}, "3 is not a valid VibrationLaw"),
-        ({"contact_force": 0.0}, r"contact_force 0 is outside 0\.01\.\.10"),
-        ({"V_max": math.nan}, r"V_max nan is outside 0\.\.500"),
-        ({"f_min": 43900.0, "f_max": 43800.0}, r"f_max 43800 is outside 43900\.\.1e\+06"),
-        ({"dead_time": 1e-3}, r"dead_time 0\.001 is outside 0\.\.0\.000999"),
-        ({"lateral": ((1.0, 0.0), (0.0, math.inf))}, r"lateral inf is outside -10\.\.10"),
-        ({"gauge_positions": (0.0, 0.0, 0.0, 0.05)}, r"gauge_positions 0\.05 is outside"),
-    ],
-)
-def test_parameters_are_checked(wrong, message):
-    with pytest.raises(ValueError, match=f"^{message}"):
-        CascadeParameters(**wrong)
-
-
 def test_a_texture_is_the_reference_where_the_finger_will_be():
     parameters = CascadeParameters(dead_time=500e-6, preview=1.5e-3)
     cascade, plate = cascade_with_texture(parameters), FirstOrderPlate(dead_time=500e-6)

@@ -40,6 +40,7 @@ def alternating(ticks):
 def test_starts_at_rest_at_ambient():
     plate = make(ambient=27.0)
     assert (plate.tick, plate.W, plate.temperature, plate.Ft) == (0, 0j, 27.0, 0.0)
+    assert plate.mu_true == 0.0
     assert plate.resonance == pytest.approx(43390.0 - 14 * 7)
 
 
@@ -146,7 +147,27 @@ def test_refuses_a_drive_and_stays_as_it_was(drive):
     assert plate.sample() == before
 
 
-@pytest.mark.parametrize(("name", "value"), [("ambient", 90.0), ("dead_time", 2e-3), ("seed", -1)])
+@pytest.mark.parametrize(("voltage", "frequency"), [(0.0, 0.0), (1000.0, 1e6)])
+def test_takes_any_drive_up_to_its_limits_and_none_beyond(voltage, frequency):
+    plate = make()
+    drive = Drive(voltage, frequency)
+    plate.step(drive, drive)
+    side = 1.0 if voltage else -1.0
+    for wrong in (Drive(voltage + side, frequency), Drive(voltage, frequency + side)):
+        for drives in ((wrong, OFF), (OFF, wrong), (wrong, wrong)):
+            with pytest.raises(ValueError, match="is outside"):
+                plate.step(*drives)
+    assert plate.tick == 1
+
+
+@pytest.mark.parametrize("ambient", [-20.0, 60.0])
+def test_any_ambient_of_a_room_is_the_temperature_at_first(ambient):
+    assert make(ambient=ambient).temperature == ambient
+    with pytest.raises(ValueError, match=r"^ambient .* is outside"):
+        make(ambient=ambient * 1.01)
+
+
+@pytest.mark.parametrize(("name", "value"), [("dead_time", 2e-3), ("seed", -1)])
 def test_refuses_arguments(name, value):
     with pytest.raises(ValueError, match=rf"^{name} {value} is outside"):
         make(**{name: value})

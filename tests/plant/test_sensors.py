@@ -88,6 +88,16 @@ def test_a_converter_is_saturated_from_its_last_step_on(name, step, sensor, side
             assert read(**state).saturated == saturated
 
 
+@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_each_gauge_has_a_bit_of_its_own(number, side):
+    sensors = Sensors(IDEAL, 1)
+    gauges = list(sensors.sensing.gauges)
+    gauges[number] = gauges[number]._replace(null=side * 4.0)
+    sensors.sensing = sensors.sensing._replace(gauges=tuple(gauges))
+    assert sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).saturated == 1 << number
+
+
 @given(
     W=st.builds(complex, st.floats(-3e-6, 3e-6), st.floats(-3e-6, 3e-6)),
     temperature=st.floats(-20.0, 80.0),
@@ -215,5 +225,6 @@ def test_a_weight_is_on_each_gauge_by_cross_talk_lever_and_bow() -> None:
     bows = [gauge.bow for gauge in sensing(still).gauges]
     expected = [load + bow * load * load for load, bow in zip(loads, bows, strict=True)]
     assert np.subtract(under, bare) == pytest.approx(expected, abs=1.01e-4)
+    assert loaded(still, Weight(Fn=2.0)) == loaded(still, Weight(Fn=2.0, x=0.0))
     sensors.sensing = loaded(still, Weight())
     assert sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).gauges == bare
