@@ -12,11 +12,15 @@ from smarttac_can.plant.friction import (
     sliding_coefficient,
     sliding_friction,
 )
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.population.cases import Case
+from smarttac_can.population.fingers import draw_finger
 
 F0 = 43390.0
 TABLE_I = list(zip(SUBJECTS, [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)], strict=False))
-subjects = st.sampled_from([*SUBJECTS, *random_subjects(20, 3)])
+subjects = st.sampled_from(
+    [*SUBJECTS, *(draw_finger(3, number, Case()).subject for number in range(20))]
+)
 
 
 def coefficient(subject, W, v=0.06, Fn=0.5, occlusion=0.0):

@@ -13,7 +13,7 @@ from smarttac_can.plant.parameters import (
 )
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.sensors import Noise
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects
+from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.signals import Drive
 
 
@@ -87,9 +87,8 @@ def moves(subject=SUBJECTS[1], **groups):
     [
         lambda seed: Noise(SensorParameters(), seed),
         lambda seed: Stroke(seed=seed),
-        lambda seed: random_subjects(1, seed),
     ],
-    ids=["noise", "stroke", "subjects"],
+    ids=["noise", "stroke"],
 )
 def test_a_seed_has_63_bits(make):
     for seed in (0, 2**63 - 1):
@@ -103,9 +102,3 @@ def test_parameters_are_values():
     assert PlateParameters() == PlateParameters()
     with pytest.raises(dataclasses.FrozenInstanceError):
         PlateParameters().resonator.tau = 1.0
-
-
-def test_random_subjects_depend_on_the_seed_alone():
-    assert random_subjects(5, 1) == random_subjects(5, 1)
-    assert random_subjects(5, 1) == random_subjects(9, 1)[:5]
-    assert random_subjects(5, 1) != random_subjects(5, 2)
