@@ -4,6 +4,7 @@ import math
 import random
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from smarttac_can.control.friction_map import MEAN, value
@@ -12,6 +13,11 @@ from smarttac_can.control.texture_friction import (
     ANYBODY,
     BEHIND_TICKS,
     FLATTEST,
+    FORGOTTEN,
+    GATE,
+    LEVEL_DRIFT,
+    LOST_VARIANCE,
+    MODEL_VARIANCE,
     SLOPE,
     STEEPEST,
     Known,
@@ -129,6 +135,27 @@ def test_no_errors_make_the_map_turn_round(error):
     assert known.mm > 0.0
     assert known.ss > 0.0
     assert known.mm * known.ss >= known.ms * known.ms
+
+
+def test_a_tick_is_that_of_a_kalman_filter_whose_errors_are_bounded():
+    known, x, P = ANYBODY, np.array(ANYBODY[:2]), np.diag([ANYBODY.mm, ANYBODY.ss])
+    draw = random.Random(4)
+    for tick in range(300):
+        h, relative, lost = -draw.uniform(0.05, 0.8), draw.uniform(0.005, 0.05), tick % 50 == 49
+        error = draw.gauss(0.0, 0.1) + (3.0 if tick % 20 == 0 else 0.0)
+        known = learned(known, h, error, relative, lost)
+        # m0 wanders, and s is forgotten.
+        P[0, 0] += LEVEL_DRIFT
+        P[0, 0] = max(P[0, 0], LOST_VARIANCE) if lost else P[0, 0]
+        P[0, 1] = P[1, 0] = P[0, 1] * (1.0 - FORGOTTEN)
+        P[1, 1] += FORGOTTEN * (ANYBODY.ss - P[1, 1])
+        H = np.array([1.0, h])
+        spread = H @ P @ H + relative**2 + MODEL_VARIANCE
+        most = GATE * math.sqrt(spread)
+        x = x + P @ H / spread * min(max(error, -most), most)
+        x[1] = min(max(x[1], FLATTEST), STEEPEST)
+        P = P - np.outer(P @ H, H @ P) / spread
+        assert known == pytest.approx((*x, P[0, 0], P[0, 1], P[1, 1]), rel=1e-9)
 
 
 def test_what_is_not_excited_is_not_unlearned_beyond_any_finger():
