@@ -100,6 +100,19 @@ def test_the_amplitude_is_held_until_the_finger_is_known_to_slide_and_then_moves
     assert touches[-1].bump == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_touch_begins_settled_and_without_an_error():
+    begun = begin_texture(Finger(1.0).feel(0.5), ANYBODY)
+    assert (begun.lasting, begun.bump, begun.risen, begun.lag_ticks) == (0.0, 0.0, 0.0, 0)
+    later = follow_texture(begun, begun.felt, W_MAX)
+    assert later.path == begun.path
+
+
+def test_a_finger_that_pulls_by_nothing_has_not_turned():
+    touches, _ = played(Finger(1.0), [0.5] * 10)
+    resting = touches[-1].felt._replace(Fx=0.0)
+    assert follow_texture(touches[-1], resting, W_MAX).since_turn == touches[-1].since_turn + 1
+
+
 def test_nothing_is_learned_where_the_finger_turns():
     finger = Finger(1.0)
     touches, _ = played(finger, grating(200))
@@ -110,6 +123,7 @@ def test_nothing_is_learned_where_the_finger_turns():
         last = follow_texture(last, felt._replace(mu=0.05), W_MAX)
         finger.vibrate(last.W_ref)
         assert last.known == touches[-1].known, tick
+        assert last.lasting == 0.0
     last = follow_texture(last, felt._replace(mu=0.05), W_MAX)
     assert last.known != touches[-1].known
 
@@ -141,7 +155,7 @@ def test_a_tick_is_that_of_a_kalman_filter_whose_errors_are_bounded():
     known, x, P = ANYBODY, np.array(ANYBODY[:2]), np.diag([ANYBODY.mm, ANYBODY.ss])
     draw = random.Random(4)
     for tick in range(300):
-        h, relative, lost = -draw.uniform(0.05, 0.8), draw.uniform(0.005, 0.05), tick % 50 == 49
+        h, relative, lost = -draw.uniform(0.05, 0.8), draw.uniform(0.005, 0.05), tick % 50 == 0
         error = draw.gauss(0.0, 0.1) + (3.0 if tick % 20 == 0 else 0.0)
         known = learned(known, h, error, relative, lost)
         # m0 wanders, and s is forgotten.
@@ -191,16 +205,18 @@ def test_a_plate_that_does_not_follow_is_driven_by_the_error_and_teaches_nothing
     finger = Finger(1.0)
     touches, _ = played(finger, grating(500))
     last = touches[-1]
-    known = last.known
+    behind_before, known = 0, last.known
     for tick in range(BEHIND_TICKS + 20):
         # A pick-up that reads 0.4 of the vibration, whose friction is as asked for.
         felt = FrictionSample(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
         last = follow_texture(last, felt, W_MAX)
+        if behind_before == 1:
+            assert last.known == known
         if 4 < tick < BEHIND_TICKS:
             assert last.W_map > 1e-6
             assert last.W_ref == pytest.approx(0.4e-6 + SLOPE * 2.0)
             assert last.known == known
-        known = last.known
+        behind_before, known = last.lag_ticks, last.known
     assert last.known != touches[-1].known
     last = follow_texture(last, felt._replace(W=last.W_map), W_MAX)
     assert (last.lag_ticks, last.W_ref) == (0, last.W_map)

@@ -102,6 +102,32 @@ def test_out_of_reach_is_refused():
         check_reach(dataclasses.replace(subject, mu0=0.42), 0.3, 0.4)
 
 
+@given(
+    subject=subjects,
+    forces=st.tuples(st.floats(0.1, 0.5), st.floats(0.5, 2.0)),
+    speeds=st.tuples(st.floats(0.005, 0.05), st.floats(0.05, 0.3)),
+    W_max=st.floats(0.5e-6, 3e-6),
+)
+@settings(max_examples=30)
+def test_the_reach_is_that_of_the_worst_place_with_5_percent_to_spare(
+    subject, forces, speeds, W_max
+):
+    places = [
+        (v, Fn, occlusion)
+        for v in np.linspace(*speeds, 33)
+        for Fn in forces
+        for occlusion in (0.0, 1.0)
+    ]
+    least = max(coefficient(subject, W_max, *place) for place in places)
+    most = min(coefficient(subject, 0.0, *place) for place in places)
+    ranges = {"forces": forces, "speeds": speeds, "W_max": W_max, "f0": F0}
+    check_reach(subject, 1.001 * least / 0.95, 0.999 * most / 1.05, **ranges)
+    with pytest.raises(ValueError, match="is not below"):
+        check_reach(subject, 0.98 * least / 0.95, 0.999 * most / 1.05, **ranges)
+    with pytest.raises(ValueError, match="is not above"):
+        check_reach(subject, 1.001 * least / 0.95, 1.001 * most / 1.05, **ranges)
+
+
 def test_five_subjects_differ_as_in_fig_2():
     ratios = np.array(
         [[coefficient(s, W * 1e-6) / coefficient(s, 0.0) for W in (0, 0.5, 1, 1.5, 2)]
