@@ -139,6 +139,15 @@ def test_crack_shifts_the_resonance_and_so_does_heat() -> None:
     assert it.resonance == pytest.approx(before - 60 * 14.0)
 
 
+def test_what_does_not_heat_leaves_the_temperature_that_the_plate_has() -> None:
+    it = plate(finger=False)
+    run(it, 50)
+    warm = it.temperature
+    assert warm != plate().temperature
+    it.inject(Fault(FaultKind.SLAM, 1, 100))
+    assert it.temperature == warm
+
+
 def test_half_the_quality_halves_the_vibration() -> None:
     sound, lossy = plate(finger=False), plate(finger=False)
     lossy.inject(Fault(FaultKind.QUALITY, 1, 500))

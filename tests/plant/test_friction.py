@@ -1,10 +1,13 @@
 import dataclasses
+import inspect
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.friction import (
     bare_friction,
     check_reach,
@@ -12,6 +15,7 @@ from smarttac_can.plant.friction import (
     sliding_coefficient,
     sliding_friction,
 )
+from smarttac_can.plant.parameters import ResonatorParameters
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.population.cases import Case
 from smarttac_can.population.fingers import draw_finger
@@ -126,6 +130,17 @@ def test_the_reach_is_that_of_the_worst_place_with_5_percent_to_spare(
         check_reach(subject, 0.98 * least / 0.95, 0.999 * most / 1.05, **ranges)
     with pytest.raises(ValueError, match="is not above"):
         check_reach(subject, 1.001 * least / 0.95, 1.001 * most / 1.05, **ranges)
+
+
+def test_unless_told_the_reach_is_asked_for_where_a_stroke_goes_and_the_controllers_do():
+    asked = {n: p.default for n, p in inspect.signature(check_reach).parameters.items()}
+    stroke = {n: p.default for n, p in inspect.signature(Stroke).parameters.items()}
+    for name in ("force", "speed"):
+        variation = stroke[f"{name}_variation"]
+        around = [stroke[name] * (1.0 + side * variation) for side in (-1.0, 1.0)]
+        assert asked[f"{name}s"] == pytest.approx(around)
+    assert asked["W_max"] == CascadeParameters().W_max
+    assert asked["f0"] == ResonatorParameters().f0
 
 
 def test_five_subjects_differ_as_in_fig_2():

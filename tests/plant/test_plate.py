@@ -41,6 +41,8 @@ def test_starts_at_rest_at_ambient():
     plate = make(ambient=27.0)
     assert (plate.tick, plate.W, plate.temperature, plate.Ft) == (0, 0j, 27.0, 0.0)
     assert plate.mu_true == 0.0
+    moving = Trajectory([(0.0, -0.01, 0.3), (2.0, 0.01, 0.5)])
+    assert make(moving).finger_state == moving.at(0.0)
     assert plate.resonance == pytest.approx(43390.0 - 14 * 7)
 
 

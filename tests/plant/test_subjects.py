@@ -1,4 +1,4 @@
-"""docs/explanation/plant.md shows the fingers as they are."""
+"""The fingers are those of docs/explanation/plant.md, and have the friction of the paper's."""
 
 import re
 from pathlib import Path
@@ -6,10 +6,12 @@ from pathlib import Path
 import pytest
 
 from smarttac_can.plant.fitted import FITTED
-from smarttac_can.plant.friction import sliding_coefficient
+from smarttac_can.plant.friction import check_reach, sliding_coefficient
 from smarttac_can.plant.subjects import SUBJECTS
 
 PAGE = Path(__file__).parents[2] / "docs/explanation/plant.md"
+
+REFERENCES = [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)]
 
 
 def row(title, fingers):
@@ -52,3 +54,25 @@ def test_the_fitted_fingers():
     }
     for title, numbers in by_title.items():
         assert row(title, 4) == [pytest.approx(number) for number in numbers], title
+
+
+@pytest.mark.parametrize(("number", "finger"), list(enumerate(FITTED)))
+def test_a_fitted_finger_has_the_friction_of_its_subject(number, finger):
+    subject, force, speed = finger
+    bare = sliding_coefficient(subject, 0.0, speed, force, 0.0, f0=43390.0)
+    assert 0.3 + 0.1 * number <= bare <= 0.4 + 0.1 * number
+    around = 0.8, 1.2
+    check_reach(
+        subject,
+        *REFERENCES[number],
+        forces=tuple(share * force for share in around),
+        speeds=tuple(share * speed for share in around),
+    )
+
+
+def test_only_what_was_searched_for_differs_from_the_presets():
+    searched = {"name", "mu0", "W0", "load_damping"}
+    for preset, finger in zip(SUBJECTS, FITTED, strict=False):
+        assert finger.subject.name != preset.name
+        for name in set(preset.__dataclass_fields__) - searched:
+            assert getattr(finger.subject, name) == getattr(preset, name)
