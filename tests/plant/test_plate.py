@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from smarttac_can.plant import motion
 from smarttac_can.plant.finger import Lifted, Stroke, Trajectory
+from smarttac_can.plant.friction import sliding_coefficient
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
@@ -44,6 +45,21 @@ def test_starts_at_rest_at_ambient():
     moving = Trajectory([(0.0, -0.01, 0.3), (2.0, 0.01, 0.5)])
     assert make(moving).finger_state == moving.at(0.0)
     assert plate.resonance == pytest.approx(43390.0 - 14 * 7)
+
+
+def test_at_rest_nothing_moves_and_without_a_finger_nothing_gets_wet():
+    plate = make()
+    assert not any(plate._state.motion)
+    run(plate, [OFF] * 5)
+    assert not any(plate._state.motion._replace(omega=0.0))
+    assert plate.occlusion == 0.0
+
+
+def test_a_steady_slide_has_the_friction_of_the_map():
+    plate = make(Trajectory([(0.0, -0.03, 0.5), (1.0, 0.03, 0.5)]))
+    run(plate, [ON] * 300)
+    mu = sliding_coefficient(SUBJECTS[1], abs(plate.W), 0.06, 0.5, plate.occlusion, f0=43390.0)
+    assert plate.mu_true == pytest.approx(mu, rel=1e-3)
 
 
 def test_same_seed_same_bits_other_seed_other_noise():
