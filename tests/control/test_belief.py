@@ -23,6 +23,7 @@ from smarttac_can.control.belief import (
     learn,
     missed,
 )
+from smarttac_can.plant.parameters import SensorParameters
 
 W0 = 2 * math.pi * 43390.0
 MODEL = PlateNow(kappa=53e-6, rate=1060.0, w0=W0)
@@ -62,6 +63,11 @@ def test_a_plate_that_is_driven_to_and_fro_is_known(gain, tau, off, dead_time):
     assert found.kappa == pytest.approx(plate.kappa, rel=0.06)
     assert found.rate == pytest.approx(plate.rate, rel=0.06)
     assert (found.w0 - plate.w0) / (2 * math.pi) == pytest.approx(0.0, abs=10.0)
+
+
+def test_a_plate_twice_as_damped_is_one_that_there_may_be():
+    beliefs = watched(MODEL._replace(rate=2.2 * MODEL.rate), [30.0, 20.0] * 12)
+    assert max(belief.rate for belief in beliefs) > math.log(1.9)
 
 
 def test_the_phase_of_one_tick_tells_the_resonance():
@@ -142,15 +148,18 @@ def test_a_prediction_is_as_unsure_as_two_readings_and_more_so_of_a_large_or_jum
 
     still = variance(0j, 0.0, 0.0)
     # The older reading decays by the tick.
-    assert still == pytest.approx(_NOISE**2 * (1.0 + math.exp(-2.0 * MODEL.rate * 1e-3)))
+    assert still / _NOISE**2 == pytest.approx(1.0 + math.exp(-2.0 * MODEL.rate * 1e-3))
     steady = MODEL.kappa * 20.0 / MODEL.rate
-    large = variance(complex(steady), 20.0, 20.0)
-    assert large - still == pytest.approx((_UNMODELLED * steady) ** 2)
+    large = variance(complex(steady), 20.0, 20.0) - still
+    assert large / steady**2 == pytest.approx(_UNMODELLED**2, rel=1e-9, abs=0.0)
     # What a jump starts of the other oscillation, at twice the frequency, is 1/(2 w0) of it.
-    jump = variance(0j, 0.0, 20.0) - still
     reached = abs(moved(MODEL, DEAD, 0j, Span(0.0, W0, 20.0, W0)))
-    other = MODEL.kappa * 20.0 / (2.0 * W0)
-    assert jump == pytest.approx((_UNMODELLED * reached) ** 2 + other**2)
+    jump = variance(0j, 0.0, 20.0) - still - (_UNMODELLED * reached) ** 2
+    assert jump / (MODEL.kappa * 20.0 / (2.0 * W0)) ** 2 == pytest.approx(1.0)
+
+
+def test_the_noise_is_that_of_the_pickup():
+    assert SensorParameters().pickup_noise == _NOISE
 
 
 @given(

@@ -2,6 +2,7 @@ import math
 import random
 import statistics
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from first_order_plate import Finger, FirstOrderPlate, gauges, setpoint
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.design import row_of
 from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.control.step import FREQUENCY_STEP, control_step
 from smarttac_can.control.texture import POSITION_LAG, texture_of
 from smarttac_can.control.vibration import Limit
 from smarttac_can.vocabulary.model import PlateModel
@@ -138,6 +140,53 @@ def test_a_belief_that_is_no_number_turns_off_or_gives_the_model_back(doubt):
     drives = run(cascade, plate, setpoint(), 30)
     assert all(0.0 <= drive.voltage <= 150.0 for drive in drives)
     assert cascade.mode is Mode.OFF or abs(plate.W) == pytest.approx(1e-6, rel=0.02)
+
+
+def flat(numbers):
+    return [n for item in numbers for n in (item if isinstance(item, tuple) else (item,))]
+
+
+@pytest.mark.parametrize("fails", ["measurement", "design"])
+def test_a_fault_leaves_nothing_of_its_tick(fails):
+    cascade, plate, finger = Cascade(), FirstOrderPlate(), Finger()
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(), 20, finger.touch)
+    plan, state, measurement = cascade.plan, cascade.state, plate.measure(finger.touch(plate.W))
+    if fails == "measurement":
+        measurement = measurement._replace(W=complex(math.nan, 0.0))
+    else:
+        plan = plan._replace(bare=plan.bare._replace(amplitude=math.nan))
+    off, controlled = control_step(plan, state, Mode.FRICTION, measurement, setpoint())
+    assert (off.mode, off.W_ref) == (Mode.OFF, 0.0)
+    assert off.drive == (0.0, state.drive.frequency)
+    assert controlled.fault > 0
+    assert not any((controlled.mu_ref, controlled.E, controlled.limited))
+    if fails == "measurement":
+        assert not any(flat(controlled._replace(fault=0)))
+
+
+@pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (0.6, 0.8)])
+def test_a_finger_turns_when_its_lateral_force_does(way):
+    cascade, plate = Cascade(CascadeParameters(law=Law.PREDICTIVE)), FirstOrderPlate()
+    cascade.set_mode(Mode.FRICTION)
+    for side in (1.0, -1.0):
+        Fx, Fy = (0.2 * side * share for share in way)
+        run(cascade, plate, setpoint(), 10, lambda W, f=(Fx, Fy): gauges(*f, 0.5))
+        assert cascade.state.sliding.since_turn == 9
+
+
+def test_the_frequency_of_a_driven_plate_alone_moves_step_by_step():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.AMPLITUDE)
+    run(cascade, plate, setpoint(frequency=43390.0, amplitude=0.0), 3)
+    assert cascade.drive.voltage == 0.0
+    run(cascade, plate, setpoint(frequency=43200.0), 1)
+    assert cascade.drive.frequency == 43200.0
+    run(cascade, plate, setpoint(frequency=43200.0), 20)
+    drives = run(cascade, plate, setpoint(frequency=43290.0), 30)
+    steps = [after.frequency - before.frequency for before, after in pairwise(drives)]
+    assert 0.0 <= min(steps) <= max(steps) == FREQUENCY_STEP
+    assert drives[-1].frequency == 43290.0
 
 
 def test_the_reason_lasts_until_another_mode_is_chosen():
@@ -541,7 +590,7 @@ def test_a_finger_that_lifts_ends_what_is_known_of_its_place():
     assert cascade.state.playing.touches
     run(cascade, plate, setpoint(amplitude=1.5e-6), 1)
     assert not cascade.state.playing.touches
-    assert cascade.W_ref == 1.5e-6
+    assert (cascade.W_ref, cascade.E) == (1.5e-6, 0.0)
 
 
 def test_mode_texture_without_one_turns_itself_off():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from smarttac_can.control.friction_map import MEAN, value
-from smarttac_can.control.predictive_friction import FROZEN_TICKS, PATH, FrictionSample
+from smarttac_can.control.predictive_friction import FROZEN_TICKS, MU_MIN, PATH, FrictionSample
 from smarttac_can.control.texture_friction import (
     ANYBODY,
     BEHIND_TICKS,
@@ -113,6 +113,17 @@ def test_a_finger_that_pulls_by_nothing_has_not_turned():
     assert follow_texture(touches[-1], resting, W_MAX).since_turn == touches[-1].since_turn + 1
 
 
+@pytest.mark.parametrize(("mu_ref", "W"), [(1.5, 0.0), (0.01, W_MAX)])
+def test_what_no_amplitude_reaches_ends_at_the_limit(mu_ref, W):
+    touches, _ = played(Finger(1.0), [mu_ref] * 200)
+    assert touches[-1].W_map == W
+
+
+def test_a_finger_that_hardly_pulls_does_not_slide():
+    touches, _ = played(Finger(1.0, m0=math.log(0.5 * MU_MIN), noise=0.0), [0.5] * 100)
+    assert not any(touch.slides for touch in touches)
+
+
 def test_nothing_is_learned_where_the_finger_turns():
     finger = Finger(1.0)
     touches, _ = played(finger, grating(200))
@@ -210,8 +221,9 @@ def test_a_plate_that_does_not_follow_is_driven_by_the_error_and_teaches_nothing
         # A pick-up that reads 0.4 of the vibration, whose friction is as asked for.
         felt = FrictionSample(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
         last = follow_texture(last, felt, W_MAX)
-        if behind_before == 1:
+        if 1 <= behind_before <= BEHIND_TICKS:
             assert last.known == known
+            assert last.lasting == 0.0
         if 4 < tick < BEHIND_TICKS:
             assert last.W_map > 1e-6
             assert last.W_ref == pytest.approx(0.4e-6 + SLOPE * 2.0)
