@@ -12,6 +12,7 @@ from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive_friction import (
     ANYBODY,
     FROZEN_TICKS,
+    PATH,
     QUIET_TICKS,
     SETTLED_TICKS,
     FrictionSample,
@@ -19,9 +20,11 @@ from smarttac_can.control.predictive_friction import (
     amplitude_asked,
     begin_map,
     follow_map,
+    path_step,
 )
 from smarttac_can.plant.force_path import follow as through_path
 from smarttac_can.plant.force_path import propagator
+from smarttac_can.plant.parameters import SensorParameters
 from smarttac_can.vocabulary.modes import Law, Mode
 from smarttac_can.vocabulary.signals import Measurement
 
@@ -71,6 +74,13 @@ class Bench:
                 self.run(80, mu_ref)
             self.turn()
         return self
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(100.0, 0.7), (60.0, 0.3), (250.0, 0.95)])
+def test_the_model_of_the_force_path_is_the_path_of_the_plate(frequency, damping):
+    assert path_step(frequency, damping) == pytest.approx(propagator(1e-3, frequency, damping))
+    sensors = SensorParameters()
+    assert path_step(sensors.path_frequency, sensors.path_damping) == PATH
 
 
 def test_it_begins_with_the_amplitude_there_is():
