@@ -111,10 +111,13 @@ def test_a_bad_setpoint_turns_the_drive_off(where):
     assert (cascade.mode, cascade.reason) == (Mode.OFF, "set-point is not finite")
 
 
-def test_a_friction_reference_of_zero_turns_the_drive_off():
+@pytest.mark.parametrize("side", ["mu_left", "mu_right"])
+@pytest.mark.parametrize("wrong", [0.0, -0.3])
+def test_a_friction_reference_of_zero_turns_the_drive_off(side, wrong):
     cascade, plate = Cascade(), FirstOrderPlate()
+    assert not any(cascade.contact)
     cascade.set_mode(Mode.FRICTION)
-    assert cascade.update(plate.measure(), setpoint(mu_right=0.0)).voltage == 0.0
+    assert cascade.update(plate.measure(), setpoint(**{side: wrong})).voltage == 0.0
     assert (cascade.mode, cascade.reason) == (Mode.OFF, "COF reference is not above 0")
 
 
@@ -187,6 +190,8 @@ def test_the_frequency_of_a_driven_plate_alone_moves_step_by_step():
     steps = [after.frequency - before.frequency for before, after in pairwise(drives)]
     assert 0.0 <= min(steps) <= max(steps) == FREQUENCY_STEP
     assert drives[-1].frequency == 43290.0
+    # 3 % of half the width of the resonance, or so.
+    assert 0.02 < FREQUENCY_STEP * 2.0 * math.pi * PlateModel().tau < 0.04
 
 
 def test_the_reason_lasts_until_another_mode_is_chosen():
@@ -535,6 +540,22 @@ def test_on_entering_the_mode_a_finger_inside_the_band_is_on_the_side_it_is_on()
     assert cascade.mu_ref == 0.4
 
 
+@pytest.mark.parametrize("hysteresis", [1e-3, 4e-3])
+def test_the_side_changes_half_a_hysteresis_beyond_the_boundary(hysteresis):
+    cascade, plate = Cascade(CascadeParameters(hysteresis=hysteresis)), FirstOrderPlate()
+    cascade.set_mode(Mode.FRICTION)
+    there = [hysteresis * (tick / 200 - 1.0) for tick in range(400)]
+    seen = []
+    for x in there + there[::-1]:
+        run(cascade, plate, setpoint(), 1, lambda W, x=x: gauges(Fx=0.2, Fn=0.5, x=x))
+        seen.append((cascade.mu_ref, cascade.contact.position))
+    changes = [after for before, after in pairwise(seen) if after[0] != before[0]]
+    assert changes == [
+        (0.4, pytest.approx(0.5 * hysteresis, rel=0.05)),
+        (0.3, pytest.approx(-0.5 * hysteresis, rel=0.05)),
+    ]
+
+
 def test_law_accumulate_starts_from_the_amplitude_there_is():
     cascade, plate = Cascade(CascadeParameters(law=Law.ACCUMULATE)), FirstOrderPlate()
     cascade.set_mode(Mode.OPEN_LOOP)
@@ -611,3 +632,18 @@ def test_a_profile_begins_with_the_mode_and_goes_on_without_a_finger():
         references.append(round(1e4 * cascade.mu_ref))
     assert references == [*range(3000, 3005), *[0] * 5, *range(3000, 3005)]
     assert cascade.W_ref == 1e-6, "the set-point's amplitude, while nobody touches"
+
+
+def test_a_profile_goes_on_alike_with_a_finger_and_without():
+    profile = TextureTable(Axis.TIME, False, 0, 1000, tuple(range(3000, 3100)))
+    references = []
+    for forces in (None, lambda W: gauges(Fx=0.2, Fn=0.5)):
+        cascade, plate = Cascade(), FirstOrderPlate()
+        cascade.play(texture_of(profile))
+        cascade.set_mode(Mode.TEXTURE)
+        found = []
+        for _ in range(30):
+            run(cascade, plate, setpoint(), 1, forces)
+            found.append(cascade.mu_ref)
+        references.append(found)
+    assert references[0] == references[1]
