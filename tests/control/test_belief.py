@@ -94,11 +94,13 @@ def test_another_load_is_not_known():
     assert fade(PRIOR, 0.3).rr == pytest.approx(PRIOR.rr + 0.09)
 
 
-def test_a_drive_that_came_late_is_not_another_plate():
-    """60 us later than told, W lacks 10 % after the first tick."""
-    span = Span(0.0, W0, 30.0, W0)
+@pytest.mark.parametrize("off", [0.0, 2000.0, 4000.0])
+def test_a_drive_that_came_late_is_not_another_plate(off):
+    """60 us later than told, W lacks 10 % after the first tick, and off resonance some phase."""
+    span = Span(0.0, W0 - off, 30.0, W0 - off)
     belief = learn(PRIOR, MODEL, DEAD, 0j, span, moved(MODEL, DEAD + 60e-6, 0j, span))
     assert -0.07 < belief.kappa < 0.0
+    assert -150.0 < belief.w0 <= 0.0
 
 
 somewhere = st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-2e3, 2e3))
