@@ -266,6 +266,7 @@ def test_the_temperature_is_that_of_the_first_tick_and_then_followed_within_seco
 def test_nothing_is_asked_for_before_something_was_seen_nor_changed_before_two_were():
     prior = prior_of(PlateModel(), 0.0)
     nothing = unlearned(prior)
+    assert nothing.plate.rate == pytest.approx(1.0 / PlateModel().tau)
     assert asked_voltage(prior, nothing, 1e-6, 43_300.0) == 0.0
     once = observed(prior, nothing, 0.5e-6 + 0j, Drive(17.0, 43_300.0), 0.0, 20.0)
     assert asked_voltage(prior, once, 1e-6, 43_300.0) == 17.0
