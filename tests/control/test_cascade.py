@@ -621,15 +621,16 @@ def test_mode_texture_without_one_turns_itself_off():
     assert (cascade.mode, cascade.reason) == (Mode.OFF, "there is no texture")
 
 
-def test_a_profile_begins_with_the_mode_and_goes_on_without_a_finger():
+@pytest.mark.parametrize("between", [Mode.AMPLITUDE, Mode.FRICTION])
+def test_a_profile_begins_with_the_mode_and_goes_on_without_a_finger(between):
     profile = TextureTable(Axis.TIME, False, 0, 1000, tuple(range(3000, 3100)))
     cascade, plate = Cascade(replace(CascadeParameters(), preview=0.0)), FirstOrderPlate()
     cascade.play(texture_of(profile))
     references = []
-    for mode in [Mode.TEXTURE] * 5 + [Mode.AMPLITUDE] * 5 + [Mode.TEXTURE] * 5:
+    for mode in [Mode.TEXTURE] * 5 + [between] * 5 + [Mode.TEXTURE] * 5:
         cascade.set_mode(mode)
         run(cascade, plate, setpoint(), 1)
-        references.append(round(1e4 * cascade.mu_ref))
+        references.append(round(1e4 * cascade.mu_ref) if mode is Mode.TEXTURE else 0)
     assert references == [*range(3000, 3005), *[0] * 5, *range(3000, 3005)]
     assert cascade.W_ref == 1e-6, "the set-point's amplitude, while nobody touches"
 

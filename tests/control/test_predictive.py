@@ -256,6 +256,8 @@ def test_the_temperature_is_that_of_the_first_tick_and_then_followed_within_seco
     assert (first.plate.w0 - W0) / (2 * math.pi) == pytest.approx(F0_SLOPE * 11.0)
     later = observed_at([41.0] * 300, first).temperature
     assert 40.0 < later < 41.0
+    assert observed_at([math.nan]).plate.w0 == pytest.approx(W0, rel=1e-12)
+    assert first.contact == 0.0
     # One that no plate has is not believed.
     for broken in (-150.0, 150.0, 1e9, math.nan):
         assert observed_at([broken], first).temperature == 31.0
@@ -271,6 +273,7 @@ def test_nothing_is_asked_for_before_something_was_seen_nor_changed_before_two_w
     once = observed(prior, nothing, 0.5e-6 + 0j, Drive(17.0, 43_300.0), 0.0, 20.0)
     assert asked_voltage(prior, once, 1e-6, 43_300.0) == 17.0
     assert resonance_of(once) == 43_300.0
+    assert resonance_of(interrupted(once)) == pytest.approx(43_390.0)
     twice = observed(prior, once, 0.5e-6 + 0j, Drive(17.0, 43_300.0), 0.0, 20.0)
     assert asked_voltage(prior, twice, 1e-6, 43_300.0) != 17.0
     assert resonance_of(twice) != 43_300.0
