@@ -79,13 +79,16 @@ def test_a_young_line_grows_by_a_sample_however_it_bends(samples):
     assert prolonged(Line(0.0, 0.0, samples, 1.0), 1.0, 1e-4).samples == samples + 1.0
 
 
-def test_the_lag_of_a_position_is_that_of_the_force_path_at_a_steady_speed():
+def test_at_a_steady_speed_the_lag_of_the_force_path_is_made_up_for():
     sensors = SensorParameters()
     phi = propagator(TICK, sensors.path_frequency, sensors.path_damping)
+    texture = texture_of(TextureTable(Axis.POSITION, False, 0, 10_000_000, (3000, 9000)))
     y = rate = 0.0
     for tick in range(100):
         y, rate = follow(phi, y, rate, SPEED * TICK * (tick + 0.5))
-    assert 100 * TICK - y / SPEED == pytest.approx(POSITION_LAG, rel=0.01)
+    place = 100 * TICK * SPEED
+    found = cof_ahead(texture, 0, y, SPEED, 0.0)
+    assert found - 0.3 == pytest.approx(0.6 * place / 10e-3, rel=1e-3)
 
 
 @pytest.mark.parametrize("repeats", [True, False])
