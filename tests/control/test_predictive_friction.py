@@ -12,14 +12,18 @@ from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive_friction import (
     ANYBODY,
     FROZEN_TICKS,
+    NOTHING,
     PATH,
+    PLATEAU_TICKS,
     QUIET_TICKS,
     SETTLED_TICKS,
     FrictionSample,
     Known,
+    Path,
     amplitude_asked,
     begin_map,
     follow_map,
+    gathered,
     path_step,
 )
 from smarttac_can.plant.force_path import follow as through_path
@@ -89,6 +93,52 @@ def test_it_begins_with_the_amplitude_there_is():
     # Before the first pair the reference is approached slowly.
     bench.run(1, HIGH)
     assert abs(bench.W - 1e-6) < 0.15e-6
+
+
+def test_a_touch_begins_settled_and_learns_once_it_was_felt_for_a_while():
+    bench = Bench()
+    begun = bench.touch
+    assert follow_map(begun, begun.felt).path == pytest.approx(begun.path)
+    gains = []
+    for _ in range(FROZEN_TICKS + 1):
+        bench.run(1, LOW)
+        gains.append(bench.touch.gain)
+    assert [gain != begun.gain for gain in gains].index(True) == FROZEN_TICKS - 1
+
+
+def test_a_model_of_the_path_that_rings_below_0_teaches_nothing():
+    bench = Bench().passes(1)
+    bench.run(60, LOW)
+    touch = bench.touch._replace(path=Path(-0.9, 0.0))
+    assert follow_map(touch, bench.felt(LOW)).m0 == touch.m0
+
+
+def test_a_plateau_is_the_mean_of_its_ticks_and_the_next_begins_from_nothing():
+    draw, so_far = random.Random(2), NOTHING
+    for made in range(3):
+        ticks = [
+            (draw.gauss(-1.0, 0.1), draw.uniform(0.97e-6, 1.03e-6)) for _ in range(PLATEAU_TICKS)
+        ]
+        for ln_mu, W in ticks:
+            assert so_far.made == made
+            so_far = gathered(so_far, ln_mu, W, -0.9, 0.1)
+        means = [sum(column) / PLATEAU_TICKS for column in zip(*ticks, strict=True)]
+        assert so_far.made == made + 1
+        assert so_far.last == pytest.approx((*means, -0.9), rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("dW", "dm0"), [(0.15e-6, 0.0), (-0.15e-6, 0.0), (0.0, 0.05), (0.0, -0.05)]
+)
+def test_a_plateau_begins_anew_where_amplitude_or_level_leave_it(dW, dm0):
+    so_far = NOTHING
+    for _ in range(PLATEAU_TICKS - 1):
+        so_far = gathered(so_far, -1.0, 1e-6, -0.9, 0.1)
+    kept = gathered(so_far, -1.0, 1e-6 + 0.3 * dW, -0.9, 0.1 + 0.3 * dm0)
+    assert (kept.made, kept.ticks) == (1, 0)
+    left = gathered(so_far, -1.0, 1e-6 + dW, -0.9, 0.1 + dm0)
+    assert (left.made, left.ticks) == (0, 1)
+    assert left.sum_W == 1e-6 + dW
 
 
 def test_without_a_pair_it_reaches_the_reference_all_the_same():
