@@ -178,6 +178,36 @@ def test_a_finger_turns_when_its_lateral_force_does(way):
         assert cascade.state.sliding.since_turn == 9
 
 
+def test_the_friction_law_feels_what_is_published():
+    cascade, plate, finger = (
+        Cascade(CascadeParameters(law=Law.PREDICTIVE)),
+        FirstOrderPlate(),
+        Finger(),
+    )
+    assert cascade.W_ref == 0.0
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(), 30, lambda W: gauges(0.2, 0.1, 0.5))
+    contact = cascade.contact
+    felt = (contact.mu, contact.u_mu, contact.Fx, contact.Fy, cascade.amplitude, cascade.mu_ref)
+    assert cascade.state.sliding.felt == felt
+    run(cascade, plate, setpoint(mu_left=0.0), 1, finger.touch)
+    assert cascade.mode is Mode.OFF
+    # A reference that no law follows is no fault.
+    cascade.set_mode(Mode.AMPLITUDE)
+    run(cascade, plate, setpoint(mu_left=0.0, mu_right=0.0), 5)
+    assert cascade.mode is Mode.AMPLITUDE
+    cascade.set_mode(Mode.IDENTIFY)
+    run(cascade, plate, setpoint(), 1)
+    assert cascade.W_ref == 0.0
+
+
+def test_without_contact_no_force_loads_the_model():
+    cascade = Cascade(CascadeParameters(vibration_law=VibrationLaw.PREDICTIVE))
+    cascade.set_mode(Mode.AMPLITUDE)
+    run(cascade, FirstOrderPlate(), setpoint(), 20, lambda W: gauges(Fn=0.05))
+    assert cascade.state.learned.contact == 0.0
+
+
 def test_the_frequency_of_a_driven_plate_alone_moves_step_by_step():
     cascade, plate = Cascade(), FirstOrderPlate()
     cascade.set_mode(Mode.AMPLITUDE)
@@ -185,6 +215,10 @@ def test_the_frequency_of_a_driven_plate_alone_moves_step_by_step():
     assert cascade.drive.voltage == 0.0
     run(cascade, plate, setpoint(frequency=43200.0), 1)
     assert cascade.drive.frequency == 43200.0
+    run(cascade, plate, setpoint(frequency=43200.0, amplitude=0.02e-6), 20)
+    assert 0.0 < cascade.drive.voltage < 1.0
+    run(cascade, plate, setpoint(frequency=43250.0, amplitude=0.02e-6), 1)
+    assert cascade.drive.frequency == 43200.0 + FREQUENCY_STEP
     run(cascade, plate, setpoint(frequency=43200.0), 20)
     drives = run(cascade, plate, setpoint(frequency=43290.0), 30)
     steps = [after.frequency - before.frequency for before, after in pairwise(drives)]
@@ -530,6 +564,11 @@ def test_reference_changes_with_the_side():
 
 def test_on_entering_the_mode_a_finger_inside_the_band_is_on_the_side_it_is_on():
     cascade, plate = Cascade(), FirstOrderPlate()
+    run(cascade, plate, setpoint(), 50, lambda W: gauges(Fn=0.5, x=-0.4e-3))
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(), 1, lambda W: gauges(Fn=0.5, x=-0.4e-3))
+    assert cascade.mu_ref == 0.3
+    cascade.set_mode(Mode.AMPLITUDE)
     run(cascade, plate, setpoint(), 50, lambda W: gauges(Fn=0.5, x=0.4e-3))
     cascade.set_mode(Mode.FRICTION)
     run(cascade, plate, setpoint(), 1, lambda W: gauges(Fn=0.5, x=0.4e-3))
@@ -612,6 +651,7 @@ def test_a_finger_that_lifts_ends_what_is_known_of_its_place():
     run(cascade, plate, setpoint(amplitude=1.5e-6), 1)
     assert not cascade.state.playing.touches
     assert (cascade.W_ref, cascade.E) == (1.5e-6, 0.0)
+    assert cascade.mu_ref == pytest.approx(GRATING.at(1e9 * cascade.contact.position))
 
 
 def test_mode_texture_without_one_turns_itself_off():
