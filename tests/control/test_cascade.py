@@ -675,6 +675,34 @@ def test_a_profile_begins_with_the_mode_and_goes_on_without_a_finger(between):
     assert cascade.W_ref == 1e-6, "the set-point's amplitude, while nobody touches"
 
 
+def test_another_profile_begins_at_once_from_its_start():
+    profile = TextureTable(Axis.TIME, False, 0, 1000, tuple(range(3000, 3100)))
+    cascade, plate = Cascade(replace(CascadeParameters(), preview=0.0)), FirstOrderPlate()
+    assert cascade.limited == 0
+    references = []
+    cascade.play(texture_of(profile))
+    cascade.set_mode(Mode.TEXTURE)
+    for ticks in (7, 3):
+        cascade.play(texture_of(profile))
+        for _ in range(ticks):
+            run(cascade, plate, setpoint(), 1)
+            references.append(round(1e4 * cascade.mu_ref))
+    assert references == [*range(3000, 3007), *range(3000, 3003)]
+
+
+@pytest.mark.parametrize("mode", [Mode.AMPLITUDE, Mode.OFF])
+def test_an_identification_ends_with_another_mode_and_says_so(mode):
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(Mode.IDENTIFY)
+    run(cascade, plate, setpoint(), 3)
+    cascade.set_mode(mode)
+    assert cascade.identification.failure == (
+        "turned off" if mode is Mode.OFF else "another mode was chosen"
+    )
+    run(cascade, plate, setpoint(), 3)
+    assert cascade.mode is mode
+
+
 def test_a_profile_goes_on_alike_with_a_finger_and_without():
     profile = TextureTable(Axis.TIME, False, 0, 1000, tuple(range(3000, 3100)))
     references = []

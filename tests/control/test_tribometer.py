@@ -172,6 +172,9 @@ def test_an_absurd_zero_is_refused():
     with pytest.raises(ValueError, match=r"^zero of S3 20.5 is outside -20\.\.20$"):
         cascade.zero = (0.0, 0.0, 20.5, 0.0, 0.0, 0.0)
     assert cascade.zero == (0.0,) * 6
+    for most in (20.0, -20.0):
+        cascade.zero = (most,) * 6
+        assert cascade.zero == (most,) * 6
 
 
 @pytest.mark.parametrize("speed", [-0.2, 0.05])
