@@ -213,3 +213,39 @@ def test_it_rests_first_sweeps_the_width_of_the_resonance_and_again_at_half_the_
     for end in (min(swept_at), max(swept_at)):
         ratio = abs(1.0 / complex(1.0, 2.0 * math.pi * plate.model.tau * (end - plate.model.f0)))
         assert ratio == pytest.approx(math.sqrt(0.5), rel=0.01)
+
+
+def ended(Ws):
+    """Why an identification ends that is shown these."""
+    found = Identification(PlateModel(), 43_390.0, CascadeParameters())
+    for W in Ws:
+        if found.update(W) is None:
+            break
+    return found.failure
+
+
+def test_what_is_too_large_or_too_noisy_is_told_in_its_unit():
+    assert ended([0j] + [2e-6 + 0j] * 200) == "vibration 2.00 um is above 1.5 um"
+    # To and fro by 80 nm on one axis is 59 nm on each.
+    noisy = [(-1) ** tick * 80e-9 + 0j for tick in range(200)]
+    assert ended(noisy) == "noise of 58 nm at rest is above 50 nm"
+
+
+def test_a_plate_that_does_nothing_has_no_decay():
+    procedure = _steps(20.0, 43_390.0, 0j, 2)
+    next(procedure)
+    with pytest.raises(IdentificationError, match="the response to a step is no decay: 0 is"):
+        while True:
+            procedure.send(0j)
+
+
+def test_a_plate_that_is_far_off_rests_before_it_is_looked_for_anew():
+    plate, found = FirstOrderPlate(), Identification(PlateModel(), 42_700.0, CascadeParameters())
+    drives, W = [], 0j
+    while (drive := found.update(W)) is not None:
+        drives.append(drive)
+        plate.step(drive)
+        W = plate.measure().W
+    there = [d for d in drives if abs(d.frequency - 43_390.0) < 1.0]
+    assert {drive.voltage for drive in there[:80]} == {0.0}
+    assert found.model is not None
