@@ -306,6 +306,7 @@ def test_from_amplitude_to_resonance_the_frequency_in_force_is_kept():
     cascade, plate = Cascade(), FirstOrderPlate()
     cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
     run(cascade, plate, setpoint(frequency=43250.0), 60)
+    assert cascade.limited == 0
     cascade.set_mode(Mode.FRICTION)
     drive = cascade.update(plate.measure(), setpoint(frequency=43250.0))
     assert drive.frequency == pytest.approx(43390.0, abs=0.1)
@@ -678,7 +679,7 @@ def test_a_profile_begins_with_the_mode_and_goes_on_without_a_finger(between):
 def test_another_profile_begins_at_once_from_its_start():
     profile = TextureTable(Axis.TIME, False, 0, 1000, tuple(range(3000, 3100)))
     cascade, plate = Cascade(replace(CascadeParameters(), preview=0.0)), FirstOrderPlate()
-    assert cascade.limited == 0
+    assert (cascade.limited, cascade.mu_ref, cascade.E) == (0, 0.0, 0.0)
     references = []
     cascade.play(texture_of(profile))
     cascade.set_mode(Mode.TEXTURE)
@@ -693,6 +694,10 @@ def test_another_profile_begins_at_once_from_its_start():
 @pytest.mark.parametrize("mode", [Mode.AMPLITUDE, Mode.OFF])
 def test_an_identification_ends_with_another_mode_and_says_so(mode):
     cascade, plate = Cascade(), FirstOrderPlate()
+    # Before its first tick there is nothing to end.
+    cascade.set_mode(Mode.IDENTIFY)
+    cascade.set_mode(mode)
+    assert cascade.mode is mode
     cascade.set_mode(Mode.IDENTIFY)
     run(cascade, plate, setpoint(), 3)
     cascade.set_mode(mode)
