@@ -145,7 +145,7 @@ def test_a_deviation_is_that_of_an_axis():
     assert _deviation(values) == pytest.approx(math.sqrt(sum(axes) / 2.0))
 
 
-@pytest.mark.parametrize("factor", [0.6, 0.8])
+@pytest.mark.parametrize("factor", [0.2, 0.6, 0.88])
 def test_what_changes_gain_and_tau_alike_is_a_finger_and_nothing_else_is(factor):
     known = PlateModel()
     loaded = PlateModel(factor * known.gain, factor * known.tau)
@@ -155,6 +155,7 @@ def test_what_changes_gain_and_tau_alike_is_a_finger_and_nothing_else_is(factor)
     _require_unloaded(PlateModel(factor * known.gain, known.tau), known)
     _require_unloaded(PlateModel(known.gain, factor * known.tau), known)
     _require_unloaded(known, loaded)
+    _require_unloaded(PlateModel(0.92 * known.gain, 0.92 * known.tau), known)
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,8 @@ def test_it_lists_what_no_test_notices(tree: Path) -> None:
 def test_it_writes_survivors_with_their_reasons(tree: Path, each: bool) -> None:
     page = tree / "docs/reference/mutants.md"
     page.write_text("# Old\n\n## other/package\n\nStays.\n")
-    reason = 'module = "made_up/small/limits.py"\nline = "return 1.5"\nwhy = "nobody asks"\n'
+    line = 'line = "return 1.5"' if each else 'lines = ["return 1.5"]'
+    reason = f'module = "made_up/small/limits.py"\n{line}\nwhy = "nobody asks"\n'
     (tree / "tools").mkdir()
     by_change = (f'change = "1.5 -> {to}"\n' for to in ("0.75", "3.0"))
     entries = by_change if each else ("",)
