@@ -252,6 +252,7 @@ def test_off_is_at_once(mode):
     assert cascade.drive.voltage > 0.0
     cascade.set_mode(Mode.OFF)
     assert cascade.drive.voltage == 0.0
+    assert (cascade.mu_ref, cascade.E, cascade.limited) == (0.0, 0.0, 0)
     assert cascade.update(plate.measure(), setpoint(voltage=20.0)).voltage == 0.0
     assert (cascade.W_ref, cascade.mu_ref, cascade.E, cascade.limited) == (0.0, 0.0, 0.0, 0)
 
@@ -382,6 +383,7 @@ def test_configure_ends_an_identification():
     cascade.set_mode(Mode.IDENTIFY)
     run(cascade, plate, setpoint(), 150)
     cascade.configure(LIMITS)
+    assert cascade.identification.failure == cascade.reason
     assert cascade.drive.voltage == 0.0
     assert (cascade.mode, cascade.reason) == (
         Mode.OFF,
@@ -689,6 +691,23 @@ def test_another_profile_begins_at_once_from_its_start():
             run(cascade, plate, setpoint(), 1)
             references.append(round(1e4 * cascade.mu_ref))
     assert references == [*range(3000, 3007), *range(3000, 3003)]
+
+
+@pytest.mark.parametrize("mode", [Mode.AMPLITUDE, Mode.IDENTIFY])
+def test_a_voltage_that_was_cut_is_a_limit_and_ends_an_identification(mode):
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.set_mode(mode)
+    while not cascade.drive.voltage:
+        run(cascade, plate, setpoint(), 1)
+    cascade.realised(cascade.drive)
+    assert not cascade.limited & Limit.AMPLITUDE
+    cut = cascade.drive._replace(voltage=0.5 * cascade.drive.voltage)
+    cascade.realised(cut)
+    assert cascade.drive == cut
+    assert cascade.limited & Limit.AMPLITUDE
+    found = cascade.identification
+    assert found is None or " V were cut to " in found.failure
+    assert (found is None) == (mode is Mode.AMPLITUDE)
 
 
 @pytest.mark.parametrize("mode", [Mode.AMPLITUDE, Mode.OFF])
