@@ -710,6 +710,17 @@ def test_a_voltage_that_was_cut_is_a_limit_and_ends_an_identification(mode):
     assert (found is None) == (mode is Mode.AMPLITUDE)
 
 
+def test_a_tared_plate_that_nobody_touches_is_identified_and_nothing_ends_before_it_begins():
+    cascade, plate = Cascade(), FirstOrderPlate()
+    cascade.zero = (0.0,) * 6
+    cascade.set_mode(Mode.AMPLITUDE)
+    run(cascade, plate, setpoint(), 10)
+    cascade.set_mode(Mode.IDENTIFY)
+    cascade.realised(cascade.drive._replace(voltage=0.0))
+    run(cascade, plate, setpoint(), 3)
+    assert cascade.mode is Mode.IDENTIFY
+
+
 @pytest.mark.parametrize("mode", [Mode.AMPLITUDE, Mode.OFF])
 def test_an_identification_ends_with_another_mode_and_says_so(mode):
     cascade, plate = Cascade(), FirstOrderPlate()
