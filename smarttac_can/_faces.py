@@ -1,4 +1,4 @@
-"""Faces of packages that cost nothing before they are used."""
+"""Faces of packages of which some modules need python-can or an extra: loaded when asked for."""
 
 from __future__ import annotations
 

@@ -41,11 +41,22 @@ def loaded_by(statement: str) -> set[str]:
     return set(run.stdout.split())
 
 
-def test_a_face_loads_nothing_of_its_package() -> None:
-    faces = ", ".join(name for name in PACKAGES if name.rpartition(".")[2] not in ("bench", "cli"))
-    loaded = loaded_by(f"import {faces}")
+HEAVY = {"cantools", "h5py", "matplotlib", "numba", "textual"}
+
+
+@pytest.mark.parametrize("face", ["commissioning", "host", "master"])
+def test_a_face_with_modules_for_the_bus_loads_nothing_of_its_package(face: str) -> None:
+    loaded = loaded_by(f"import smarttac_can.{face}")
     assert {name for name in loaded if name.count(".") > 1 and name.startswith("smarttac")} == set()
+    assert not loaded & {"can", "canopen"}
 
 
-def test_the_bench_and_its_fixtures_load_neither_canopen_nor_matplotlib() -> None:
-    assert not loaded_by("import smarttac_can.bench") & {"can", "canopen", "matplotlib"}
+def test_no_face_loads_what_few_need() -> None:
+    faces = [name for name in PACKAGES if name != "smarttac_can.cli"]
+    assert not loaded_by(f"import {', '.join(faces)}") & HEAVY
+
+
+def test_faces_of_the_pure_core_and_of_what_reads_logs_load_no_bus() -> None:
+    pure = ("od", "vocabulary", "device", "plant", "control", "nodes", "population")
+    faces = ", ".join(f"smarttac_can.{name}" for name in (*pure, "audit", "replay", "conformance"))
+    assert not loaded_by(f"import {faces}") & {"can", "canopen", *HEAVY}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from smarttac_can.bench.drawing import GREEN, RED, canvas, save
-from smarttac_can.bench.local_link import LocalLink
+from smarttac_can.bench.open_link import LocalLink
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace

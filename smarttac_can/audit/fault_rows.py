@@ -6,16 +6,32 @@ Of a row nothing is believed but its name, its mode, and when the fault came.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
-from smarttac_can.audit.log_frames import Stamped, parts
-from smarttac_can.audit.stage_signs import Signs, cycles_to_zero
 from smarttac_can.device.frame import Frame
-from smarttac_can.od.cia import CAN_ID_MASK, PDO_COB_ID, SYNC_ID, TPDO_COMMUNICATION
+from smarttac_can.od.cia import (
+    BOOT_UP,
+    CAN_ID_MASK,
+    EMCY_ID,
+    FRAME_BYTES,
+    HEARTBEAT_ID,
+    NMT_ID,
+    PDO_COB_ID,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    SYNC_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    EmergencyCode,
+    NMTCommand,
+)
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.timing import frame_bits
+from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State, known_state
+from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.states import State, Status, known_state
 
 NOT_SHOWN: Final = {
     "cycles_to_zero": (
@@ -53,6 +69,15 @@ _MODES: Final = {
     "friction_predictive": Mode.FRICTION,
 }
 """Modes by what rows call them; the last is under other laws, of which no frame tells."""
+_NMT_BYTES: Final = 2
+_WENT_OFF: Final = (EmergencyCode.RPDO_TIME_OUT, FaultCode.VOLTAGE, FaultCode.STAGE)
+"""Emergencies that a plate sends when it goes to 0 V by itself between two SYNCs."""
+_SYNC_LATE_US: Final = 1900
+"""A SYNC may be late by as much as frames hold the bus; one that is later is not the next."""
+Stamped = tuple[int, Frame]
+"""A frame with its time stamp in us."""
+_SILENCE_US: Final = 120_000
+"""A heartbeat comes every 100 ms: a log that is silent for longer leaves something out."""
 
 
 class DifferenceError(ValueError):
@@ -285,3 +310,193 @@ def _require_bound(claim: _Claim, cycles: object) -> None:
 
 def _as_text(value: object) -> str:
     return json.dumps(value)
+
+
+class Signs:
+    """Who has the power stage, and in which frames the log shows it.
+
+    Parameters
+    ----------
+    stimulator, plate
+        The EDS files, loaded for their node-IDs.
+    inside
+        Whether the plate is inside the stimulator.
+    """
+
+    def __init__(
+        self, stimulator: ObjectDictionary, plate: ObjectDictionary, *, inside: bool
+    ) -> None:
+        self.inside = inside
+        self.owner = (stimulator if inside else plate).node_id
+        self.emcy_ids = (EMCY_ID + stimulator.node_id, EMCY_ID + plate.node_id)
+        self.status = _sent(stimulator, 1, "Statusword")
+        self.mode = _sent(stimulator, 1, "Mode display")
+        self.stage = (
+            _sent(stimulator, 4, "Vibration.Voltage")
+            if inside
+            else _sent(plate, 4, "Stage.Voltage")
+        )
+        self.drive = find_field(plate, RPDO_COMMUNICATION, RPDO_MAPPING, "Drive.Voltage")
+        self.volt = plate["Stage.Voltage"].si
+
+    def emergency(self, frame: Frame) -> int:
+        """Return the code of an emergency message of either node; 0 for any other frame."""
+        if frame.can_id not in self.emcy_ids or len(frame.data) != FRAME_BYTES:
+            return 0
+        return int.from_bytes(frame.data[:2], "little")
+
+    def gone(self, frame: Frame) -> bool:
+        """Whether a frame shows that who has the stage is not OPERATIONAL, and so at 0 V."""
+        if frame.can_id == NMT_ID and len(frame.data) == _NMT_BYTES:
+            command, node_id = frame.data
+            return command != NMTCommand.START and node_id in (0, self.owner)
+        return frame.can_id == HEARTBEAT_ID + self.owner and frame.data == BOOT_UP
+
+    def driven(self, frame: Frame) -> bool | None:
+        """Whether a frame shows the stage with a voltage, at 0 V (False), or not at all (None)."""
+        voltage = self.stage.read(frame)
+        if voltage is not None:
+            return voltage > 0
+        if self.inside:
+            status = self.status.read(frame)
+            off = status is not None and not status & Status.DRIVING
+        else:
+            own = frame.can_id == EMCY_ID + self.owner
+            off = self.drive.read(frame) == 0 or (own and self.emergency(frame) in _WENT_OFF)
+        return False if off or self.gone(frame) else None
+
+    def last(self, field: Field, frames: Sequence[Stamped]) -> int | None:
+        """Return the last raw value of a field; None if there is none."""
+        values = (field.read(frame) for _, frame in reversed(frames))
+        return next((value for value in values if value is not None), None)
+
+
+def _sent(od: ObjectDictionary, number: int, name: str) -> Field:
+    return find_field(od, TPDO_COMMUNICATION + number - 1, TPDO_MAPPING + number - 1, name)
+
+
+def cycles_to_zero(signs: Signs, before: Sequence[Stamped], after: Sequence[Stamped]) -> int | None:
+    """Count the cycles from a fault until the stage is at 0 V and stays there; None if it does not.
+
+    Parameters
+    ----------
+    signs
+        What the frames show.
+    before, after
+        Frames before and after the fault; SYNC is among those before.
+    """
+    zero: int | None = None
+    fresh = False
+    for cycle, frame in _in_cycles(signs, before, after):
+        driven = signs.driven(frame)
+        if frame.can_id == SYNC_ID:
+            fresh = False
+        elif driven:
+            zero, fresh = None, False
+        elif driven is False and (zero is None or (fresh and frame.can_id == signs.stage.can_id)):
+            # A statusword just before the stage of its cycle is of that cycle.
+            zero, fresh = cycle, True
+    return zero
+
+
+def _in_cycles(
+    signs: Signs, before: Sequence[Stamped], after: Sequence[Stamped]
+) -> Iterator[tuple[int, Frame]]:
+    """Yield frames with the number of their cycle, 0 up to the first that begins after the fault.
+
+    SYNC is sent in the middle of a cycle, after what its beginning has caused. What is caused
+    follows at once: a frame before which the bus was idle is one of the next cycle, and so is the
+    stage of a plate inside, which is told at the beginning.
+    """
+    sync = max(time for time, frame in before if frame.can_id == SYNC_ID)
+    end = before[-1][0]
+    cycle, begun = 0, False
+    for time, frame in after:
+        begun = (
+            begun
+            or time - frame_bits(len(frame.data)) > end
+            or (signs.inside and frame.can_id == signs.stage.can_id)
+        )
+        end = time
+        if frame.can_id == SYNC_ID:
+            cycle += _ticks(time - sync)
+            sync, begun = time, False
+            yield cycle, frame
+        elif time - sync > _SYNC_LATE_US:
+            yield cycle + (time - sync + frame_bits(0)) // TICK_US, frame
+        else:
+            yield cycle + begun, frame
+
+
+def _ticks(microseconds: int) -> int:
+    """Return how many cycles passed between two SYNCs; without any in between 1."""
+    return round(microseconds / TICK_US) if microseconds > _SYNC_LATE_US else 1
+
+
+class Field(NamedTuple):
+    """Where an unsigned object is in the PDO that carries it."""
+
+    can_id: int
+    first: int
+    last: int
+    """Its bytes, the last one not included."""
+    size: int
+    """Bytes of the PDO."""
+
+    def read(self, frame: Frame) -> int | None:
+        """Return the raw value in a frame; None in a frame that does not carry it."""
+        if frame.can_id != self.can_id or frame.rtr or len(frame.data) != self.size:
+            return None
+        return int.from_bytes(frame.data[self.first : self.last], "little")
+
+
+def find_field(od: ObjectDictionary, communication: int, mapping: int, name: str) -> Field:
+    """Find an object in a PDO that maps it by default, whether the PDO is valid by default or not.
+
+    Parameters
+    ----------
+    od
+        The EDS, loaded for the node-ID.
+    communication, mapping
+        Index of the PDO's communication and mapping parameter.
+    name
+        Name of an object of whole bytes.
+
+    Raises
+    ------
+    ValueError
+        If the PDO does not map it.
+    """
+    wanted = od[name]
+    can_id = od.number(communication, PDO_COB_ID) & CAN_ID_MASK
+    mapped = [od.number(mapping, place) for place in range(1, od.number(mapping) + 1)]
+    size = sum(value & 0xFF for value in mapped) // 8
+    first = 0
+    for value in mapped:
+        last = first + (value & 0xFF) // 8
+        if value >> 8 == wanted.index << 8 | wanted.subindex:
+            return Field(can_id, first, last, size)
+        first = last
+    raise ValueError(f"{name} is not mapped in {communication:04X}h")
+
+
+def parts(frames: Iterable[Stamped]) -> Iterator[list[Stamped]]:
+    """Split a log where it leaves something out.
+
+    Raises
+    ------
+    ValueError
+        If time runs backwards.
+    """
+    part: list[Stamped] = []
+    before = 0
+    for time, frame in frames:
+        if time < before:
+            raise ValueError(f"time runs backwards at {time * 1e-6:.6f} s")
+        if part and time - before > _SILENCE_US:
+            yield part
+            part = []
+        part.append((time, frame))
+        before = time
+    if part:
+        yield part

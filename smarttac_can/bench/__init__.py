@@ -1,6 +1,6 @@
 """The bench: a stimulator as a person handles it, its finger, and recordings."""
 
-from smarttac_can.bench.calibration import Calibration, write_calibration
+from smarttac_can.bench.calibration import Calibration, mean_gauges, weigh, write_calibration
 from smarttac_can.bench.errors import (
     BusyError,
     FaultError,
@@ -8,8 +8,8 @@ from smarttac_can.bench.errors import (
     NotRunningError,
     RunInterruptedError,
 )
-from smarttac_can.bench.gauge_samples import mean_gauges, weigh
-from smarttac_can.bench.reading import Reading
+from smarttac_can.bench.link import Reading
+from smarttac_can.bench.plate_loads import Placing, Weighing, read_plan
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import RecordedData, make_recording, read_recording
 from smarttac_can.bench.self_test import selftest
@@ -18,7 +18,6 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import Trace, read_csv, sha256, write_csv
 from smarttac_can.bench.tracking import Tracking, track
-from smarttac_can.bench.weighings import Placing, Weighing, read_plan
 from smarttac_can.master.errors import (
     BenchError,
     BusLostError,

@@ -1,21 +1,19 @@
-"""The calibration of a tribometer from weighings, by least squares."""
+"""The calibration of a tribometer: weighings are made, and fitted by least squares."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.gauge_samples import GAUGES
+from smarttac_can.bench.plate_loads import STANDARD_GRAVITY, Placing, Weighing
 from smarttac_can.bench.stimulator import Stimulator
-from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing
+from smarttac_can.bench.traces import Floats
 from smarttac_can.master.errors import BenchError
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN
-
-Floats = npt.NDArray[np.float64]
 
 LATERAL: Final = ("Fx from S1", "Fx from S2", "Fy from S1", "Fy from S2")
 POSITIONS: Final = ("Position of S3", "Position of S4", "Position of S5", "Position of S6")
@@ -26,6 +24,8 @@ SCALE_SHARE: Final = 0.02
 """How far S3 to S6 together may be from the weights: no object corrects them."""
 _INDEPENDENT: Final = 0.1
 """Least ratio of the singular values of two lateral loads that are told apart."""
+GAUGES: Final = range(1, 7)
+SAMPLES: Final = 64
 
 
 class Calibration(NamedTuple):
@@ -231,3 +231,38 @@ def _fit_positions(gauges: Floats, moments: Floats, before: Sequence[float]) -> 
     present = np.array(before, dtype=np.float64)
     change = np.linalg.lstsq(gauges, moments - gauges @ present, rcond=1e-2)[0]
     return tuple(float(value) for value in present + change)
+
+
+def weigh(stimulator: Stimulator, placing: Placing, do: Callable[[Placing], object]) -> Weighing:
+    """Weigh one weight: what the gauges show at a tilt without it, and with it.
+
+    Parameters
+    ----------
+    stimulator
+        Connected; neither armed nor running.
+    placing
+        Where the weight is to be put.
+    do
+        Called with what is to be done at the plate, which is done when it returns: a question to a
+        person, with the text of the `Placing`, or ``stimulator.finger.put`` for a simulated plate.
+
+    Raises
+    ------
+    BenchError
+        As `Stimulator.sample`.
+    """
+    do(placing.empty)
+    empty = mean_gauges(stimulator)
+    do(placing)
+    return Weighing(placing, empty, mean_gauges(stimulator))
+
+
+def mean_gauges(stimulator: Stimulator) -> npt.NDArray[np.float64]:
+    """Return the mean of 64 raw samples of S1..S6 in N, shape (6,)."""
+    means: npt.NDArray[np.float64] = stimulator.sample(gauge_names(), SAMPLES).mean(axis=0) * 1e-3
+    return means
+
+
+def gauge_names() -> list[str]:
+    """Name the objects with the raw readings of S1..S6."""
+    return [f"Plate input.S{gauge}" for gauge in GAUGES]

@@ -4,27 +4,49 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from operator import itemgetter
 from pathlib import Path
-from queue import Empty
+from queue import Empty, SimpleQueue
+from threading import Event
 from time import monotonic, sleep
 from typing import Final
 
 import can
 
-from smarttac_can.bench.bench_heartbeat import BenchHeartbeat, bench_id, drives
-from smarttac_can.bench.cycle_rows import CycleRows
 from smarttac_can.bench.errors import NotRunningError
-from smarttac_can.bench.every_cycle import EveryCycle
-from smarttac_can.bench.link import RECORDED, FrameSource, Hear, OneRun, Row, Snapshot, never
-from smarttac_can.bench.local_network import LocalNetwork
-from smarttac_can.bench.node_time import wrong_time
-from smarttac_can.bench.published import commanded_pdos, published_pdos
-from smarttac_can.bench.remote_device import RemoteDevice
-from smarttac_can.bench.tapped_network import TappedNetwork
+from smarttac_can.bench.link import (
+    HELD,
+    RECORDED,
+    FrameSource,
+    Hear,
+    OneRun,
+    PublishedPdo,
+    Row,
+    Snapshot,
+    commanded_pdos,
+    never,
+    published_pdos,
+)
+from smarttac_can.bench.network import TappedNetwork, raw_log
+from smarttac_can.bench.remote_device import BenchHeartbeat, RemoteDevice, bench_id, drives
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.kernel_filter import hear_only, hold_more
 from smarttac_can.master.errors import BenchError, BusLostError
-from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID, SYNC_ID
+from smarttac_can.master.requests import asked, download, takes, written
+from smarttac_can.od.cia import (
+    BOOT_UP,
+    EMCY_ID,
+    EVENT_MANUFACTURER,
+    HEARTBEAT_ID,
+    PDO_TRANSMISSION,
+    SDO_RX_ID,
+    SDO_TX_ID,
+    SYNC_ID,
+    TPDO_COMMUNICATION,
+)
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.objects import SIMULATION
 
@@ -40,6 +62,16 @@ _ANSWER_S: Final = 1.0
 _STATUS_TPDO: Final = 1
 _LOST_IN_A_ROW: Final = 3
 _POLL_S: Final = 0.005
+_TICK: Final = RECORDED.index("Contact.Tick")
+Receiver = Callable[[int, bytearray, float], None]
+_ANSWERED_S: Final = 0.25
+"""By then another bench has answered, if there is one."""
+_EVERY_CYCLE: Final = bytes((EVENT_MANUFACTURER,))
+_SETTLE_S: Final = 0.1
+"""What still comes of the last SYNC has come by then."""
+_EVENT_S: Final = 0.25
+"""In real time the event timers of the TPDOs, 0.1 s by default, send within it."""
+_HEARTBEATS: Final = 3
 
 
 class CanLink:
@@ -80,8 +112,8 @@ class CanLink:
         self._timeout = timeout
         # On a local bus everything happens within the call that sends: there is no other thread
         # to wait for, and the time is the bus's.
-        self._threaded = not isinstance(network, LocalNetwork)
-        self._clock = monotonic if self._threaded else network.now
+        self._threaded = network.threaded
+        self._clock = network.now
         self._stimulator = RemoteDevice(network, stimulator, where, timeout)
         self._plate = RemoteDevice(network, plate, where, timeout) if plate else None
         # The plate first, so that its measurements await nobody.
@@ -107,7 +139,7 @@ class CanLink:
         self._listen()
 
     def drive(self) -> None:
-        """Have this bench watched from now on, in real time; refused while another one drives."""
+        """Start the heartbeat of this bench, in real time; refused while another one drives."""
         if self._heartbeat is not None:
             self._heartbeat.begin()
 
@@ -121,7 +153,7 @@ class CanLink:
         return str(self._stimulator.read(self._stimulator.od[name]))
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object over SDO; a bench that drives is watched from then on."""
+        """Write a raw value to an object over SDO; one that drives starts the bench heartbeat."""
         if self.only_read and drives(name, raw):
             self.drive()
         device = self._owner(name)
@@ -201,7 +233,7 @@ class CanLink:
             )
 
     def source(self) -> FrameSource:
-        """Tell what the stimulator says its PDOs carry."""
+        """Return what the stimulator says its PDOs carry."""
         device = self._stimulator
         return FrameSource(
             published=self._pdos,
@@ -213,7 +245,7 @@ class CanLink:
 
     @contextmanager
     def frames(self, hear: Hear) -> Iterator[None]:
-        """Have the frames of these nodes told, and those that command them."""
+        """Pass on the frames of these nodes, and those that command them."""
         network = self._network
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
         told = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
@@ -230,13 +262,37 @@ class CanLink:
 
     def raw(self, path: Path) -> AbstractContextManager[str]:
         """Log all frames on the bus, those of this bench too, in a format of python-can."""
-        from smarttac_can.bench.raw_log import raw_log  # noqa: PLC0415 - its formats take long
-
         return raw_log(self._network, path)
 
     def wrong_time(self) -> str:
-        """Say that the stimulator keeps another time than the link believes; empty if not."""
-        return wrong_time(self._stimulator, self._pdos, self._lockstep) if self._threaded else ""
+        """Return what is wrong if the stimulator keeps another time than the link; else nothing."""
+        if not self._threaded:
+            return ""
+        device = self._stimulator
+        node = f"node {device.od.node_id}"
+        if self._lockstep:
+            sleep(_SETTLE_S)
+            if self._speaks(_EVENT_S):
+                return (
+                    f"{node} runs in real time: connect without lockstep=True, or start all nodes "
+                    "with --lockstep"
+                )
+        elif device.heartbeat_s and not self._speaks(_HEARTBEATS * device.heartbeat_s):
+            return (
+                f"the time of {node} stands still without SYNC: connect with lockstep=True, or "
+                "start all nodes without --lockstep"
+            )
+        return ""
+
+    def _speaks(self, seconds: float) -> bool:
+        """Return whether a heartbeat or TPDO comes within a time in s, without SYNC."""
+        begun = monotonic()
+        while monotonic() - begun < seconds:
+            heard = [self._stimulator.heartbeat_at, *(pdo.received for pdo in self._pdos)]
+            if any(at is not None and at > begun for at in heard):
+                return True
+            sleep(_POLL_S)
+        return False
 
     @property
     def only_read(self) -> bool:
@@ -280,7 +336,7 @@ class CanLink:
 
     @contextmanager
     def _hearing(self, can_ids: Iterable[int]) -> Iterator[None]:
-        """Have the kernel let more frames pass while a block lasts."""
+        """Add frames to those that the kernel lets pass, while a block lasts."""
         before, self._heard = self._heard, self._heard | frozenset(can_ids)
         self._listen()
         try:
@@ -290,7 +346,7 @@ class CanLink:
             self._listen()
 
     def _listen(self) -> None:
-        """Have the kernel drop what nobody here listens to."""
+        """Set the filter of the kernel to the frames that are listened to here."""
         if self._threaded:
             heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
             hear_only(self._network.bus, {*self._network.subscribers, heartbeat, *self._heard})
@@ -339,3 +395,221 @@ class CanLink:
                 self._cycles.complete.get(timeout=min(left, _CHECK_S))
             except Empty:
                 self._check()
+
+
+class CycleRows:
+    """Rows of `RECORDED` from the TPDOs of a stimulator.
+
+    Parameters
+    ----------
+    device
+        The stimulator.
+    pdos
+        Its public TPDOs by number.
+    clock
+        Returns the time in s.
+
+    Attributes
+    ----------
+    rows
+        Where the rows go; None for nowhere.
+    complete
+        Has something whenever a cycle is complete, with a row or without.
+    whole
+        Whether the TPDOs map all of `RECORDED`.
+    wanted
+        Numbers of the TPDOs that make a row; the others hold what changes seldom.
+    """
+
+    def __init__(
+        self, device: RemoteDevice, pdos: list[PublishedPdo], clock: Callable[[], float]
+    ) -> None:
+        self._device = device
+        self._clock = clock
+        self.rows: list[Row] | None = None
+        # At a tenth of what an event takes.
+        self.complete: SimpleQueue[None] = SimpleQueue()
+        self._come: set[int] = set()
+        columns = [_place(pdos, name) for name in RECORDED]
+        self._columns = [column for column in columns if column is not None]
+        self.whole = len(self._columns) == len(RECORDED)
+        self.wanted = {
+            column[0].number
+            for column, name in zip(columns, RECORDED, strict=True)
+            if self.whole and column is not None and name not in HELD
+        }
+
+    def learn_held(self, read: Callable[[str], int]) -> None:
+        """Read what is published when it changes, and did not come yet."""
+        for pdo, _ in self._columns:
+            if pdo.number not in self.wanted and pdo.received is None:
+                pdo.values = tuple(read(name) for name in pdo.names)
+
+    def receiver(self, pdo: PublishedPdo) -> Receiver:
+        """Make the callback of a TPDO; that of the cycle's last one completes a row."""
+        wanted, number = self.wanted, pdo.number
+        parts, row_of = self._row_maker()
+        completes = number == max(wanted, default=0)
+        come, complete = self._come, self.complete
+        clock, device = self._clock, self._device
+        operational = NMTState.OPERATIONAL
+
+        def on_pdo(_can_id: int, data: bytearray, _timestamp: float) -> None:
+            if not pdo.take(data, clock()):
+                return
+            # PDOs are OPERATIONAL's alone; the next heartbeat may be a second away.
+            device.state = operational
+            come.add(number)
+            if completes:
+                # A row with a lost frame would mix two cycles.
+                if come >= wanted and self.rows is not None:
+                    values: list[int] = []
+                    for part in parts:
+                        values += part.values
+                    _record(self.rows, row_of(values))
+                come.clear()
+                if complete.empty():
+                    complete.put(None)
+
+        return on_pdo
+
+    def _row_maker(self) -> tuple[list[PublishedPdo], Callable[[list[int]], Row]]:
+        """Return the TPDOs of a row, and what picks it from their values one after another."""
+        columns = self._columns if self.whole else []
+        parts = list(dict.fromkeys(pdo for pdo, _ in columns))
+        places = [(pdo, at) for pdo in parts for at in range(len(pdo.names))]
+        return parts, itemgetter(*map(places.index, columns)) if columns else tuple
+
+
+def _record(rows: list[Row], row: Row) -> None:
+    # When a cycle comes late, the event timers of the TPDOs repeat the one before.
+    if not rows or row[_TICK] != rows[-1][_TICK]:
+        rows.append(row)
+
+
+def _place(pdos: list[PublishedPdo], name: str) -> tuple[PublishedPdo, int] | None:
+    """Find the TPDO that carries an object, and its place there."""
+    found = ((pdo, pdo.names.index(name)) for pdo in pdos if name in pdo.names)
+    return next(found, None)
+
+
+class EveryCycle:
+    """Sets TPDOs to every cycle, and puts their types back when no bench needs it any more.
+
+    Several benches may need it at once, and only the last of them may put the types back: until
+    another one asks anew, the cycles are lost. A bench that ends asks whether another one needs
+    them. The question is the SDO request that reads a type, the answer one that writes 254 to it
+    again.
+
+    Parameters
+    ----------
+    network
+        Network of the stimulator.
+    device
+        The stimulator.
+    numbers
+        Numbers of the TPDOs.
+
+    Attributes
+    ----------
+    numbers
+        The same.
+    """
+
+    def __init__(self, network: TappedNetwork, device: RemoteDevice, numbers: list[int]) -> None:
+        self._network = network
+        self._device = device
+        self.numbers = numbers
+        self._types = [
+            device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION) for number in numbers
+        ]
+        self._at = {(entry.index, entry.subindex): entry for entry in self._types}
+        self._undone: set[Entry] = set()
+        services = (HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID)
+        self._tap = ({service + device.od.node_id for service in services}, self._keep)
+        self._before: list[int] = []
+        self._users = 0
+        self._ends = False
+        self._others = Event()
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Send them in every cycle while a block lasts; blocks may be nested.
+
+        They are sent so again at once when a reset, or a tool that does not ask, puts them back.
+        """
+        if not self._users:
+            self._ends = False
+            self._others.clear()
+            self._before = [self._take(entry) for entry in self._types]
+            self._undone.clear()
+            self._network.taps += (self._tap,)
+        self._users += 1
+        try:
+            yield
+        except BaseException:
+            # The first failure is the one to report.
+            with suppress(BenchError):
+                self._release()
+            raise
+        self._release()
+
+    def _take(self, entry: Entry) -> int:
+        kind = int(self._device.read(entry))
+        self._device.write(entry, EVENT_MANUFACTURER)
+        if kind != EVENT_MANUFACTURER:
+            return kind
+        # Another bench needs it, or one that was killed has left it so.
+        self._others.set()
+        return int(entry.default)
+
+    def _release(self) -> None:
+        self._users -= 1
+        if self._users:
+            return
+        try:
+            needed = self._others_need_it()
+        finally:
+            network = self._network
+            network.taps = tuple(tap for tap in network.taps if tap is not self._tap)
+        if not needed:
+            for entry, kind in zip(self._types, self._before, strict=True):
+                self._device.write(entry, kind)
+
+    def _others_need_it(self) -> bool:
+        """Ask the benches that there may be besides this one."""
+        self._ends = True
+        if not self._others.is_set():
+            return False
+        self._others.clear()
+        self._device.read(self._types[0])
+        return self._others.wait(_ANSWERED_S)
+
+    def _keep(self, can_id: int, data: bytes) -> None:
+        """Answer other benches that ask, and set again what others have put back."""
+        node_id, undone = self._device.od.node_id, self._undone
+        frame = Frame(can_id, data)
+        if can_id == HEARTBEAT_ID + node_id and data == BOOT_UP:
+            self._ask_for(self._types)
+        elif request := written(frame, node_id):
+            entry = self._at.get(request.address)
+            if entry is not None and request.data == _EVERY_CYCLE:
+                self._others.set()
+            elif entry is not None:
+                undone.add(entry)
+        elif entry := self._at.get(asked(frame, node_id) or (0, 0)):
+            self._ask_for([entry])
+        elif undone:
+            ended = [entry for entry in undone if takes(frame, node_id, entry)]
+            undone.difference_update(ended)
+            self._ask_for(ended)
+
+    def _ask_for(self, entries: Iterable[Entry]) -> None:
+        """Write the types without waiting for an answer, as this runs in the receiving thread."""
+        if self._ends:
+            return
+        for entry in entries:
+            frame = download(self._device.od.node_id, entry, EVENT_MANUFACTURER)
+            # Of a bus that has failed the bench hears by its next transfer.
+            with suppress(can.CanError):
+                self._network.send_message(frame.can_id, frame.data)

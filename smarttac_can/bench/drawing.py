@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 INK, PALE = "#1f2933", "#6b7785"
 RED, GREEN = "#c1361c", "#1a9377"
@@ -61,6 +61,25 @@ def canvas(width: float, height: float) -> Iterator[Figure]:
         figure = Picture(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
+
+
+@contextmanager
+def drawn_into(given: FigureBase | None, width: float, height: float) -> Iterator[FigureBase]:
+    """Draw into a figure in the style of the report; into a new `canvas` if it is None.
+
+    Raises
+    ------
+    ValueError
+        If it is no figure.
+    """
+    if not isinstance(given, FigureBase | None):
+        raise ValueError(f"figure {given!r} is no figure of matplotlib")
+    if given is None:
+        with canvas(width, height) as figure:
+            yield figure
+    else:
+        with mpl.rc_context(STYLE):
+            yield given
 
 
 def rendered(figure: Figure) -> dict[str, bytes]:

@@ -5,7 +5,24 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.bench.traces import Trace
-from smarttac_can.master.errors import BenchError
+from smarttac_can.master.errors import BenchError, RefusedError
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.faults import FaultKind, value_range
+from smarttac_can.vocabulary.objects import FAULT_KIND
+
+_SHELL_WORDS: Final = {
+    "; .trace holds the recording": "",
+    ": run() first, or have": ": have",
+    "reset_fault()": "run smarttac reset",
+    "disarm() first": "first 'mode off' in smarttac watch --drive, or its Esc",
+    "then tare()": "then restart the node, which tares",
+    "connect without lockstep=True": "leave out --lockstep here",
+    "connect with lockstep=True": "give --lockstep here",
+}
+"""What messages of the bench advise a script to call, and what a person at a shell does instead."""
+_OF_A_SCRIPT: Final = ".trace "
+"""How a note begins that is for a script alone."""
 
 
 class NotRunningError(BenchError):
@@ -35,7 +52,7 @@ class FaultError(BenchError):
 
 
 class RunInterruptedError(BenchError, KeyboardInterrupt):
-    """Ctrl-C has ended a run; who catches neither errors of the bench nor Ctrl-C is ended by it.
+    """Ctrl-C has ended a run; it ends a script that catches neither `BenchError` nor Ctrl-C.
 
     Attributes
     ----------
@@ -44,24 +61,8 @@ class RunInterruptedError(BenchError, KeyboardInterrupt):
     """
 
 
-_SHELL_WORDS: Final = {
-    "; .trace holds the recording": "",
-    ": run() first, or have": ": have",
-    "reset_fault()": "run smarttac reset",
-    "disarm() first": "first 'mode off' in smarttac watch --drive, or its Esc",
-    "then tare()": "then restart the node, which tares",
-    "connect without lockstep=True": "leave out --lockstep here",
-    "connect with lockstep=True": "give --lockstep here",
-}
-"""What messages of the bench advise a script to call, and what a person at a shell does instead."""
-
-
-_OF_A_SCRIPT: Final = ".trace "
-"""How a note begins that is for a script alone."""
-
-
 def in_shell_words(text: object) -> str:
-    """Return a message of the bench as it helps somebody who has no script but a shell.
+    """Return a message of the bench in the words of the shell commands.
 
     Returns
     -------
@@ -74,3 +75,33 @@ def in_shell_words(text: object) -> str:
     for call, words in _SHELL_WORDS.items():
         said = said.replace(call, words)
     return said
+
+
+def write_action(entry: Entry, raw: float) -> str:
+    """Say what was asked of the device."""
+    return f"write {_shown(entry, raw)} to {entry.name}"
+
+
+def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
+    """Say that a device refused a raw value, and why."""
+    text = f"cannot {write_action(entry, raw)}: {reason}"
+    if not entry.low <= raw <= entry.high:
+        text += f": {bounds(entry)}"
+    elif entry.name == FAULT_KIND and reason.code == AbortCode.VALUE:
+        kind = FaultKind(round(raw))
+        low, high = value_range(kind)
+        text += f": Fault.Value of {kind.name.lower()} is {low} to {high}"
+    return RefusedError(text, reason.code)
+
+
+def bounds(entry: Entry) -> str:
+    """Return the bounds of an object in its displayed unit, such as ``0 to 3000 nm``."""
+    return f"{_number(entry, entry.low)} to {_shown(entry, entry.high)}"
+
+
+def _shown(entry: Entry, raw: float) -> str:
+    return f"{_number(entry, raw)} {entry.unit.symbol}".rstrip()
+
+
+def _number(entry: Entry, raw: float) -> str:
+    return f"{raw * float(entry.unit.number):.12g}"

@@ -1,21 +1,37 @@
-"""What a link between the bench and a stimulator carries: raw values by name, and recordings."""
+"""What a link to a stimulator carries: PDOs, raw values by name, readings and recordings."""
 
 from __future__ import annotations
 
+import struct
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from math import isnan, nan
 from pathlib import Path
-from typing import NamedTuple, NoReturn, Protocol
+from typing import Final, NamedTuple, NoReturn, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.errors import BusyError
-from smarttac_can.bench.published import PublishedPdo
+from smarttac_can.bench.errors import BusyError, NotRunningError
 from smarttac_can.bench.traces import COLUMNS
 from smarttac_can.master.errors import BenchError
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    FRAME_BYTES,
+    PDO_COB_ID,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    DataType,
+)
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import State, Status, state_in
 
 RECORDED = tuple(column.object for column in COLUMNS)
 """Objects of the stimulator that a run records, a column each, in the order of a trace."""
@@ -39,6 +55,20 @@ PUBLISHED = (
 
 Row = tuple[int, ...]
 """Raw values of `RECORDED` in one cycle."""
+Hear = Callable[[int, bytes], None]
+"""Called with the identifier and the data of a frame."""
+PUBLIC: Final = range(1, 5)
+"""Numbers of the PDOs between a stimulator and its masters; the others are those of the loop."""
+_FORMATS: Final = {
+    DataType.BOOLEAN: "B",
+    DataType.INTEGER8: "b",
+    DataType.INTEGER16: "h",
+    DataType.INTEGER32: "i",
+    DataType.UNSIGNED8: "B",
+    DataType.UNSIGNED16: "H",
+    DataType.UNSIGNED32: "I",
+}
+_STATUS: Final = sum(Status)
 
 
 def unwrapped(rows: list[Row]) -> npt.NDArray[np.int64]:
@@ -58,7 +88,7 @@ class Snapshot(NamedTuple):
 
 
 class OneRun:
-    """Lets one thread at a time run the loop of a link: it has one recording."""
+    """Allows one thread at a time to run the loop of a link, which has one recording."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -82,17 +112,13 @@ class OneRun:
         self._lock.release()
 
 
-Hear = Callable[[int, bytes], None]
-"""Called with the identifier and the data of a frame."""
-
-
 def never() -> bool:
     """Return that nobody interrupts."""
     return False
 
 
 class FrameSource(NamedTuple):
-    """What the frames of a link mean that `Link.frames` tells."""
+    """What the frames that `Link.frames` passes on mean."""
 
     published: list[PublishedPdo]
     """Public TPDOs of the stimulator."""
@@ -101,7 +127,7 @@ class FrameSource(NamedTuple):
     commanded: list[PublishedPdo]
     """RPDOs by which a master commands it."""
     plate: ObjectDictionary | None
-    """EDS of the plate node; None with the plate inside."""
+    """EDS of the plate node; None if the plate is inside the stimulator."""
     clocked: bool
     """Whether ticks follow the clock, and not this bench."""
 
@@ -164,22 +190,22 @@ class Link(Protocol):
         """
 
     def source(self) -> FrameSource:
-        """Tell what the frames mean that `frames` tells."""
+        """Return what the frames that `frames` passes on mean."""
 
     def frames(self, hear: Hear) -> AbstractContextManager[None]:
-        """Have the frames of all cycles told, and those of masters, while a block lasts.
+        """Pass on the frames of all cycles, and those of masters, while a block lasts.
 
-        They are told as they come, by whichever thread has them.
+        `hear` is called as they come, by whichever thread has them.
         """
 
     def raw(self, path: Path) -> AbstractContextManager[str]:
         """Log all frames of the bus, in a format of python-can, while a block lasts.
 
-        It gives the block what of the log is not as on the bus, in one line; empty if all is.
+        It yields one line: what in the log differs from the bus; empty if nothing does.
         """
 
     def wrong_time(self) -> str:
-        """Say that the stimulator keeps another time than the link believes; empty if not."""
+        """Return what is wrong if the stimulator keeps another time than the link; else nothing."""
 
     def close(self) -> None:
         """Leave the bus; may be called twice."""
@@ -199,3 +225,163 @@ class ClosedLink:
 
     def __getattr__(self, _name: str) -> NoReturn:
         raise BenchError(f"the stimulator over {self.where} is closed: connect anew")
+
+
+class PublishedPdo:
+    """A valid PDO of a node: its CAN-ID, what it maps, and the data that came last.
+
+    Parameters
+    ----------
+    number
+        Number of the PDO from 1.
+    can_id
+        CAN-ID it is sent with.
+    entries
+        The mapped entries in order, integers of 8, 16 or 32 bits.
+
+    Attributes
+    ----------
+    layout
+        Of its data.
+    received
+        Time in s at which data came last; None before.
+    """
+
+    def __init__(self, number: int, can_id: int, entries: list[Entry]) -> None:
+        self.number = number
+        self.can_id = can_id
+        self.names = [entry.name for entry in entries]
+        self.layout = struct.Struct("<" + "".join(_FORMATS[entry.data_type] for entry in entries))
+        self._size, self._unpack = self.layout.size, self.layout.unpack
+        self.values: tuple[int, ...] = ()
+        self.received: float | None = None
+
+    def take(self, data: bytes | bytearray, now: float) -> bool:
+        """Take received data; of a length that is not the mapping's, return False."""
+        if len(data) != self._size:
+            return False
+        self.values = self._unpack(data)
+        self.received = now
+        return True
+
+
+def published_pdos(od: ObjectDictionary, read: Callable[[Entry], int]) -> list[PublishedPdo]:
+    """Ask a node what its public TPDOs carry.
+
+    Parameters
+    ----------
+    od
+        The EDS of the node.
+    read
+        Reads an entry from the node over SDO.
+
+    Returns
+    -------
+    list of PublishedPdo
+        The valid ones that map only integers the EDS knows, by number.
+    """
+    return _pdos(od, read, TPDO_COMMUNICATION, TPDO_MAPPING)
+
+
+def commanded_pdos(od: ObjectDictionary, read: Callable[[Entry], int]) -> list[PublishedPdo]:
+    """Ask a node what the RPDOs of its master carry, as `published_pdos` does of its TPDOs."""
+    return _pdos(od, read, RPDO_COMMUNICATION, RPDO_MAPPING)
+
+
+def _pdos(
+    od: ObjectDictionary, read: Callable[[Entry], int], communication: int, mapping: int
+) -> list[PublishedPdo]:
+    pdos = []
+    for number in PUBLIC:
+        cob_id = read(od.entry(communication + number - 1, PDO_COB_ID))
+        if cob_id & COB_INVALID:
+            continue
+        record = mapping + number - 1
+        count = read(od.entry(record, 0))
+        if count > FRAME_BYTES:
+            # More than a frame has bytes, or a multiplexed PDO.
+            continue
+        mapped = [read(od.entry(record, position)) for position in range(1, count + 1)]
+        entries = [od.get(value >> 16, value >> 8 & 0xFF) for value in mapped]
+        known = [entry for entry in entries if entry is not None and entry.data_type in _FORMATS]
+        # What a device says may be anything: a PDO that fits no frame is none.
+        if known and len(known) == count and sum(entry.size for entry in known) <= FRAME_BYTES:
+            pdos.append(PublishedPdo(number, cob_id & CAN_ID_MASK, known))
+    return pdos
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Reading:
+    """What the stimulator published last."""
+
+    age: float
+    """Age in s of the oldest value in it."""
+    mode: Mode
+    """Mode in force."""
+    state: State
+    """State of the device."""
+    status: Status
+    """Other bits of the statusword."""
+    tangential_force: float
+    """Tangential force in N."""
+    normal_force: float
+    """Normal force in N."""
+    cof: float
+    """Coefficient of friction; NaN while no finger touches."""
+    amplitude: float
+    """Vibration amplitude in um peak-to-peak."""
+    voltage: float
+    """Voltage in V."""
+    frequency: float
+    """Excitation frequency in Hz."""
+    temperature: float
+    """Plate temperature in degC."""
+    position: float
+    """Position of the finger in mm from the middle of the plate; NaN while it does not touch."""
+
+    def __repr__(self) -> str:
+        contact = "no contact"
+        if not isnan(self.cof):
+            contact = f"COF {self.cof:.4f} at {self.position:.2f} mm"
+        return (
+            f"<Reading of {self.age:.3f} s ago: {self.state}, mode {self.mode}, "
+            f"status {self.status.name or 0}; {contact}, "
+            f"Ft {self.tangential_force:.3f} N, Fn {self.normal_force:.3f} N, "
+            f"{self.amplitude:.4f} um, {self.voltage:.2f} V, {self.frequency:.2f} Hz, "
+            f"{self.temperature:.2f} degC>"
+        )
+
+    @classmethod
+    def from_snapshot(cls, snapshot: Snapshot, od: ObjectDictionary) -> Self:
+        """Convert raw values by the EDS of the stimulator.
+
+        Raises
+        ------
+        NotRunningError
+            If a value has not been published yet.
+        """
+        raw, age = snapshot
+        for name in PUBLISHED:
+            if name not in raw:
+                raise NotRunningError(
+                    f"{name!r} has not been published yet: run() first, or have its TPDO's event "
+                    "timer, 0.1 s by default, send it"
+                )
+
+        def value(name: str, unit: str) -> float:
+            return float(od[name].unit.times(raw[name], unit))
+
+        return cls(
+            age=age,
+            mode=Mode(raw["Mode display"]),
+            state=state_in(raw["Statusword"]),
+            status=Status(raw["Statusword"] & _STATUS),
+            tangential_force=value("Contact.Tangential force", "N"),
+            normal_force=value("Contact.Normal force", "N"),
+            cof=value("Contact.COF", "") or nan,
+            amplitude=value("Vibration.Amplitude", "um"),
+            voltage=value("Vibration.Voltage", "V"),
+            frequency=value("Vibration.Frequency", "Hz"),
+            temperature=value("Plate temperature", "degC"),
+            position=value("Contact.Position", "mm") if raw["Contact.COF"] else nan,
+        )

@@ -1,12 +1,14 @@
-"""Objects of a stimulator by name, in the units a person reads."""
+"""Objects of a stimulator by name, and its set-points, in the units a person reads."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from enum import IntEnum
 from math import isfinite, nan
 from numbers import Real
-from typing import Final
+from re import sub
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from smarttac_can.bench.link import Link
 from smarttac_can.commissioning.dcf import require_kept
@@ -14,6 +16,7 @@ from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
+from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.objects import SIMULATION
 from smarttac_can.vocabulary.states import State, state_in
 
@@ -22,7 +25,10 @@ _LEFT_OF_ZERO: Final = 1e-9
 """What floats may leave of a 0, as in steps of 0.1 from -38 to 38."""
 _MESSAGE: Final = "Message"
 DISARM_FIRST: Final = "it is armed or running, disarm() first"
-_SHARP: Final = (State.ARMED, State.RUNNING)
+ARMED: Final = (State.ARMED, State.RUNNING)
+"""States in which a stimulator may drive its plate."""
+_SIDES: Final = 2
+_Choices = TypeVar("_Choices", bound=IntEnum)
 
 
 def finite(name: str, value: object) -> float:
@@ -67,8 +73,8 @@ def truth(name: str, value: object) -> bool:
     return value
 
 
-def find_object(od: ObjectDictionary, name: str) -> Entry:
-    """Find an object by its name.
+def find_number(od: ObjectDictionary, name: str) -> Entry:
+    """Find an object that is a number by its name.
 
     Raises
     ------
@@ -80,18 +86,6 @@ def find_object(od: ObjectDictionary, name: str) -> Entry:
         near = get_close_matches(str(name), [known.name for known in od], _HINTS)
         hint = f", perhaps {' or '.join(near)}" if near else ""
         raise BenchError(f"there is no object {name!r}{hint}")
-    return entry
-
-
-def find_number(od: ObjectDictionary, name: str) -> Entry:
-    """Find an object that is a number by its name.
-
-    Raises
-    ------
-    BenchError
-        If there is none; the message has names that are near.
-    """
-    entry = find_object(od, name)
     if not isinstance(entry.default, int | float):
         hint = ": it is the text in .message" if name == _MESSAGE else ""
         raise BenchError(f"{name} is not a number{hint}")
@@ -111,6 +105,54 @@ def raw_value(entry: Entry, text: str) -> int:
     return raw
 
 
+def in_unit(name: str, value: float | str, unit: str) -> float:
+    """Return what a person gave, a number of a unit or a text such as ``80 V``, as such a number.
+
+    Raises
+    ------
+    ValueError
+        If it is none, not finite, or has no unit of this kind.
+    """
+    if not isinstance(value, str):
+        return number_given(name, value)
+    try:
+        return Quantity.parse(value).in_unit(unit)
+    except ValueError:
+        like = f"number with a unit like {unit}" if unit else "number or percentage"
+        raise ValueError(f"{name} {value!r} is no {like}") from None
+
+
+def with_unit(name: str, value: float | str, unit: str) -> str:
+    """Return what a person gave, as for `in_unit`, as a text with a unit.
+
+    Raises
+    ------
+    ValueError
+        As `in_unit`.
+    """
+    number = in_unit(name, value, unit)
+    return value if isinstance(value, str) else f"{number} {unit}"
+
+
+def by_name(choices: type[IntEnum], choice: int | str) -> int:
+    """Return the number of a choice that a person may have given by its name.
+
+    Raises
+    ------
+    ValueError
+        If there is no such choice.
+    """
+    try:
+        if isinstance(choice, str):
+            name = choice.upper().replace("-", "_").replace(" ", "_").replace("+", "_")
+            return int(choices[name])
+        return int(choices(choice))
+    except (KeyError, ValueError):
+        known = ", ".join(member.lower() for member in choices.__members__)
+        what = sub(r"(?<=[a-z])(?=[A-Z])", " ", choices.__name__).lower()
+        raise ValueError(f"{what} {choice!r} is none of {known}") from None
+
+
 class NamedObjects:
     """Numbers of a stimulator, and of the simulation, over a link.
 
@@ -122,19 +164,16 @@ class NamedObjects:
         Its EDS.
     """
 
-    def __init__(self, link: Link, od: ObjectDictionary) -> None:
-        self.link = link
-        self.od = od
+    __slots__ = ("_link", "_od")
 
-    @property
-    def state(self) -> State:
-        """State of the device."""
-        return state_in(self.link.read("Statusword"))
+    def __init__(self, link: Link, od: ObjectDictionary) -> None:
+        self._link = link
+        self._od = od
 
     @property
     def message(self) -> str:
         """Why the stimulator turned itself off; empty if it did not."""
-        return self.link.text("Message")
+        return self._link.text("Message")
 
     def get(self, name: str, unit: str = "") -> float:
         """Read an object of the stimulator or the simulation by name.
@@ -153,10 +192,10 @@ class NamedObjects:
         ValueError
             If the unit is of another kind.
         """
-        entry = find_number(self.od, name)
+        entry = find_number(self._od, name)
         if not isinstance(unit, str):
             raise ValueError(f"{unit!r} is not a unit like {entry.unit.symbol or 1}")
-        return float(entry.unit.times(self.link.read(name), unit or entry.unit.symbol))
+        return float(entry.unit.times(self._link.read(name), unit or entry.unit.symbol))
 
     def set(self, name: str, value: float | str) -> None:
         """Write an object by name; refused, not clipped, outside its limits.
@@ -178,9 +217,9 @@ class NamedObjects:
             If the value is not finite, its unit of another kind, or it is not 0 and the step of
             the object would make 0 of it.
         """
-        self.write(name, self._raw(name, value))
+        self._write(name, self._raw(name, value))
 
-    def set_all(self, values: Mapping[str, float | str]) -> None:
+    def _set_all(self, values: Mapping[str, float | str]) -> None:
         """Write objects by name, in this order; where one is refused, none changes.
 
         Parameters
@@ -197,16 +236,16 @@ class NamedObjects:
         before: dict[str, int] = {}
         try:
             for name, raw in raws.items():
-                held = self.link.read(name)
-                self.write(name, raw)
+                held = self._link.read(name)
+                self._write(name, raw)
                 before[name] = held
         except RefusedError:
             for name, held in before.items():
-                self.write(name, held)
+                self._write(name, held)
             raise
 
     def _raw(self, name: str, value: float | str) -> int:
-        entry = find_number(self.od, name)
+        entry = find_number(self._od, name)
         text = (
             value if isinstance(value, str) else f"{number_given(name, value)} {entry.unit.symbol}"
         )
@@ -231,20 +270,115 @@ class NamedObjects:
         ValueError
             If the value is not finite.
         """
-        entry = find_number(self.od, name)
+        entry = find_number(self._od, name)
         counts = entry.counts(f"{finite(name, value)} {entry.unit.symbol}")
         return float(counts * entry.unit.number)
 
-    def write(self, name: str, raw: int) -> None:
+    def _write(self, name: str, raw: int) -> None:
         """Write a raw value; where the device refuses it for being armed or running, say so."""
         try:
-            self.link.write(name, raw)
+            self._link.write(name, raw)
         except RefusedError as error:
             simulated = name.partition(".")[0] in SIMULATION
-            if not simulated and self.is_refused_while_armed(error):
+            if not simulated and self._is_refused_while_armed(error):
                 raise RefusedError(f"{error}: {DISARM_FIRST}", error.code) from error
             raise
 
-    def is_refused_while_armed(self, error: RefusedError) -> bool:
-        """Whether the device refused something for being armed or running."""
-        return error.code == AbortCode.STATE and self.state in _SHARP
+    def _is_refused_while_armed(self, error: RefusedError) -> bool:
+        return error.code == AbortCode.STATE and self._shown_state() in ARMED
+
+    def _shown_state(self) -> State:
+        return state_in(self._link.read("Statusword"))
+
+
+class InUnit(property):
+    """A property that is one object of a stimulator, in a unit of its own.
+
+    Parameters
+    ----------
+    name
+        Name of the object.
+    unit
+        Unit of the property.
+    text
+        What the property is.
+    """
+
+    def __init__(self, name: str, unit: str, text: str) -> None:
+        def read(bench: NamedObjects) -> float:
+            return bench.get(name, unit)
+
+        def write(bench: NamedObjects, value: float | str) -> None:
+            bench.set(name, with_unit(name, value, unit))
+
+        super().__init__(read, write)
+        self.__doc__ = text
+
+    if TYPE_CHECKING:
+
+        def __get__(self, bench: Any, owner: type | None = None, /) -> float: ...  # type: ignore[override]
+        def __set__(self, bench: NamedObjects, value: float | str, /) -> None: ...
+
+
+class Choice(property, Generic[_Choices]):
+    """A property that is one object of a stimulator, set by a member of its choices or a name.
+
+    Parameters
+    ----------
+    name
+        Name of the object.
+    choices
+        What its values mean.
+    text
+        What the property is.
+    """
+
+    def __init__(self, name: str, choices: type[_Choices], text: str) -> None:
+        def read(bench: NamedObjects) -> _Choices:
+            return choices(round(bench.get(name)))
+
+        def write(bench: NamedObjects, choice: _Choices | str) -> None:
+            bench.set(name, by_name(choices, choice))
+
+        read.__annotations__["return"] = choices  # for who shows its type
+        super().__init__(read, write)
+        self.__doc__ = text
+
+    if TYPE_CHECKING:
+
+        def __get__(self, bench: Any, owner: type | None = None, /) -> _Choices: ...  # type: ignore[override]
+        def __set__(self, bench: NamedObjects, choice: _Choices | str, /) -> None: ...
+
+
+class BothSides(property):
+    """A property that is the set-points of the COF; a number sets both.
+
+    Parameters
+    ----------
+    text
+        What the property is.
+    """
+
+    def __init__(self, text: str) -> None:
+        def read(bench: NamedObjects) -> tuple[float, float]:
+            return bench.get("Setpoint.COF left"), bench.get("Setpoint.COF right")
+
+        def write(bench: NamedObjects, cof: float | str | Iterable[float | str]) -> None:
+            pair = (
+                list(cof) if isinstance(cof, Iterable) and not isinstance(cof, str) else [cof] * 2
+            )
+            if len(pair) != _SIDES:
+                raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
+            left, right = (in_unit("cof", side, "") for side in pair)
+            values = {"Setpoint.COF left": left, "Setpoint.COF right": right}
+            bench._set_all(values)  # noqa: SLF001 - of the class whose property it is
+
+        super().__init__(read, write)
+        self.__doc__ = text
+
+    if TYPE_CHECKING:
+
+        def __get__(self, bench: Any, owner: type | None = None, /) -> tuple[float, float]: ...  # type: ignore[override]
+        def __set__(
+            self, bench: NamedObjects, cof: float | str | Iterable[float | str], /
+        ) -> None: ...

@@ -11,9 +11,8 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from smarttac_can import __version__
-from smarttac_can.bench.link import Link
-from smarttac_can.bench.published import PublishedPdo
-from smarttac_can.bench.recorded_rows import TICK
+from smarttac_can.bench.link import Link, PublishedPdo
+from smarttac_can.bench.recorded_frames import TICK
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.host.files import reason
 from smarttac_can.host.frame_log import FrameLog

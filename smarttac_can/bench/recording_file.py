@@ -23,9 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.recorded_events import Event, Kind
-from smarttac_can.bench.recorded_frames import Dated, RecordedFrames
-from smarttac_can.bench.recorded_rows import Rows
+from smarttac_can.bench.recorded_frames import Dated, Event, Kind, RecordedFrames, Rows
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import COLUMNS, Floats, Integers, data_frame
 from smarttac_can.host.files import in_words, open_regular

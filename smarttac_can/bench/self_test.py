@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from math import inf, isfinite
-from typing import Any, Final, NamedTuple
+from math import inf, isfinite, pi
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.calibration import GAUGES, SAMPLES, gauge_names
 from smarttac_can.bench.errors import RunInterruptedError
-from smarttac_can.bench.gauge_samples import GAUGES, SAMPLES, gauge_names
-from smarttac_can.bench.resonance_fit import ResonanceFit
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.master.errors import BenchError, BusLostError, HeartbeatLostError
 
@@ -42,6 +41,7 @@ SHARE: Final = 0.2
 """How far gain and quality may be from those of the model in force."""
 
 _Part = Callable[[Stimulator], Iterator["Check"]]
+_LEAST_POINTS = 3
 
 
 class Check(NamedTuple):
@@ -204,3 +204,69 @@ def _end(stimulator: Stimulator) -> Iterator[Check]:
     trace = stimulator.run(_END_S, "selftest.end")
     yield Check("end.voltage", float(trace.voltage_v[-1]), "V", 0.0, 0.0)
     yield Check("end.amplitude", float(trace.amplitude_um[-1]) * 1e3, "nm", 0.0, END_NM)
+
+
+class ResonanceFit(NamedTuple):
+    """What ``V/W = (1 + j tau (w - w0)) / gain`` says of a plate, by least squares.
+
+    With gain and tau of the signs that the fit finds: a plate whose pick-up or drive has the wrong
+    polarity shows a gain below 0, one whose phase runs backwards a tau below 0.
+    """
+
+    gain: float
+    """Vibration at resonance in m peak-to-peak per V."""
+    tau: float
+    """Time constant in s."""
+    f0: float
+    """Resonance in Hz."""
+    residual: float
+    """Root mean square of what the fit leaves of V/W, as a fraction of 1/gain."""
+
+    @property
+    def quality(self) -> float:
+        """Quality factor ``pi f0 tau``."""
+        return pi * self.f0 * self.tau
+
+    @classmethod
+    def from_sweep(
+        cls,
+        frequency: npt.ArrayLike,
+        W: npt.ArrayLike,
+        voltage: float,
+    ) -> Self:
+        """Fit a sweep.
+
+        Parameters
+        ----------
+        frequency
+            Shape (n,), in Hz, three or more that differ.
+        W
+            Shape (n,), complex vibration in m peak-to-peak at each, in the frame of the drive.
+        voltage
+            Of the drive in V, above 0.
+
+        Raises
+        ------
+        ValueError
+            If there are too few points, or the plate does not answer: W is 0 or all the same.
+        """
+        f = np.asarray(frequency, dtype=np.float64)
+        answers = np.asarray(W, dtype=np.complex128)
+        if len(f) < _LEAST_POINTS or len(np.unique(f)) < _LEAST_POINTS:
+            raise ValueError(f"{len(f)} points of a sweep are fewer than {_LEAST_POINTS}")
+        if not np.all(np.abs(answers) > 0.0):
+            raise ValueError("the plate does not vibrate")
+        inverse = voltage / answers
+        centre = f.mean()
+        slope, middle = np.polyfit(f - centre, inverse.imag, 1)
+        real = float(inverse.real.mean())
+        if not slope or not real:
+            raise ValueError("the vibration does not change with the frequency")
+        fitted = real + 1j * (middle + slope * (f - centre))
+        residual = float(np.sqrt(np.mean(np.abs(inverse - fitted) ** 2)))
+        return cls(
+            gain=1.0 / real,
+            tau=float(slope) / (2.0 * pi * real),
+            f0=float(centre - middle / slope),
+            residual=residual / abs(real),
+        )

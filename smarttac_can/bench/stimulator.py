@@ -1,37 +1,72 @@
-"""The bench's stimulator: opened and closed, read, run and recorded, over any link."""
+"""The bench's stimulator: opened and closed, armed, read, run and recorded, over any link."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, Final, Self, cast
 
-from smarttac_can.bench.finger import SimulatedFinger
-from smarttac_can.bench.link import ClosedLink, Link
-from smarttac_can.bench.loop import Loop
-from smarttac_can.bench.named_objects import NamedObjects
-from smarttac_can.bench.of_part import of_part
-from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
-from smarttac_can.bench.recording import Recording
-from smarttac_can.bench.set_points import (
+import numpy as np
+import numpy.typing as npt
+
+from smarttac_can.bench.errors import (
+    BusyError,
+    FaultError,
+    NotReadyError,
+    NotRunningError,
+    RunInterruptedError,
+)
+from smarttac_can.bench.link import ClosedLink, Link, Reading, Row, unwrapped
+from smarttac_can.bench.named_objects import (
+    ARMED,
+    DISARM_FIRST,
     BothSides,
     Choice,
     InUnit,
-    choose_slot,
-    read_texture,
-    write_texture,
+    NamedObjects,
+    by_name,
+    finite,
 )
+from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
+from smarttac_can.bench.plate_loads import SimulatedFinger
+from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.simulation import STIMULATOR_ID
-from smarttac_can.bench.state_control import StateControl
 from smarttac_can.bench.textures import Texture
+from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.bus import LogHook
-from smarttac_can.master.errors import BenchError
+from smarttac_can.host.process_signals import interrupt_waits
+from smarttac_can.host.terminal import progress_bar
+from smarttac_can.master.errors import BenchError, RefusedError
+from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
+from smarttac_can.vocabulary.signals import TARE_SAMPLES
+from smarttac_can.vocabulary.states import Control, IdentificationState, State
+from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
+
+_EXPLAINED: Final = (AbortCode.NO_DATA, AbortCode.VALUE, AbortCode.STATE)
+"""Refusals of a texture whose reason is in the Message."""
+_READY_CYCLES: Final = 100
+"""What the tare at power-on takes, and some lost cycles."""
+_IDENTIFY_CYCLES: Final = 100
+_IDENTIFY_LIMIT: Final = 100
+_CONTROLWORD: Final = "Controlword"
+_BY_WRONG_ZERO: Final = (Watchdog.GAUGES, Watchdog.PICKUP)
+"""What watches the plate finds them with a finger on it that was tared away."""
+CYCLES_PER_SECOND: Final = 1000
+_LEAST_RECORDED: Final = 0.5
+_MOST_S: Final = 604_800
+_LONG_S: Final = 2.0
+"""A progress bar is shown for longer runs."""
+_MOST_CYCLES: Final = 100
+"""In which the objects of a sample have been read, on a slow bus as well."""
 
 
-class Stimulator:
+class Stimulator(NamedObjects):
     """A SMARTTAC stimulator at the bench; a context manager that leaves it at 0 V.
 
     `connect` and `simulate` make one.
@@ -50,7 +85,7 @@ class Stimulator:
     """
 
     # A misspelt property is an error, not a new attribute.
-    __slots__ = ("_control", "_loop", "_objects", "_recording", "finger")
+    __slots__ = ("_knows_fault", "_recording", "finger")
 
     voltage = InUnit("Setpoint.Voltage", "V", "Set-point of mode OPEN_LOOP in V.")
     frequency = InUnit(
@@ -70,31 +105,12 @@ class Stimulator:
         "How amplitude and resonance are regulated; by member or name, also while running.",
     )
 
-    get = of_part("_objects", NamedObjects.get)
-    set = of_part("_objects", NamedObjects.set)
-    nearest = of_part("_objects", NamedObjects.nearest)
-    claim = of_part("_control", StateControl.claim)
-    arm = of_part("_control", StateControl.arm)
-    disarm = of_part("_control", StateControl.disarm)
-    quick_stop = of_part("_control", StateControl.quick_stop)
-    reset_fault = of_part("_control", StateControl.reset_fault)
-    start_run = of_part("_control", StateControl.start_run)
-    tare = of_part("_control", StateControl.tare)
-    identify = of_part("_control", StateControl.identify)
-    read = of_part("_loop", Loop.read)
-    run = of_part("_loop", Loop.run)
-    sample = of_part("_loop", Loop.sample)
-
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
-        self._objects = NamedObjects(link, od)
-        self._control = StateControl(self._objects)
-        self._loop = Loop(self._objects, self._control)
+        super().__init__(link, od)
+        # Whether the state was FAULT when it was last asked for.
+        self._knows_fault = False
         self._recording: Recording | None = None
-        self.finger = SimulatedFinger(self.get, self._objects.set_all)
-
-    @property
-    def _link(self) -> Link:
-        return self._objects.link
+        self.finger = SimulatedFinger(self.get, self._set_all)
 
     @property
     def mode(self) -> Mode:
@@ -106,17 +122,31 @@ class Stimulator:
 
     @mode.setter
     def mode(self, mode: Mode | str) -> None:
-        self._control.choose(mode)
+        number = by_name(Mode, mode)
+        if number == Mode.OFF:
+            self.disarm()
+            return
+        running = self.state is State.RUNNING
+        if not running:
+            self.arm()
+        try:
+            self._link.write("Mode", number)
+            if not running:
+                self._link.write(_CONTROLWORD, Control.ARM | Control.RUN)
+        except RefusedError as error:
+            # A watchdog that trips in between is the reason, not the state that it leads to.
+            self._require_no_fault(self.state)
+            if number == Mode.TEXTURE and error.code == AbortCode.NO_DATA:
+                hint = f"cannot play: {self.message}: a script sets bench.texture first"
+                raise RefusedError(hint, error.code) from error
+            raise
 
     @property
     def state(self) -> State:
-        """State of the device; who has read FAULT here gets no `FaultError` of `run` for it."""
-        return self._control.state
-
-    @property
-    def message(self) -> str:
-        """Why the stimulator turned itself off; empty if it did not."""
-        return self._objects.message
+        """State of the device. `run` raises no `FaultError` for a fault that was read here."""
+        state = self._shown_state()
+        self._knows_fault = state is State.FAULT
+        return state
 
     @property
     def texture_slot(self) -> int:
@@ -125,7 +155,10 @@ class Stimulator:
 
     @texture_slot.setter
     def texture_slot(self, slot: int) -> None:
-        choose_slot(self._objects, slot)
+        if type(slot) is not int:
+            raise ValueError(f"texture slot {slot!r} is no integer")
+        with self._texture_explained("Texture.Slot"):
+            self.set("Texture.Slot", slot)
 
     @property
     def texture(self) -> Texture | None:
@@ -134,11 +167,34 @@ class Stimulator:
         Setting one raises `ValueError` if it has a COF beyond the bounds of the stimulator, and
         `RefusedError` if the stimulator refuses it; what was there stays then.
         """
-        return read_texture(self._objects)
+        data = self._link.read_table(self._table())
+        return Texture(TextureTable.unpack(data)) if data else None
 
     @texture.setter
     def texture(self, texture: Texture | None) -> None:
-        write_texture(self._objects, texture)
+        data = b""
+        if texture is not None:
+            if not isinstance(texture, Texture):
+                raise ValueError(f"texture {texture!r} is no Texture")
+            bounds = self._od["Setpoint.COF left"]
+            texture.table.require_within(int(bounds.low), int(bounds.high))
+            data = texture.table.pack()
+        name = self._table()
+        with self._texture_explained(name):
+            self._link.write_table(name, data)
+
+    def _table(self) -> str:
+        return TABLE_NAMES[self.texture_slot - 1]
+
+    @contextmanager
+    def _texture_explained(self, name: str) -> Iterator[None]:
+        """Give the reason of the stimulator where something of a texture is refused."""
+        try:
+            yield
+        except RefusedError as error:
+            if error.code not in _EXPLAINED:
+                raise
+            raise RefusedError(f"cannot write {name}: {self.message}", error.code) from error
 
     @classmethod
     def connect(
@@ -268,7 +324,7 @@ class Stimulator:
             if not link.only_read:
                 self.disarm()
         finally:
-            self._objects.link = cast("Link", ClosedLink(link.where))
+            self._link = cast("Link", ClosedLink(link.where))
             link.close()
 
     def __dir__(self) -> list[str]:
@@ -276,6 +332,332 @@ class Stimulator:
 
     def __repr__(self) -> str:
         return f"<Stimulator over {self._link.where}>"
+
+    def claim(self) -> None:
+        """Become the one bench that drives, before a procedure of many steps; nothing moves by it.
+
+        Raises
+        ------
+        BenchError
+            If another bench drives, or whoever drives has armed the stimulator.
+        """
+        self._link.drive()
+        if self.state in ARMED:
+            raise BenchError(f"somebody drives the stimulator: {DISARM_FIRST}")
+
+    def arm(self) -> None:
+        """Arm, still at 0 V: a fault trips from then on. A loop that has just begun tares first.
+
+        Raises
+        ------
+        FaultError
+            If a fault is latched.
+        NotReadyError
+            If something is missing, or a fault is present.
+        """
+        # The heartbeat that a killed bench leaves missing is a fault that is present; this one's
+        # ends it.
+        self._link.drive()
+        state = self.state
+        if state is State.ARMED:
+            return
+        self._require_no_fault(state)
+        self._link.write(_CONTROLWORD, 0)
+        if self.state is State.NOT_READY:
+            self._link.run(_READY_CYCLES, [])
+        if self.state is not State.READY:
+            raise self._not_ready()
+        try:
+            self._link.write(_CONTROLWORD, Control.ARM)
+        except RefusedError as error:
+            raise self._not_ready() from error
+
+    def disarm(self) -> None:
+        """Go to 0 V and mode OFF; allowed in every state."""
+        self._link.write(_CONTROLWORD, 0)
+        self._link.write("Mode", Mode.OFF)
+
+    def _stop_driving(self) -> bool:
+        """Disarm, unless this bench only reads; return whether that was possible."""
+        try:
+            if not self._link.only_read:
+                self.disarm()
+        except BenchError:
+            return False
+        return True
+
+    def quick_stop(self) -> None:
+        """Go to 0 V at once, and stay there until `disarm` or `arm`."""
+        if self.state in ARMED:
+            self._link.write(_CONTROLWORD, Control.QUICK_STOP)
+
+    def reset_fault(self) -> None:
+        """Reset a latched fault; nothing happens if there is none.
+
+        Raises
+        ------
+        FaultError
+            If its cause is still there.
+        """
+        self._link.drive()
+        if self.state is not State.FAULT:
+            return
+        self._link.write(_CONTROLWORD, 0)
+        try:
+            self._link.write(_CONTROLWORD, Control.FAULT_RESET)
+        except RefusedError as error:
+            raise FaultError(f"the fault cannot be reset: {self._lack()}") from error
+        self._link.write(_CONTROLWORD, 0)
+        self._knows_fault = False
+
+    def start_run(self) -> None:
+        """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
+        self._link.drive()
+        self._link.start_run()
+
+    def tare(self) -> None:
+        """Take the present gauge readings, without a finger, as zero.
+
+        Raises
+        ------
+        RefusedError
+            While armed or running: `disarm` first. If a gauge is further from its null than
+            ``Gauge null.Window``: something rests on the plate.
+        FaultError
+            If a latched fault bars it, as too large a force does while it is there.
+        """
+        self._link.drive()
+        self._link.run(TARE_SAMPLES, [])
+        try:
+            self._link.write(AUTO_ZERO[0], ZERO)
+        except RefusedError as error:
+            if self._is_refused_while_armed(error):
+                raise RefusedError(f"cannot tare: {DISARM_FIRST}", error.code) from error
+            message = self.message
+            if message.startswith(NOT_TARED):
+                raise RefusedError(message, error.code) from error
+            self._require_no_fault(self.state)
+            raise
+
+    def identify(self, progress: Callable[[int], None] | None = None) -> PlateModel:
+        """Identify the unloaded plate, and design the controllers for it.
+
+        Parameters
+        ----------
+        progress
+            Called with the percentage that is done.
+
+        Raises
+        ------
+        FaultError
+            If a fault is latched.
+        BenchError
+            If the plate could not be identified.
+        """
+        self.mode = Mode.IDENTIFY
+        for _ in range(_IDENTIFY_LIMIT):
+            self._link.run(_IDENTIFY_CYCLES, [])
+            if progress is not None:
+                progress(self._link.read("Model.Progress"))
+            found = self._link.read("Model.State")
+            if found != IdentificationState.RUNNING or self.state is not State.RUNNING:
+                break
+        self.disarm()
+        self._require_no_fault(self.state)
+        if found != IdentificationState.DONE:
+            reason = self.message or "no end in sight"
+            raise BenchError(
+                f"the plate could not be identified ({reason}): lift "
+                "the finger, tare, and see that the limits of the frequency hold the resonance"
+            )
+        return PlateModel(
+            gain=self.get("Model.Gain per volt", "m"),
+            tau=self.get("Model.Tau", "s"),
+            f0=self.get("Model.Resonance", "Hz"),
+        )
+
+    def _require_no_fault(self, state: State, trace: Trace | None = None) -> None:
+        """Raise `FaultError` in state FAULT, with what a run has recorded."""
+        if state is State.FAULT:
+            recorded = "; .trace holds the recording" if trace is not None else ""
+            reason = _with_cure(self.message)
+            raise FaultError(
+                f"a fault is latched ({reason}): remove the cause, then reset_fault(){recorded}",
+                trace,
+            )
+
+    def _not_ready(self) -> NotReadyError:
+        return NotReadyError(f"the stimulator is not ready: {self._lack()}")
+
+    def _lack(self) -> str:
+        wrong_time = self._link.wrong_time()
+        if wrong_time:
+            return wrong_time
+        present = watchdogs_in(self._link.read("Diagnosis.Present"))
+        if present:
+            return _with_cure(", ".join(WATCHDOGS[watchdog].text for watchdog in present))
+        message = self.message
+        if message.startswith((UNWATCHED, NOT_TARED)):
+            return message
+        return "it has to be tared, and its nodes have to be operational and give cycles"
+
+    def read(self) -> Reading:
+        """Return what the stimulator published last, with its age.
+
+        Right after `connect` it waits for the first values, up to the time-out given there; in
+        lockstep and in a simulation they come with the first `run`.
+
+        Raises
+        ------
+        NotRunningError
+            If it has not published all of them yet, or is no longer OPERATIONAL.
+        HeartbeatLostError
+            If a node has fallen silent.
+        """
+        return Reading.from_snapshot(self._link.snapshot(), self._od)
+
+    def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
+        """Let the loop run, and return what was recorded in each of its cycles of 1 ms.
+
+        From 2 s on a bar shows how far it is, on a terminal and in a notebook.
+
+        With a fault that is known already, by a `FaultError` or by `state`, it just records: the
+        cause goes, and time passes, before `reset_fault`.
+
+        Parameters
+        ----------
+        seconds
+            How long, 0.001 to 604800: of the loop's time in lockstep, of the clock's otherwise.
+        experiment, subject
+            Labels of the trace.
+
+        Raises
+        ------
+        ValueError
+            If `seconds` is not a finite number, or outside its bounds, or a label is none; nothing
+            has run then.
+        FaultError
+            If a fault is latched at its end that was not known at its beginning; `trace` of the
+            error is what was recorded.
+        BusyError
+            If another thread is in `run`, `tare` or `identify` of this stimulator, which go on.
+        NotRunningError
+            If the loop gives no cycles, or most of them were lost.
+        HeartbeatLostError
+            If a node falls silent.
+        RunInterruptedError
+            At Ctrl-C, between two cycles.
+
+        The last three disarm, and their `trace` is what was recorded until then.
+        """
+        require_labels(experiment, subject)
+        knew_fault = self._knows_fault
+        length = finite("seconds", seconds)
+        cycles = round(length * CYCLES_PER_SECOND) if abs(length) <= _MOST_S else 0
+        if cycles < 1:
+            raise ValueError(f"seconds {seconds} is outside 0.001..{_MOST_S}")
+        rows: list[Row] = []
+        with self._running(rows, experiment, subject) as interrupted:
+            with progress_bar(experiment, _LONG_S) as progress:
+
+                def ends() -> bool:
+                    progress(len(rows) / cycles)
+                    return interrupted()
+
+                self._link.run(cycles, rows, ends)
+                progress(len(rows) / cycles)
+            if interrupted():
+                raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
+            if len(rows) < cycles * _LEAST_RECORDED:
+                raise NotRunningError(
+                    f"{cycles - len(rows)} of {cycles} cycles were lost: is this machine too "
+                    "busy, or the bus too slow for it?"
+                )
+            state = self.state
+        trace = Trace(experiment, subject, unwrapped(rows[:cycles]))
+        if not knew_fault:
+            self._require_no_fault(state, trace)
+        return trace
+
+    def sample(self, names: Sequence[str], count: int) -> npt.NDArray[np.float64]:
+        """Read objects again and again while the loop runs once, a cycle or more apart.
+
+        What the node measures and does not publish is read so: raw gauges, ``Plate input.S1``.
+        In real time one sample after another takes as long as the SDO reads do, and the objects of
+        one sample may be of cycles that follow each other.
+
+        Parameters
+        ----------
+        names
+            Names of the objects, one or more.
+        count
+            How many times, 1 or more.
+
+        Returns
+        -------
+        ndarray
+            Shape (count, number of objects), in displayed units.
+
+        Raises
+        ------
+        ValueError
+            If `count` is no integer of 1 or more, or `names` are none.
+        BenchError
+            If there is no such object, or it is no number. Otherwise as `run`.
+        """
+        if type(count) is not int or count < 1:
+            raise ValueError(f"count {count!r} is no integer of 1 or more")
+        if isinstance(names, str) or not names:
+            raise ValueError(f"names {names!r} are no list of names of objects")
+        samples: list[list[float]] = []
+        rows: list[Row] = []
+        knew_fault = self._knows_fault
+        with self._running(rows, "sample", 0) as interrupted:
+
+            def ends() -> bool:
+                if rows:
+                    samples.append([self.get(name) for name in names])
+                return len(samples) == count or interrupted()
+
+            self._link.run(count * _MOST_CYCLES, rows, ends)
+            if len(samples) < count:
+                few = f"{len(samples)} of {count} samples"
+                if interrupted():
+                    raise RunInterruptedError(f"interrupted after {few}")
+                raise NotRunningError(f"the loop gave {few}: is the bus too slow for it?")
+            state = self.state
+        if not knew_fault:
+            self._require_no_fault(state)
+        return np.array(samples)
+
+    @contextmanager
+    def _running(
+        self, rows: list[Row], experiment: str, subject: int
+    ) -> Iterator[Callable[[], bool]]:
+        """Handle the end of a run: an error disarms, and keeps what was recorded.
+
+        It yields a function that returns whether Ctrl-C has come.
+        """
+        with interrupt_waits() as interrupted:
+            try:
+                yield interrupted
+            except BusyError:  # not this run to be ended
+                raise
+            except BenchError as error:
+                self._end_run(error, rows, experiment, subject)
+                raise
+
+    def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
+        """Keep what a run has recorded that an error ends, and disarm."""
+        if rows:
+            error.trace = Trace(experiment, subject, unwrapped(rows))
+            error.add_note(f".trace holds the {len(rows)} cycles until then")
+        if not self._link.only_read:
+            error.add_note(
+                "the stimulator was disarmed"
+                if self._stop_driving()
+                else "it could not be disarmed: it stops when it misses the heartbeat of this bench"
+            )
 
     def record(
         self,
@@ -317,11 +699,11 @@ class Stimulator:
             raise BenchError(f"{self._recording.path} is being recorded: one file at a time")
         self._recording = Recording(
             self._link,
-            self._objects.od,
+            self._od,
             Path(path),
             None if raw is None else Path(raw),
             {"subject": subject, "operator": operator, "notes": notes},
-            self._control.stop_driving,
+            self._stop_driving,
         )
         return self._recording
 
@@ -341,3 +723,13 @@ class Stimulator:
         if self._recording is None:
             raise BenchError("nothing is being recorded: markers go into a recording")
         self._recording.mark(text)
+
+
+def _with_cure(reason: str) -> str:
+    """Return why a stimulator stands, and what to do where that is not what one would look for."""
+    if not any(WATCHDOGS[watchdog].text in reason for watchdog in _BY_WRONG_ZERO):
+        return reason
+    return (
+        f"{reason}; a zero taken under a finger, as one at power-on or reset may be, does this "
+        "too: lift it, then tare()"
+    )

@@ -2,37 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import csv
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from io import BytesIO, StringIO
+from itertools import islice, takewhile
+from math import ceil, isfinite, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.extras import require_matplotlib
-from smarttac_can.bench.named_objects import truth
-from smarttac_can.bench.texture_files import read_grey_row
-from smarttac_can.bench.texture_samples import Samples
-from smarttac_can.bench.texture_tables import (
-    NM_PER_MM,
-    US_PER_S,
-    Floats,
-    cof_bounds,
-    over_position,
-    over_time,
-    profile_point,
-    table_of,
-    within,
+from smarttac_can.bench.named_objects import finite, truth
+from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.bench.traces import Floats, Integers, require_matplotlib
+from smarttac_can.host.files import in_words, read_bounded
+from smarttac_can.vocabulary.textures import (
+    COF_COUNT,
+    MAX_START,
+    MAX_STEP,
+    MAX_VALUES,
+    Axis,
+    TextureTable,
 )
-from smarttac_can.host.files import in_words
-from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
 PLATE_MM: Final = 76.0
 """Length of the plate along which a finger strokes."""
+MAX_BYTES: Final = 64 << 20
+"""Largest file that a texture is made of."""
+NM_PER_MM: Final = 1e6
+US_PER_S: Final = 1e6
+MOST_MM: Final = MAX_START / NM_PER_MM
+"""Largest distance of a place from the middle of the plate in mm."""
+_MOST_STEP_MM: Final = MAX_STEP / NM_PER_MM
+_MS_US: Final = 1000
+_LEAST_POINTS: Final = 2
 _PERIOD_VALUES: Final = 500
 _PROFILES: Final = {
     "step": ((0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (1.0, 1.0)),
@@ -41,6 +51,12 @@ _PROFILES: Final = {
     "sine": tuple((t, 0.5 - 0.5 * float(np.cos(2.0 * np.pi * t))) for t in np.linspace(0, 1, 201)),
 }
 """Time over the whole, and the share of the way from low to high."""
+_MARGIN: Final = 0.02
+_HEADROOM: Final = 0.1
+"""Free space in a figure beside and above the curve, as shares of it."""
+_CURE: Final = "; leave out rows where the finger turns, rests or hardly touches"
+_GREY_DIMENSIONS: Final = 2
+_SHOWN: Final = 40
 
 
 @dataclass(frozen=True)
@@ -270,9 +286,22 @@ class Texture:
         """Draw the COF over the plate or the time; BenchError without the extra ``report``."""
         require_matplotlib()
         # Who plays textures needs no pictures.
-        from smarttac_can.bench.figures import texture_figure  # noqa: PLC0415
+        from smarttac_can.bench.drawing import RED, canvas  # noqa: PLC0415
 
-        return texture_figure(self)
+        first, last = self.extent
+        places = np.linspace(first, last, 4001)
+        cof = self.cof(places)
+        with canvas(7.2, 3.4) as figure:
+            axes = figure.subplots()
+            axes.plot(places, cof, color=RED, lw=1.4)
+            # A line on the frame would be cut to half its width.
+            aside = _MARGIN * (last - first)
+            axes.set_xlim(first - aside, last + aside)
+            axes.set_ylim(0.0, (1.0 + _HEADROOM) * max(cof))
+            axes.set_title("Over time" if self.over_time else "Over the plate")
+            axes.set_xlabel("time (s)" if self.over_time else "position on the plate (mm)")
+            axes.set_ylabel("coefficient of friction")
+        return figure
 
     def save_figure(self, path: Path | str) -> None:
         """Draw it into a file, PNG or SVG by its ending; needs what `figure` does."""
@@ -288,3 +317,256 @@ def _levels(low: float, high: float) -> tuple[float, float]:
     if low > high:
         raise ValueError(f"low {low:g} is above high {high:g}")
     return low, high
+
+
+@cache
+def cof_bounds() -> tuple[float, float]:
+    """Return the lowest and the highest COF that a stimulator plays, by its EDS."""
+    entry = stimulator_od()["Setpoint.COF left"]
+    low, high = (float(int(bound) * entry.unit.number) for bound in (entry.low, entry.high))
+    return low, high
+
+
+def over_position(places: Floats, cof: Floats) -> TextureTable:
+    """Return the table through COF at rising places in mm, in as many values as they are."""
+    first, last = float(places[0]), float(places[-1])
+    count = min(max(2, len(places)), MAX_VALUES)
+    if count > len(places):
+        return table_of(Axis.POSITION, False, round(first * NM_PER_MM), 1, cof)
+    nearest = float(np.diff(places).min())
+    steps = max(round((last - first) / nearest), ceil((last - first) / _MOST_STEP_MM))
+    count = min(steps + 1, MAX_VALUES)
+    grid = np.linspace(first, last, count)
+    step = round((last - first) / (count - 1) * NM_PER_MM)
+    start = round(first * NM_PER_MM)
+    return table_of(Axis.POSITION, False, start, step, np.interp(grid, places, cof))
+
+
+def profile_point(point: object) -> tuple[float, float]:
+    """Return a point of a profile, time in s and COF; a ValueError says what is none."""
+    try:
+        time, cof = cast("tuple[object, object]", point)
+    except (TypeError, ValueError):
+        raise ValueError(f"point {point!r} of a profile is no (time in s, COF)") from None
+    return finite("time", time), finite("COF", cof)
+
+
+def over_time(points: list[tuple[float, float]], repeats: bool) -> TextureTable:
+    """Return the table through points (time in s, COF), in steps of 1 ms or a multiple."""
+    if len(points) < _LEAST_POINTS:
+        raise ValueError(
+            f"a profile goes through 2 points (time in s, COF) or more, not {len(points)}"
+        )
+    times = np.array([t for t, _ in points])
+    if points[0][0] < 0.0 or np.any(np.diff(times) < 0.0):
+        raise ValueError("the times of a profile are below 0, or fall")
+    end = within("length of the profile in s", float(times[-1]), 0.0, 40_000.0)
+    steps = max(1, round(end * US_PER_S / _MS_US))
+    step = -(-steps // (MAX_VALUES - 1))
+    grid = np.arange(0.0, steps + (not repeats), step) * _MS_US / US_PER_S
+    cof = np.interp(grid, times, [value for _, value in points])
+    return table_of(Axis.TIME, repeats, 0, step * _MS_US, cof)
+
+
+def table_of(axis: Axis, repeats: bool, start: int, step: int, cof: Floats) -> TextureTable:
+    """Return the table of COF at equal steps in counts of its axis."""
+    for value in (cof.min(), cof.max()):
+        within("COF", float(value), *cof_bounds())
+    counts = np.round(cof / COF_COUNT).astype(np.int64)
+    return TextureTable(axis, repeats, start, step, tuple(counts.tolist()))
+
+
+def within(name: str, value: float, low: float, high: float) -> float:
+    """Return a finite number within its bounds; a ValueError names it and them."""
+    number = finite(name, value)
+    if not low <= number <= high:
+        raise ValueError(f"{name} {number:g} is outside {low:g}..{high:g}")
+    return number
+
+
+class Samples(NamedTuple):
+    """COF at places, and where in its file each stands."""
+
+    path: Path
+    line: Integers
+    place: Floats
+    """Positions in mm, or times in s."""
+    cof: Floats
+
+    @classmethod
+    def of_cof(cls, path: Path, place: str, cof: str) -> Samples:
+        """Read columns of place and COF; raises as `read_columns`."""
+        line, (places, values) = read_columns(path, (place, cof))
+        return cls(path, line, places, values)
+
+    @classmethod
+    def of_forces(
+        cls, path: Path, place: str, lateral: str, normal: str, least_force: float
+    ) -> Samples:
+        """Read columns of place and forces, where the normal force is `least_force` or more.
+
+        Raises
+        ------
+        ValueError
+            As `read_columns`, or if the normal force is nowhere so large.
+        """
+        line, (places, along, across) = read_columns(path, (place, lateral, normal))
+        pressed = across >= max(least_force, 1e-9)
+        if not pressed.any():
+            raise ValueError(f"{path}: no normal force is {least_force:g} or more")
+        cof = np.abs(along[pressed]) / across[pressed]
+        return cls(path, line[pressed], places[pressed], cof)
+
+    def over_position(self, step: float) -> TextureTable:
+        """Return the table through the means of all samples near each multiple of a step in mm.
+
+        Raises
+        ------
+        ValueError
+            If a position, or a mean, cannot be played; names the line.
+        """
+        far = np.abs(self.place) > MOST_MM
+        self._refuse(far, lambda k: f"position {self.place[k]:g} is outside ±{MOST_MM:g} mm")
+        cells, which = np.unique(np.round(self.place / step), return_inverse=True)
+        mean = np.bincount(which, self.cof) / np.bincount(which)
+        self._refuse_cof(self._unplayable(self.cof) & self._unplayable(mean)[which])
+        # The mean of what lies on a bound may lie beyond it by a rounding.
+        return over_position(cells * step, np.clip(mean, *cof_bounds()))
+
+    def over_time(self) -> TextureTable:
+        """Return the table through all samples, in the order of their times.
+
+        Raises
+        ------
+        ValueError
+            If a COF cannot be played; names the line. If it is too long, or a single sample.
+        """
+        self._refuse_cof(self._unplayable(self.cof))
+        order = np.argsort(self.place, kind="stable")
+        times = self.place[order] - self.place[order][0]
+        points = zip(times.tolist(), self.cof[order].tolist(), strict=True)
+        try:
+            return over_time(list(points), repeats=False)
+        except ValueError as error:
+            raise ValueError(f"{self.path}: {error}") from None
+
+    @staticmethod
+    def _unplayable(cof: Floats) -> npt.NDArray[np.bool_]:
+        low, high = cof_bounds()
+        return (cof < low) | (cof > high)
+
+    def _refuse_cof(self, wrong: npt.NDArray[np.bool_]) -> None:
+        low, high = cof_bounds()
+        self._refuse(wrong, lambda k: f"COF {self.cof[k]:g} is outside {low:g}..{high:g}{_CURE}")
+
+    def _refuse(self, wrong: npt.NDArray[np.bool_], why: Callable[[int], str]) -> None:
+        if wrong.any():
+            first = int(wrong.argmax())
+            raise ValueError(f"{self.path}: line {self.line[first]}: {why(first)}")
+
+
+@in_words()
+def read_columns(path: Path, names: Sequence[str]) -> tuple[Integers, list[Floats]]:
+    """Read columns of a CSV file by their names.
+
+    Lines before the header that begin with ``#`` are comments. Rows in which one of the columns
+    is empty are left out.
+
+    Returns
+    -------
+    tuple
+        The line that each row ends in, from 1, and the columns.
+
+    Raises
+    ------
+    ValueError
+        If it is no text, a column is missing, a number is none, or no row is left; names line and
+        column.
+    OSError
+        If it is no regular file, larger than `MAX_BYTES`, or cannot be read.
+    """
+    data = read_bounded(path, MAX_BYTES)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"{path}: line {line} is no UTF-8 text") from error
+    comments = sum(1 for _ in takewhile(_is_comment, StringIO(text, newline="")))
+    rows = csv.reader(islice(StringIO(text, newline=""), comments, None))
+    try:
+        header = [name.strip() for name in next(rows, [])]
+        missing = [name for name in names if name not in header]
+        if missing:
+            raise ValueError(f"{path}: there is no column {missing[0]!r} among {', '.join(header)}")
+        places = [(name, header.index(name)) for name in names]
+        found = [
+            (comments + rows.line_num, numbers)
+            for row in rows
+            if (numbers := _numbers(row, places))
+        ]
+    except (csv.Error, _NoNumberError) as error:
+        raise ValueError(f"{path}: line {comments + rows.line_num}: {error}") from error
+    if not found:
+        raise ValueError(f"{path}: no row has all of {', '.join(names)}")
+    lines, values = zip(*found, strict=True)
+    return np.array(lines), list(np.array(values, dtype=np.float64).T)
+
+
+def _is_comment(line: str) -> bool:
+    return line.startswith("#")
+
+
+class _NoNumberError(ValueError):
+    """A cell of a CSV is no number."""
+
+
+def _numbers(row: list[str], places: Sequence[tuple[str, int]]) -> list[float]:
+    """Return the numbers in a row by name and place of their columns; none if one is empty."""
+    texts = [row[place].strip() if place < len(row) else "" for _, place in places]
+    return (
+        []
+        if "" in texts
+        else [_number(name, text) for (name, _), text in zip(places, texts, strict=True)]
+    )
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = nan
+    if not isfinite(number):
+        raise _NoNumberError(f"column {name!r}: {text[:_SHOWN]!r} is no finite number")
+    return number
+
+
+@in_words()
+def read_grey_row(path: Path, row: int) -> Floats:
+    """Read a row of a grey PNG, from the top and 0, as numbers from 0, black, to 1, white.
+
+    Raises
+    ------
+    ValueError
+        If it is no PNG, not grey, or has no such row.
+    OSError
+        If it is no regular file, larger than `MAX_BYTES`, or cannot be read.
+    BenchError
+        If matplotlib is missing.
+    """
+    require_matplotlib()
+    # Who plays textures needs no pictures.
+    from matplotlib.image import imread  # noqa: PLC0415
+
+    data = read_bounded(path, MAX_BYTES)
+    try:
+        pixels = imread(BytesIO(data), format="png")
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ValueError(f"{path}: is no PNG that can be read: {error}") from error
+    if pixels.ndim > _GREY_DIMENSIONS:
+        red, green, blue = (pixels[..., channel] for channel in range(3))
+        if not (np.array_equal(red, green) and np.array_equal(red, blue)):
+            raise ValueError(f"{path}: is not grey")
+        pixels = red
+    if not 0 <= row < len(pixels):
+        raise ValueError(f"{path}: row {row} is outside 0..{len(pixels) - 1}")
+    return np.asarray(pixels[row], dtype=np.float64)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from html import escape
+from importlib.util import find_spec
 from io import TextIOWrapper
 from itertools import chain, groupby
 from pathlib import Path
@@ -26,7 +27,6 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can import __version__
-from smarttac_can.bench.extras import require_matplotlib
 from smarttac_can.host.files import in_words, open_regular, result_file
 from smarttac_can.master.errors import BenchError
 from smarttac_can.vocabulary.states import Status
@@ -79,10 +79,27 @@ _COLUMNS_1: Final = tuple(
 )
 _HEADER_1: Final = ("experiment", "subject", *_NAMES_1)
 """Of format 1, which had no line for it."""
+_PANELS: Final = {
+    "COF": {"cof": "measured", "cof_reference": "reference"},
+    "force (N)": {"normal_force_n": "normal", "tangential_force_n": "tangential"},
+    "amplitude (µm)": {"amplitude_um": ""},
+    "voltage (V)": {"voltage_v": ""},
+    "frequency (Hz)": {"frequency_hz": ""},
+    "position (mm)": {"position_mm": ""},
+}
+"""What a figure has below each other: lines by array, and what the legend calls them."""
+_MOST_POINTS: Final = 4000
+"""Of a line; twice what a screen has across."""
 _MOST_COUNT: Final = np.iinfo(np.int64).max
 _LONGEST_LINE = 1000
 _LONGEST_LABEL = 100
 _LABEL = re.compile(r"[a-z0-9_.]+")
+
+
+def require_matplotlib() -> None:
+    """Raise BenchError, before a picture is drawn or read, if matplotlib is missing."""
+    if find_spec("matplotlib") is None:
+        raise BenchError("the pictures need matplotlib: pip install 'smarttac-can[report]'")
 
 
 class _Former:
@@ -297,9 +314,49 @@ class Trace:
         """
         require_matplotlib()
         # Who records needs no pictures.
-        from smarttac_can.bench.figures import trace_figure  # noqa: PLC0415
+        from smarttac_can.bench.drawing import INK, RED, drawn_into  # noqa: PLC0415
 
-        return trace_figure(self, figure)
+        panels = {
+            label: {name: what for name, what in lines.items() if not self._empty(name)}
+            for label, lines in _PANELS.items()
+        }
+        panels = {label: lines for label, lines in panels.items() if lines}
+        with drawn_into(figure, 9.0, 1.0 + 1.3 * len(panels)) as drawn:
+            rows = drawn.subplots(len(panels), sharex=True, squeeze=False)[:, 0]
+            for axes, (label, lines) in zip(rows, panels.items(), strict=True):
+                for color, (name, what) in zip((RED, INK), lines.items(), strict=False):
+                    axes.plot(*self._line(getattr(self, name)), color=color, lw=1.0, label=what)
+                axes.set_ylabel(label)
+                axes.ticklabel_format(useOffset=False)
+                if len(lines) > 1:
+                    axes.legend(
+                        loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2
+                    )
+            drawn.align_ylabels(rows)
+            lost = f", {self.lost} ticks lost" if self.lost else ""
+            rows[0].set_title(f"{self.experiment}, subject {self.subject}{lost}")
+            rows[-1].set_xlabel("time (s)")
+        return drawn
+
+    def _empty(self, name: str) -> bool:
+        return bool(np.isnan(getattr(self, name)).all())
+
+    def _line(self, values: Floats) -> tuple[Floats, Floats]:
+        """Return times and values of a line, which is broken where ticks are missing.
+
+        Of a long one the least and the greatest value of equal parts are left, which look the same.
+        """
+        rows, points = np.arange(len(self)), [values]
+        if len(self) > _MOST_POINTS:
+            rows = np.linspace(0, len(self), _MOST_POINTS // 2, endpoint=False).astype(np.intp)
+            points = [np.fmin.reduceat(values, rows), np.fmax.reduceat(values, rows)]
+        many = len(points)
+        missing = many * (np.flatnonzero(np.diff(self.tick[rows]) > np.diff(rows)) + 1)
+        times = np.repeat(self.time_s[rows], many)
+        return (
+            np.insert(times, missing, np.nan),
+            np.insert(np.column_stack(points).ravel(), missing, np.nan),
+        )
 
     def _repr_html_(self) -> str:
         """Return a table of what is in the arrays, for a notebook."""

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.texture_tables import Floats
 from smarttac_can.bench.textures import Texture
+from smarttac_can.bench.traces import Floats
 
 GRID_MM: Final = 0.02
 """Distance of the places at which passes are compared."""

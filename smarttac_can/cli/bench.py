@@ -19,19 +19,19 @@ import numpy as np
 
 from smarttac_can import __version__
 from smarttac_can.bench import FaultError, State, Stimulator, plate_od, stimulator_od
-from smarttac_can.bench.bench_heartbeat import bench_id
 from smarttac_can.bench.calibration import (
     POSITIONS,
     Calibration,
+    mean_gauges,
     require_two_directions,
+    weigh,
     write_calibration,
 )
 from smarttac_can.bench.errors import in_shell_words
-from smarttac_can.bench.gauge_samples import mean_gauges, weigh
-from smarttac_can.bench.remote_device import RemoteDevice
+from smarttac_can.bench.plate_loads import STANDARD_GRAVITY, Placing, Weighing, read_plan
+from smarttac_can.bench.remote_device import RemoteDevice, bench_id
 from smarttac_can.bench.self_test import Check
 from smarttac_can.bench.self_test import selftest as judge
-from smarttac_can.bench.weighings import STANDARD_GRAVITY, Placing, Weighing, read_plan
 from smarttac_can.cli.shared import (
     OLD_FILE,
     BusChoice,

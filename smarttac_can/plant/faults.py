@@ -23,6 +23,7 @@ from smarttac_can.vocabulary.faults import (
 from smarttac_can.vocabulary.signals import Measurement
 
 _FAULT_STREAM: Final = 0x46
+_PICKUPS: Final = (PICKUP_D, PICKUP_Q, PICKUP)
 SOUND: Final = (1.0, 1.0)
 """Gains of the pick-up that has not failed."""
 
@@ -94,7 +95,7 @@ class SensorFault:
 
     def measure(self, tick: int, sound: Measurement) -> Measurement:
         """Return what is reported at a tick instead of what a sound sensor would report."""
-        if self._gains != SOUND:
+        if _is_gain_of_pickup(self._fault):
             return sound
         W, gauges, temperature, saturated = sound
         sensor = self._fault.sensor
@@ -144,9 +145,13 @@ class SensorFault:
         return sound + (size if kind is FaultKind.OFFSET or tick == self._tick else 0.0)
 
 
+def _is_gain_of_pickup(fault: Fault) -> bool:
+    return fault.kind is FaultKind.GAIN and fault.sensor in _PICKUPS
+
+
 def _gains(fault: Fault) -> tuple[float, float]:
     """Return what a fault makes of the two axes of the pick-up before their converters."""
-    if fault.kind is not FaultKind.GAIN or fault.sensor not in (PICKUP_D, PICKUP_Q, PICKUP):
+    if not _is_gain_of_pickup(fault):
         return SOUND
     gain = fault.value * 1e-3
     return (1.0 if fault.sensor == PICKUP_Q else gain, 1.0 if fault.sensor == PICKUP_D else gain)

@@ -106,8 +106,6 @@ class SensorParameters:
     """(S1, S2) = crosstalk (Fx, Fy) [A]."""
     node_x: float = 28e-3
     """Distance in m of S3..S6 from the middle along the plate's 76 mm [A]."""
-    node_y: float = 14e-3
-    """Distance in m of S3..S6 from the middle across the plate's 41 mm [A]."""
     null: float = 1.2
     """Bound of a gauge's output without load in N [L, FSS1500]."""
     drift: float = 41e-3 / 15.0
@@ -141,7 +139,6 @@ class SensorParameters:
         (a, b), (c, d) = self.crosstalk
         require("crosstalk determinant", abs(a * d - b * c), 0.1, 8.0)
         require("node_x", self.node_x, 1e-3, 38e-3)
-        require("node_y", self.node_y, 1e-3, 20.5e-3)
         for name in ("null", "linearity", "span"):
             require(name, getattr(self, name), 0.0, 100.0)
         require("drift", self.drift, 0.0, 1.0)

@@ -1,11 +1,8 @@
-"""Subjects: what a fingertip is made of, five presets, and a random population."""
+"""Subjects: what a fingertip is made of, and five presets."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.random import default_rng
+from dataclasses import dataclass
 
 from smarttac_can.plant.parameters import require
 
@@ -107,26 +104,3 @@ SUBJECTS: tuple[Subject, ...] = (
     _preset("sticky", 0.85, 0.15, 1.3e-6, 1.6, 9.0),
 )
 """The five subjects of Fig. 2; the first four are those of Table I, in its order."""
-
-
-def random_subjects(count: int, seed: int) -> list[Subject]:
-    """Draw subjects uniformly from the ranges in which fingers differ.
-
-    Parameters
-    ----------
-    count
-        How many, 1 or more; the first of them do not depend on how many are drawn.
-    seed
-        0 or more.
-    """
-    require("count", count, 1, 1_000_000)
-    require("seed", seed, 0, 2**63 - 1)
-    rng = default_rng([seed, 0x5B])
-    low = np.array([0.30, 0.15, 0.8e-6, 1.0, 5.0, 0.70])
-    high = np.array([0.90, 0.50, 3.0e-6, 2.0, 14.0, 1.00])
-    subjects = []
-    for number, row in enumerate((low + (high - low) * rng.random((count, 6))).tolist(), 1):
-        mu0, rho, W0, p, load_damping, exponent = row
-        base = _preset(f"random-{number}", mu0, rho, W0, p, load_damping)
-        subjects.append(replace(base, exponent=exponent))
-    return subjects

@@ -1,20 +1,13 @@
 """What both ends of the bus agree on: modes, states, words, watchdogs, faults, and signals."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from smarttac_can._faces import lazily
-
-if TYPE_CHECKING:
-    from smarttac_can.vocabulary.fault_codes import FaultCode
-    from smarttac_can.vocabulary.faults import FaultKind
-    from smarttac_can.vocabulary.model import PlateModel
-    from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-    from smarttac_can.vocabulary.plate import Plate
-    from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
-    from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
-    from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
+from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
+from smarttac_can.vocabulary.plate import Plate
+from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
+from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 __all__ = [
     "WATCHDOGS",
@@ -35,26 +28,3 @@ __all__ = [
     "VibrationLaw",
     "Watchdog",
 ]
-
-__getattr__ = lazily(
-    __name__,
-    {
-        "FaultCode": "fault_codes",
-        "FaultKind": "faults",
-        "PlateModel": "model",
-        "Law": "modes",
-        "Mode": "modes",
-        "VibrationLaw": "modes",
-        "Plate": "plate",
-        "Contact": "signals",
-        "Drive": "signals",
-        "Measurement": "signals",
-        "Setpoint": "signals",
-        "Control": "states",
-        "IdentificationState": "states",
-        "State": "states",
-        "Status": "states",
-        "WATCHDOGS": "watchdogs",
-        "Watchdog": "watchdogs",
-    },
-)

@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
-from typing import Final
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final, NamedTuple
 
-from smarttac_can.commissioning.scan import STATES
+from smarttac_can.bench.link import PUBLIC, PublishedPdo, published_pdos
+from smarttac_can.commissioning.scan import STATES, UNKNOWN
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.master import requests
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    EMCY_COB_ID,
+    HEARTBEAT_ID,
+    PDO_COB_ID,
+    PDO_COUNT,
+    SDO_RX_ID,
+    SDO_TX_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    Abort,
+)
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.entry import Entry
+from smarttac_can.od.timing import frame_seconds
 from smarttac_can.vocabulary.meanings import emergency_text, spoken
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import Status, known_state
+from smarttac_can.vocabulary.states import State, Status, known_state
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
-from smarttac_can.watch.heard_node import HeardNode, gone, notes_of
-from smarttac_can.watch.load_meter import LoadMeter
-from smarttac_can.watch.published_values import PublishedValues, mapping_entries
-from smarttac_can.watch.reader import SdoReader
-from smarttac_can.watch.stop import Stop
-from smarttac_can.watch.view import Emergency, Peer, View
 
 READ: Final = (
     "Cycle.Cycles",
@@ -37,14 +48,28 @@ READ: Final = (
 )
 """What no TPDO carries by default, read by SDO in turn."""
 FORGOTTEN_S: Final = 5.0
-"""A value that SDO told is shown for so long."""
+"""A value read by SDO is shown for so long."""
 _EMERGENCIES: Final = 6
 _HISTORY: Final = 120
 _SAMPLE_S: Final = 0.25
+SILENT_S: Final = 3.0
+"""Three heartbeats by default."""
+_SPEAKS: Final = ("", STATES[NMTState.OPERATIONAL])
+OLD_S: Final = 2.0
+"""A value that has not come for so long is not shown: 20 event times by default."""
+_PLACES: Final = range(9)
+PAUSE_S: Final = 0.05
+"""Between two reads: below 0.6 % of a bus of 1 Mbit/s."""
+TIMEOUT_S: Final = 0.5
+YIELD_S: Final = 0.3
+"""How long it asks nothing after another client has: an upload would end that one's transfer."""
+WINDOW_S: Final = 1.0
+_STOP_AGAIN_S: Final = 0.1
+_ARMED: Final = (State.ARMED, State.RUNNING)
 
 
 class Watcher:
-    """What can be told of a stimulator by listening, and by reading what no TPDO carries.
+    """State of a stimulator, from listening and from reading what no TPDO carries.
 
     It sends nothing but SDO reads of single objects, and nothing at all if `reads` is False; the
     one exception is `stop`.
@@ -125,7 +150,7 @@ class Watcher:
         return frames
 
     def stop(self) -> None:
-        """Have the stimulator disarmed: controlword and mode are written until it shows no drive.
+        """Disarm the stimulator: controlword and mode are written until it shows no drive.
 
         Any client may, whoever drives.
         """
@@ -156,8 +181,8 @@ class Watcher:
             frequency_hz=self._value(seen, "Vibration.Frequency", "Hz"),
             temperature_degc=self._value(seen, "Plate temperature", "degC"),
             position_mm=self._value(seen, "Contact.Position", "mm") if touching else None,
-            read=self._told(now),
-            cycle_rate=self._cycle_rate if "Cycle.Cycles" in self._told(now) else None,
+            read=self._read_values(now),
+            cycle_rate=self._cycle_rate if "Cycle.Cycles" in self._read_values(now) else None,
             latched=self._latched(now),
             emergencies=tuple(
                 Emergency(now - at, node_id, code, emergency_text(code))
@@ -174,8 +199,8 @@ class Watcher:
             return
         peers = [node.at(now) for node in self._nodes]
         for peer in peers:
-            yield from notes_of(peer, now - (now if self._began is None else self._began))
-        if not gone(peers[0]):
+            yield from peer.notes(now - (now if self._began is None else self._began))
+        if not peers[0].gone:
             yield from self._notes_of_stimulator(now, peers[0])
         if self.stopping:
             yield "stop: written again and again until the stimulator shows that it is disarmed"
@@ -196,7 +221,7 @@ class Watcher:
         """Return a COF; 0 stands for none."""
         return self._value(seen, f"Contact.{what}", "") or None
 
-    def _raw_told(self, now: float) -> dict[str, int]:
+    def _raw_read(self, now: float) -> dict[str, int]:
         reader = self._reader
         if reader is None:
             return {}
@@ -206,8 +231,8 @@ class Watcher:
             if entry in reader.values and now - at <= FORGOTTEN_S
         }
 
-    def _told(self, now: float) -> dict[str, float]:
-        raw = self._raw_told(now)
+    def _read_values(self, now: float) -> dict[str, float]:
+        raw = self._raw_read(now)
         return {
             name: raw[name] * self._od[name].unit.in_unit(self._od[name].unit.symbol)
             for name in READ
@@ -215,7 +240,7 @@ class Watcher:
         }
 
     def _latched(self, now: float) -> tuple[str, ...]:
-        bits = self._raw_told(now).get("Diagnosis.Latched", 0)
+        bits = self._raw_read(now).get("Diagnosis.Latched", 0)
         return tuple(WATCHDOGS[watchdog].text.partition(":")[0] for watchdog in watchdogs_in(bits))
 
     def _follow(self, reader: SdoReader, now: float) -> None:
@@ -247,3 +272,393 @@ def _mode(seen: Mapping[str, int]) -> str:
         return ""
     number = seen["Mode display"]
     return spoken(Mode(number)) if number in list(Mode) else f"number {number}"
+
+
+class Peer(NamedTuple):
+    """A node of the instrument, as its heartbeat shows it."""
+
+    node_id: int
+    name: str
+    nmt: str
+    """NMT state; empty while it is not known."""
+    silent: float | None
+    """Time in s since any frame of it; None if none has come."""
+
+    @property
+    def gone(self) -> bool:
+        """Whether it is not there, or no longer."""
+        return self.silent is None or self.silent > SILENT_S
+
+    def notes(self, listened: float) -> Iterator[str]:
+        """Say why it is not heard after so many s of listening."""
+        who = f"node {self.node_id} ({self.name})"
+        if self.silent is None:
+            if listened > SILENT_S:
+                yield (
+                    f"nothing has been heard of {who} for {listened:.0f} s: "
+                    "is it running on this bus, with that node-ID?"
+                )
+        elif self.gone:
+            yield f"{who} has been silent for {self.silent:.0f} s: it has stopped or left the bus"
+        elif self.nmt not in _SPEAKS:
+            yield f"{who} is {self.nmt}: it publishes nothing until a master starts it"
+
+
+class Emergency(NamedTuple):
+    """An emergency message."""
+
+    ago: float
+    """Time in s since it came."""
+    node_id: int
+    code: int
+    text: str
+
+
+class View(NamedTuple):
+    """A stimulator and its bus at one instant; what is not known is None, an empty text or absent.
+
+    Lengths are in mm, the amplitude in um peak-to-peak, all else in the unit of its name.
+    """
+
+    peers: tuple[Peer, ...]
+    notes: tuple[str, ...]
+    """What is wrong or missing, a sentence each."""
+    state: str
+    mode: str
+    flags: tuple[str, ...]
+    """Bits of the statusword that are set."""
+    cof: float | None
+    """None while no finger touches, too."""
+    cof_reference: float | None
+    tangential_n: float | None
+    normal_n: float | None
+    amplitude_um: float | None
+    voltage_v: float | None
+    frequency_hz: float | None
+    temperature_degc: float | None
+    position_mm: float | None
+    """Of the finger, from the middle of the plate; None while none touches."""
+    read: Mapping[str, float]
+    """Values read by SDO, by the name of the object, in its displayed unit."""
+    cycle_rate: float | None
+    """Cycles a second."""
+    latched: tuple[str, ...]
+    """Texts of the latched faults."""
+    emergencies: tuple[Emergency, ...]
+    """The newest first."""
+    history: tuple[tuple[float | None, float | None], ...]
+    """COF and reference at equal intervals, the newest last."""
+    bus_load: float
+    """Share of the last second in which the bus was busy, with all stuff bits there may be."""
+    frame_rate: float
+    """Frames in the last second."""
+
+
+class HeardNode:
+    """What a listener hears of one node.
+
+    Parameters
+    ----------
+    od
+        Its EDS, loaded for its node-ID.
+    name
+        What to call it.
+
+    Attributes
+    ----------
+    emergency_id
+        CAN-ID of its emergency messages.
+    rested
+        Time in s at which it last said that it is not OPERATIONAL; None if it has not.
+    """
+
+    def __init__(self, od: ObjectDictionary, name: str) -> None:
+        self.node_id, self.name = od.node_id, name
+        self.emergency_id = od.number(EMCY_COB_ID) & CAN_ID_MASK
+        cob_ids = [
+            od.number(TPDO_COMMUNICATION + offset, PDO_COB_ID, COB_INVALID)
+            for offset in range(PDO_COUNT)
+        ]
+        self._pdo_ids = {cob & CAN_ID_MASK for cob in cob_ids if not cob & COB_INVALID}
+        self._nmt: int | None = None
+        self._heard: float | None = None
+        self.rested: float | None = None
+
+    def take(self, now: float, frame: Frame) -> bool:
+        """Take any frame of the bus; return whether it was the boot-up of this node."""
+        can_id = frame.can_id
+        if can_id == HEARTBEAT_ID + self.node_id and frame.data and not frame.rtr:
+            self._heard, self._nmt = now, frame.data[0] & 0x7F
+            if self._nmt != NMTState.OPERATIONAL:
+                self.rested = now
+            return self._nmt == NMTState.INITIALISING
+        if can_id in self._pdo_ids:
+            # PDOs are OPERATIONAL's alone; the next heartbeat may be a second away.
+            self._heard, self._nmt = now, NMTState.OPERATIONAL
+        elif can_id in (self.emergency_id, SDO_TX_ID + self.node_id):
+            self._heard = now
+        return False
+
+    def at(self, now: float) -> Peer:
+        """Return what is to be shown of it."""
+        nmt = "" if self._nmt is None else STATES.get(self._nmt, UNKNOWN)
+        silent = None if self._heard is None else now - self._heard
+        return Peer(self.node_id, self.name, nmt, silent)
+
+
+def mapping_entries(od: ObjectDictionary) -> Iterator[Entry]:
+    """Yield the entries that say what the public TPDOs carry."""
+    for number in PUBLIC:
+        yield od.entry(TPDO_COMMUNICATION + number - 1, PDO_COB_ID)
+        for place in _PLACES:
+            yield od.entry(TPDO_MAPPING + number - 1, place)
+
+
+class PublishedValues:
+    """What the public TPDOs brought last, decoded by the EDS until the mapping was read.
+
+    Parameters
+    ----------
+    od
+        EDS of the stimulator, loaded for its node-ID.
+    """
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self._od = od
+        self._pdos: dict[int, PublishedPdo] = {}
+        self._ill: set[int] = set()
+        self._since = 0.0
+        self.remap({}, 0.0)
+
+    def remap(self, known: Mapping[Entry, int], now: float) -> None:
+        """Decode by the mapping that was read from the node; by the EDS where it was not.
+
+        Parameters
+        ----------
+        known
+            Raw values of entries of `mapping_entries`.
+        now
+            Time in s.
+        """
+        pdos = published_pdos(self._od, lambda entry: known.get(entry, int(entry.default)))
+        self._pdos = {pdo.can_id: pdo for pdo in pdos}
+        self._ill = set()
+        self._since = now
+
+    def take(self, now: float, frame: Frame) -> bool:
+        """Take any frame of the bus; return whether it was one of the TPDOs."""
+        pdo = self._pdos.get(frame.can_id)
+        if pdo is None or frame.rtr:
+            return False
+        if pdo.take(frame.data, now):
+            self._ill.discard(pdo.number)
+        else:
+            self._ill.add(pdo.number)
+        return True
+
+    def at(self, now: float) -> dict[str, int]:
+        """Return the raw values, by name, that are not old at a time in s."""
+        return {
+            name: value
+            for pdo in self._pdos.values()
+            if pdo.received is not None and now - pdo.received <= OLD_S
+            for name, value in zip(pdo.names, pdo.values, strict=True)
+        }
+
+    def last(self, name: str) -> tuple[float, int] | None:
+        """Return when an object came last, in s, and its raw value; None if it has not."""
+        for pdo in self._pdos.values():
+            if pdo.received is not None and name in pdo.names:
+                return pdo.received, pdo.values[pdo.names.index(name)]
+        return None
+
+    def complaints(self, now: float) -> Iterator[str]:
+        """Say which TPDOs have another length than their mapping, or do not come."""
+        if not self._pdos:
+            yield "none of the TPDOs 1 to 4 is valid: nothing is published"
+        for pdo in self._pdos.values():
+            last = self._since if pdo.received is None else pdo.received
+            if pdo.number in self._ill:
+                yield f"TPDO {pdo.number} is not as long as its mapping: it is not decoded"
+            elif now - last > OLD_S:
+                yield f"TPDO {pdo.number} has not come for {now - last:.0f} s"
+
+
+class SdoReader:
+    """Reads entries in turn, over and over; some of them once, before the others.
+
+    Parameters
+    ----------
+    node_id
+        Node-ID of the server.
+    once
+        Entries of 1 to 4 bytes to read first.
+    again
+        Those to read over and over.
+
+    Attributes
+    ----------
+    values
+        Raw value of each entry that was read.
+    silent
+        Whether the last request has not been answered.
+    read_at
+        Time in s at which each entry was read last.
+    """
+
+    def __init__(self, node_id: int, once: Iterable[Entry], again: Iterable[Entry]) -> None:
+        self._node_id = node_id
+        self._once, self._again = list(once), list(again)
+        self.values: dict[Entry, int] = {}
+        self.read_at: dict[Entry, float] = {}
+        self.silent = False
+        self._asked: tuple[Entry, Frame] | None = None
+        self._next = 0.0
+        self._deadline = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with the first entry; what was read is forgotten."""
+        self.values.clear()
+        self.read_at.clear()
+        self._asked = None
+        self._open = set(self._once)
+        self._turn = deque([*self._once, *self._again])
+
+    @property
+    def begun(self) -> bool:
+        """Whether all that is read once has been asked for."""
+        return not self._open
+
+    def take(self, now: float, frame: Frame) -> bool:
+        """Take any frame, also a request of another client; return whether it is an answer."""
+        if frame.can_id == SDO_RX_ID + self._node_id:
+            self._next = now + YIELD_S
+            return False
+        if self._asked is None or not requests.answers(frame, self._asked[1]):
+            return False
+        entry = self._asked[0]
+        self._done(entry)
+        self.silent = False
+        self._next = max(self._next, now + PAUSE_S)
+        try:
+            self.values[entry] = int(requests.value(frame, entry))
+            self.read_at[entry] = now
+        except Abort:
+            self.values.pop(entry, None)
+        return True
+
+    def request(self, now: float) -> Frame | None:
+        """Return the request that is due at a time in s, if one is."""
+        if self._asked is not None:
+            if now < self._deadline:
+                return None
+            self.silent = True
+            self._turn.appendleft(self._asked[0])
+            self._asked = None
+            self._next = now + TIMEOUT_S
+        if now < self._next or not self._turn:
+            return None
+        entry = self._turn.popleft()
+        frame = requests.upload(self._node_id, entry)
+        self._asked = entry, frame
+        self._deadline = now + TIMEOUT_S
+        return frame
+
+    def _done(self, entry: Entry) -> None:
+        self._asked = None
+        if entry in self._open:
+            self._open.discard(entry)
+        else:
+            self._turn.append(entry)
+
+
+class LoadMeter:
+    """Sums the time that frames take on the wire, each as long as stuff bits can make it.
+
+    Parameters
+    ----------
+    bit_rate
+        In bit/s, above 0.
+    """
+
+    def __init__(self, bit_rate: int) -> None:
+        # An RTR frame and one of no data are as long as each other.
+        self._seconds = [frame_seconds(size, bit_rate) for size in range(9)]
+        self._frames: deque[tuple[float, float]] = deque()
+        self._busy = 0.0
+
+    def take(self, now: float, frame: Frame) -> None:
+        """Count a frame that was on the bus at a time in s."""
+        seconds = self._seconds[0 if frame.rtr else len(frame.data)]
+        self._frames.append((now, seconds))
+        self._busy += seconds
+
+    def at(self, now: float) -> tuple[float, float]:
+        """Return the share of the last second that was busy, and its frames."""
+        while self._frames and self._frames[0][0] <= now - WINDOW_S:
+            self._busy -= self._frames.popleft()[1]
+        if not self._frames:
+            self._busy = 0.0
+        return self._busy / WINDOW_S, len(self._frames) / WINDOW_S
+
+
+class Stop:
+    """Writes controlword and mode again and again: a frame may be lost, and another may arm.
+
+    Parameters
+    ----------
+    od
+        EDS of the stimulator, loaded for its node-ID.
+
+    Attributes
+    ----------
+    asked
+        Whether a stop was asked for, and the stimulator has not shown yet that it rests.
+    """
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self._frames = [
+            requests.download(od.node_id, od["Controlword"], 0),
+            requests.download(od.node_id, od["Mode"], int(Mode.OFF)),
+        ]
+        self.asked = False
+        self._first: float | None = None
+        self._next = 0.0
+
+    def ask(self) -> None:
+        """Stop from now on; asked for again, it lasts longer."""
+        self.asked = True
+        self._first = None
+
+    def frames(
+        self, now: float, shown: tuple[float, int] | None, rested: float | None
+    ) -> list[Frame]:
+        """Return the frames to send at a time in s.
+
+        Parameters
+        ----------
+        now
+            The time in s.
+        shown
+            When the statusword came last, and what it was; None if it never has.
+        rested
+            When the node last said that it is not OPERATIONAL; None if it never has.
+        """
+        if not self.asked:
+            return []
+        if self._first is None:
+            self._first = self._next = now
+        if _rests(self._first, shown, rested):
+            self.asked = False
+            return []
+        if now < self._next:
+            return []
+        self._next = now + _STOP_AGAIN_S
+        return list(self._frames)
+
+
+def _rests(since: float, shown: tuple[float, int] | None, rested: float | None) -> bool:
+    if rested is not None and rested > since:
+        return True
+    return shown is not None and shown[0] > since and known_state(shown[1]) not in _ARMED

@@ -2,8 +2,10 @@
 
 import struct
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from itertools import count
 from typing import Any
 
 import can
@@ -283,15 +285,16 @@ def test_live_data_by_the_clock(virtual: dict[str, Any]) -> None:
 class StallingBus(PythonCanBus):
     """A bus whose party is now and then held up for longer than the event time of its TPDOs."""
 
-    calls = 0
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        calls, read = count(1), self.read
 
-    def receive(
-        self, timeout: float, patience: float = 0.0, *, every: bool = False
-    ) -> Frame | None:
-        self.calls += 1
-        if self.calls % 100 == 0:
-            time.sleep(0.12)
-        return super().receive(timeout, patience, every=every)
+        def stalling(frames: deque[Frame]) -> bool:
+            if next(calls) % 100 == 0:
+                time.sleep(0.12)
+            return read(frames)
+
+        self.read = stalling
 
 
 def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(

@@ -28,4 +28,4 @@ def test_neither_matplotlib_nor_can_is_loaded(program: str) -> None:
         check=True,
     ).stdout.split()
     assert "smarttac_can.bench" in loaded
-    assert {"matplotlib", "canopen", "can"}.isdisjoint(loaded)
+    assert {"matplotlib", "canopen", "can", "h5py"}.isdisjoint(loaded)

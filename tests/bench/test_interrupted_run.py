@@ -11,7 +11,7 @@ import pytest
 from nodes_on_a_bus import in_threads, stimulator_with_plate
 
 from smarttac_can.bench import BenchError, RunInterruptedError, Stimulator
-from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.bench.open_link import _over_can
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.process_signals import interrupt_waits
@@ -66,7 +66,7 @@ def test_ctrl_c_before_the_first_cycle(bench: Stimulator, monkeypatch: pytest.Mo
     def at_once() -> Iterator[Any]:
         yield lambda: True
 
-    monkeypatch.setattr("smarttac_can.bench.loop.interrupt_waits", at_once)
+    monkeypatch.setattr("smarttac_can.bench.stimulator.interrupt_waits", at_once)
     with pytest.raises(RunInterruptedError, match="after 0 of 1000") as caught:
         bench.run(1)
     assert caught.value.trace is None

@@ -3,6 +3,7 @@
 import random
 import signal
 import time
+from collections import deque
 from typing import Any
 
 import can
@@ -10,7 +11,7 @@ import pytest
 from nodes_on_a_bus import GUARD_S, both, in_threads, processes, stimulator_with_plate
 
 from smarttac_can.bench import HeartbeatLostError, NotRunningError, Stimulator
-from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.bench.open_link import _over_can
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import Connection, LocalBus
@@ -89,16 +90,19 @@ class SlowBus(PythonCanBus):
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.syncs = 0
+        read = self.read
 
-    def receive(
-        self, timeout: float, patience: float = 0.0, *, every: bool = False
-    ) -> Frame | None:
-        frame = super().receive(timeout, patience, every=every)
-        if frame is not None and frame.can_id == SYNC_ID:
-            self.syncs += 1
-            if self.syncs == 20:
-                time.sleep(3.5)
-        return frame
+        def slow(frames: deque[Frame]) -> bool:
+            before = len(frames)
+            more = read(frames)
+            for frame in list(frames)[before:]:
+                if frame.can_id == SYNC_ID:
+                    self.syncs += 1
+                    if self.syncs == 20:
+                        time.sleep(3.5)
+            return more
+
+        self.read = slow
 
 
 @pytest.mark.parametrize("inside", [True, False])
@@ -138,12 +142,13 @@ class LossyBus(PythonCanBus):
 
     def __init__(self, seed: int, options: dict[str, Any]) -> None:
         super().__init__(**options)
-        self._random = random.Random(seed)
+        draw, send = random.Random(seed), self.send
 
-    def send(self, frame: Frame) -> None:
-        if 0x180 <= frame.can_id < 0x500 and self._random.random() < 0.004:
-            return
-        super().send(frame)
+        def lossy(frame: Frame) -> None:
+            if not 0x180 <= frame.can_id < 0x500 or draw.random() >= 0.004:
+                send(frame)
+
+        self.send = lossy
 
 
 def test_lost_frames_cost_rows_and_no_more(

@@ -26,7 +26,7 @@ from smarttac_can.bench import (
     State,
     Stimulator,
     make_recording,
-    raw_log,
+    network,
 )
 from smarttac_can.bench.recorded_frames import RecordedFrames
 from smarttac_can.host.frame_log import MARK, MARK_END, RECORD, FrameLog, FrameLogReader
@@ -460,7 +460,7 @@ def written(raw: Path) -> list[tuple[int, bool]]:
 def test_the_raw_log_of_a_bus_that_no_second_handle_hears(
     virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, echoes: bool
 ) -> None:
-    monkeypatch.setattr(raw_log, "hears_others_of_process", lambda _: False)
+    monkeypatch.setattr(network, "hears_others_of_process", lambda _: False)
     raw = tmp_path / "run.asc"
     options = {**virtual, "receive_own_messages": echoes}
     node = stimulator_with_plate(lockstep=False)

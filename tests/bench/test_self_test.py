@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from smarttac_can.bench import BenchError, RunInterruptedError, State, Stimulator
-from smarttac_can.bench.resonance_fit import ResonanceFit
-from smarttac_can.bench.self_test import Check, selftest
+from smarttac_can.bench.self_test import Check, ResonanceFit, selftest
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.vocabulary.modes import Mode
 

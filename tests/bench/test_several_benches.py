@@ -11,15 +11,15 @@ from typing import Any
 import pytest
 from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
 
-from smarttac_can.bench import BenchError, NotRunningError, State, Stimulator, every_cycle, selftest
-from smarttac_can.bench.gauge_samples import mean_gauges
+from smarttac_can.bench import BenchError, NotRunningError, State, Stimulator, can_link, selftest
+from smarttac_can.bench.calibration import mean_gauges
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 
 
 @pytest.fixture
 def node(virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> Iterator[StimulatorNode]:
     # How soon a thread of the other bench gets its turn is the machine's business.
-    monkeypatch.setattr(every_cycle, "_ANSWERED_S", 4.0)
+    monkeypatch.setattr(can_link, "_ANSWERED_S", 4.0)
     made = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, made, lockstep=False):
         yield made
@@ -131,7 +131,7 @@ def test_types_that_a_tool_puts_back_without_asking_are_asked_for_anew(
 def test_nobody_answers_for_a_bench_that_was_killed(
     virtual: dict[str, Any], node: StimulatorNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(every_cycle, "_ANSWERED_S", 0.0)
+    monkeypatch.setattr(can_link, "_ANSWERED_S", 0.0)
     for number in range(1, 4):
         node.od.entry(0x1800 + number, 2).value = 254
     with connect(virtual) as bench:

@@ -20,8 +20,7 @@ from smarttac_can.bench import (
     VibrationLaw,
 )
 from smarttac_can.bench.link import Row, Snapshot
-from smarttac_can.bench.local_link import LocalLink
-from smarttac_can.bench.open_link import LinkName
+from smarttac_can.bench.open_link import LinkName, LocalLink
 from smarttac_can.bench.simulation import simulated_block, stimulator_od
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.states import Control, State

@@ -35,7 +35,7 @@ def test_two_threads_in_run(
         bench.voltage = 20.0
         bench.mode = "open_loop"
         acts = {"run": lambda: bench.run(0.05), "tare": bench.tare}
-        own = bench._objects.link
+        own = bench._link
 
         def never_but_try_once() -> bool:
             if not tried:

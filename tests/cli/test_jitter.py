@@ -265,7 +265,7 @@ def test_wrong_values(arguments: tuple[str, ...]) -> None:
 
 
 def test_the_picture_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("smarttac_can.bench.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("smarttac_can.bench.traces.find_spec", lambda name: None)
     line = refusal("--interface", "virtual", "--output", str(tmp_path / "pictures"))
     assert line == "Error: the pictures need matplotlib: pip install 'smarttac-can[report]'"
     assert not list(tmp_path.iterdir())

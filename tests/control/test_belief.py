@@ -2,11 +2,28 @@ import cmath
 import math
 import random
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.belief import PRIOR, PlateNow, Span, believed, fade, learn
+from smarttac_can.control.belief import (
+    _JITTER,
+    _MISSED_FROM,
+    _NOISE,
+    _UNMODELLED,
+    PRIOR,
+    PlateNow,
+    Span,
+    _predict,
+    _update,
+    believed,
+    fade,
+    first_lasting,
+    learn,
+    missed,
+)
+from smarttac_can.plant.parameters import SensorParameters
 
 W0 = 2 * math.pi * 43390.0
 MODEL = PlateNow(kappa=53e-6, rate=1060.0, w0=W0)
@@ -48,6 +65,11 @@ def test_a_plate_that_is_driven_to_and_fro_is_known(gain, tau, off, dead_time):
     assert (found.w0 - plate.w0) / (2 * math.pi) == pytest.approx(0.0, abs=10.0)
 
 
+def test_a_plate_twice_as_damped_is_one_that_there_may_be():
+    beliefs = watched(MODEL._replace(rate=2.2 * MODEL.rate), [30.0, 20.0] * 12)
+    assert max(belief.rate for belief in beliefs) > math.log(1.9)
+
+
 def test_the_phase_of_one_tick_tells_the_resonance():
     plate = PlateNow(53e-6, 1060.0, W0 + 2 * math.pi * 200.0)
     belief = watched(plate, [30.0])[-1]
@@ -68,24 +90,152 @@ def test_at_rest_nothing_is_learned():
     assert belief[3:] == pytest.approx(PRIOR[3:])
 
 
-def test_what_was_learned_grows_as_old_as_its_memory():
-    sure = PRIOR._replace(kk=0.0, rr=0.0, ww=0.0)
-    for _ in range(20):
-        sure = fade(sure, 0.0)
-    # 20 ms: kappa is still known, 1/tau is not.
-    assert sure.kk < 0.01 * PRIOR.kk
-    assert sure.rr > 0.8 * PRIOR.rr
-
-
 def test_another_load_is_not_known():
     assert fade(PRIOR, 0.3).rr == pytest.approx(PRIOR.rr + 0.09)
 
 
-def test_a_drive_that_came_late_is_not_another_plate():
-    """60 us later than told, W lacks 10 % after the first tick."""
-    span = Span(0.0, W0, 30.0, W0)
+@pytest.mark.parametrize("off", [0.0, 2000.0, 4000.0])
+def test_a_drive_that_came_late_is_not_another_plate(off):
+    """60 us later than told, W lacks 10 % after the first tick, and off resonance some phase."""
+    span = Span(0.0, W0 - off, 30.0, W0 - off)
     belief = learn(PRIOR, MODEL, DEAD, 0j, span, moved(MODEL, DEAD + 60e-6, 0j, span))
     assert -0.07 < belief.kappa < 0.0
+    assert -150.0 < belief.w0 <= 0.0
+
+
+somewhere = st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-2e3, 2e3))
+
+
+@given(
+    at=somewhere,
+    dead_time=st.sampled_from([0.0, 250e-6, DEAD]),
+    W=st.builds(cmath.rect, st.floats(0.0, 2e-6), st.floats(-3.0, 3.0)),
+    voltages=st.tuples(st.floats(0.0, 100.0), st.floats(0.0, 100.0)),
+    off=st.floats(-2e3, 2e3),
+)
+@settings(max_examples=50)
+def test_a_prediction_is_the_plates_and_its_derivatives_are_those_of_the_plate(
+    at, dead_time, W, voltages, off
+):
+    span = Span(voltages[0], W0 - off, voltages[1], W0 + 0.5 * off)
+
+    def moves(kappa, rate, w0):
+        return moved(
+            believed(MODEL, PRIOR._replace(kappa=kappa, rate=rate, w0=w0)), dead_time, W, span
+        )
+
+    belief = PRIOR._replace(kappa=at[0], rate=at[1], w0=at[2])
+    predicted, _, *derivatives, variance = _predict(belief, MODEL, dead_time, W, span)
+    size = abs(W) + 1e-6
+    assert abs(predicted - moves(*at)) < 1e-9 * size
+    for place, step in enumerate((1e-5, 1e-5, 1e-1)):
+        more, less = ([*at[:place], at[place] + way * step, *at[place + 1 :]] for way in (1, -1))
+        slope = (moves(*more) - moves(*less)) / (2.0 * step)
+        assert abs(derivatives[place] - slope) * step < 1e-9 * size
+    assert variance > 0.0
+
+
+def test_a_jump_of_the_voltage_is_what_an_instant_told_wrongly_shifts():
+    """By the voltage it differs by, over the jitter: the derivative by the dead time."""
+    span = Span(10.0, W0, 40.0, W0)
+    late = _predict(PRIOR, MODEL, DEAD, 0j, span)[1]
+    slope = (moved(MODEL, DEAD + 1e-7, 0j, span) - moved(MODEL, DEAD - 1e-7, 0j, span)) / 2e-7
+    assert late == pytest.approx(-_JITTER * slope, rel=1e-2)
+    assert _predict(PRIOR, MODEL, DEAD, 0j, Span(40.0, W0, 40.0, W0))[1] == 0j
+
+
+def test_a_prediction_is_as_unsure_as_two_readings_and_more_so_of_a_large_or_jumping_one():
+    def variance(W, V_before, V):
+        return _predict(PRIOR, MODEL, DEAD, W, Span(V_before, W0, V, W0))[-1]
+
+    still = variance(0j, 0.0, 0.0)
+    # The older reading decays by the tick.
+    assert still / _NOISE**2 == pytest.approx(1.0 + math.exp(-2.0 * MODEL.rate * 1e-3))
+    steady = MODEL.kappa * 20.0 / MODEL.rate
+    large = variance(complex(steady), 20.0, 20.0) - still
+    assert large / steady**2 == pytest.approx(_UNMODELLED**2, rel=1e-9, abs=0.0)
+    # What a jump starts of the other oscillation, at twice the frequency, is 1/(2 w0) of it.
+    reached = abs(moved(MODEL, DEAD, 0j, Span(0.0, W0, 20.0, W0)))
+    jump = variance(0j, 0.0, 20.0) - still - (_UNMODELLED * reached) ** 2
+    assert jump / (MODEL.kappa * 20.0 / (2.0 * W0)) ** 2 == pytest.approx(1.0)
+
+
+def test_the_noise_is_that_of_the_pickup():
+    assert SensorParameters().pickup_noise == _NOISE
+
+
+@given(
+    slopes=st.tuples(*[st.floats(-2e-6, 2e-6)] * 2, st.floats(-1e-9, 1e-9)),
+    innovation=st.floats(-1e-6, 1e-6),
+    variance=st.floats(1e-18, 1e-14),
+)
+@settings(max_examples=50)
+def test_one_axis_teaches_as_a_kalman_filter(slopes, innovation, variance):
+    belief = fade(PRIOR, 0.2)._replace(kr=1e-3, kw=0.2, rw=-0.3, kappa=0.1, rate=-0.1, w0=50.0)
+    P = np.array(
+        [
+            [belief.kk, belief.kr, belief.kw],
+            [belief.kr, belief.rr, belief.rw],
+            [belief.kw, belief.rw, belief.ww],
+        ]
+    )
+    H = np.array(slopes)
+    gain = P @ H / (H @ P @ H + variance)
+    x, P = np.array(belief[:3]) + gain * innovation, P - np.outer(gain, H @ P)
+    found = _update(belief, *slopes, innovation, variance)
+    assert found[:3] == pytest.approx(x, rel=1e-9, abs=1e-12)
+    assert found[3:] == pytest.approx(P[np.triu_indices(3)], rel=1e-6, abs=1e-12)
+
+
+def test_what_was_learned_is_forgotten_in_10_s_and_of_the_damping_in_20_ms():
+    """Of the variance that is left out by then e^-2; what hangs together keeps to it."""
+    sure = PRIOR._replace(kk=0.0, rr=0.0, ww=0.0)
+    for tick in range(10_001):
+        if tick == 20:
+            assert sure.rr / PRIOR.rr == pytest.approx(1.0 - math.exp(-2.0), rel=0.02)
+        sure = fade(sure, 0.0)
+    assert sure.kk / PRIOR.kk == pytest.approx(1.0 - math.exp(-2.0), rel=0.01)
+    assert sure.ww / PRIOR.ww == pytest.approx(1.0 - math.exp(-2.0), rel=0.01)
+    assert sure.rr == pytest.approx(PRIOR.rr)
+
+
+def test_a_finger_that_presses_makes_the_resonance_unsure_as_well():
+    """1/tau changes e-fold under it, and the resonance by some 200 rad/s."""
+    for change in (0.3, -0.3):
+        belief = fade(PRIOR, change)
+        assert belief.ww - PRIOR.ww == pytest.approx((200.0 * change) ** 2)
+
+
+def test_the_model_is_as_unsure_as_plates_differ():
+    """By 20 % of the gain at most, uniform; 200 Hz off is three standard deviations or so."""
+    assert math.sqrt(PRIOR.kk) == pytest.approx(0.2 / math.sqrt(3.0), rel=0.05)
+    assert math.sqrt(PRIOR.rr) == pytest.approx(math.sqrt(PRIOR.kk), rel=0.2)
+    assert 3.0 < 200.0 / (math.sqrt(PRIOR.ww) / (2.0 * math.pi)) < 4.0
+    assert PRIOR.kr == PRIOR.kw == PRIOR.rw == 0.0
+
+
+@pytest.mark.parametrize("dead_time", [0.0, DEAD])
+def test_a_drive_was_missed_if_the_one_before_explains_nearly_all_that_is_off(dead_time):
+    span, W = Span(10.0, W0, 60.0, W0), 0.4e-6 + 0j
+    kept = moved(MODEL, dead_time, W, first_lasting(span))
+    came = moved(MODEL, dead_time, W, span)
+    assert abs(came - kept) > 5.0 * _MISSED_FROM
+
+    def is_missed(share):
+        return missed(PRIOR, MODEL, dead_time, W, span, kept + share * (came - kept))
+
+    assert [is_missed(share) for share in (0.0, 0.08, 0.12, 0.5, 1.0)] == [
+        True,
+        True,
+        False,
+        False,
+        False,
+    ]
+    # What is off by next to nothing is no drive that was lost.
+    for change, lost in ((0.9, False), (1.1, True)):
+        small = Span(10.0, W0, 10.0 + 50.0 * change * _MISSED_FROM / abs(came - kept), W0)
+        still = moved(MODEL, dead_time, W, first_lasting(small))
+        assert missed(PRIOR, MODEL, dead_time, W, small, still) == lost
 
 
 finite = st.floats(-1e4, 1e4)

@@ -3,12 +3,19 @@ import math
 import numpy as np
 import pytest
 from first_order_plate import FirstOrderPlate
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.design import amplitude_pi, dominant_pole, resonance_pi
+from smarttac_can.control.design import (
+    FORCE_STEP,
+    amplitude_pi,
+    designed,
+    dominant_pole,
+    resonance_pi,
+    row_of,
+)
 from smarttac_can.control.vibration import regulated
-from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.model import PlateModel, contact_load
 from smarttac_can.vocabulary.signals import Drive
 
 TICK = 1e-3
@@ -47,6 +54,7 @@ def test_without_dead_time_every_pole_is_reached():
     pi = amplitude_pi(model, 0.2)
     assert pi.Kp == pytest.approx(0.8 / (model.gain * (1.0 - a)))
     assert dominant_pole(model.tau, 0.0, 0.0) == 0.0
+    assert amplitude_pi(model, 0.0).Kp == pytest.approx(1.0 / (model.gain * (1.0 - a)))
 
 
 def test_dead_time_is_continuous_at_zero():
@@ -64,6 +72,38 @@ def test_resonance_controller_is_for_the_gain_of_minus_tau():
     assert pi.Kp * (-2.0 * math.pi * model.tau) == pytest.approx(
         amplitude_pi(model, 0.2).Kp * model.gain
     )
+
+
+@given(Fn=st.floats(-1.0, 3.0), load=st.floats(0.0, 2.0))
+@settings(max_examples=60)
+@example(Fn=3.0, load=0.87)
+@example(Fn=0.0, load=0.87)
+def test_the_row_of_a_force_is_the_design_of_the_plate_under_it(Fn, load):
+    """To within half a step of the table: a finger adds damping, and kappa stays."""
+    model = PlateModel(load=load)
+    bare, rows = designed(model, 0.2, 0.3, 0.2e-3)
+    row = rows[row_of(Fn, len(rows))]
+    for make, Kp, pole in ((amplitude_pi, row.amplitude, 0.2), (resonance_pi, row.resonance, 0.3)):
+        light, heavy = (
+            make(under(model, max(Fn + side * FORCE_STEP, 0.0)), pole, 0.2e-3)
+            for side in (-0.501, 0.501)
+        )
+        assert abs(light.Kp) * (1.0 - 1e-9) <= abs(Kp) <= abs(heavy.Kp) * (1.0 + 1e-9)
+        assert heavy.a * (1.0 - 1e-9) <= row.a <= light.a * (1.0 + 1e-9)
+    if Fn <= 0.0:
+        assert row == pytest.approx(bare)
+
+
+def under(model, Fn):
+    """The bare plate that moves as this one does under a force."""
+    tau = 1.0 / model.decay_rate(contact_load(Fn))
+    return PlateModel(model.gain * tau / model.tau, tau, model.f0)
+
+
+def test_the_table_of_forces_ends_at_3_N():
+    _, rows = designed(PlateModel(), 0.2, 0.3, 0.0)
+    assert row_of(3.0, len(rows)) == row_of(1e9, len(rows)) == len(rows) - 1
+    assert row_of(3.0 - FORCE_STEP, len(rows)) == len(rows) - 2
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 0.3e-3, 0.7e-3])

@@ -2,7 +2,7 @@ import random
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.control.friction import (
@@ -59,6 +59,14 @@ def test_what_the_step_is_added_to(law, W_ref):
 def test_side_changes_beyond_the_band_only():
     found = sides((0.0, 0.0104, 0.0106, 0.0096, 0.0104, 0.0094), 0.01)
     assert found == [False, False, True, True, True, False]
+
+
+@given(half=st.floats(0.0, 1.0), share=st.floats(-1.0, 1.0), right=st.booleans())
+@settings(max_examples=50)
+@example(half=0.5, share=1.0, right=False)
+@example(half=0.5, share=-1.0, right=True)
+def test_within_the_band_and_at_its_edges_the_side_stays(half, share, right):
+    assert is_right(right, share * half, 0.0, half) == right
 
 
 def test_noise_within_the_band_crosses_once():

@@ -2,7 +2,9 @@
 
 import math
 import random
+import runpy
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +30,15 @@ weights = st.builds(
     lambda a, b, c: PRIOR._replace(a=a, b=b, c=c),
     *[st.floats(-4.0, 4.0) for _ in range(3)],
 )
+
+
+TOOL = Path(__file__).parents[2] / "tools" / "friction_shapes.py"
+
+
+def test_the_shapes_are_those_of_the_tool():
+    mean, components = runpy.run_path(str(TOOL))["shapes"]()
+    for held, found in zip((MEAN, FIRST, SECOND, THIRD), (mean, *components), strict=True):
+        np.testing.assert_allclose(held, found, rtol=0.0, atol=5.1e-4)
 
 
 def test_without_weights_the_shape_is_the_mean():

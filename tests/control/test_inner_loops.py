@@ -6,6 +6,7 @@ import pytest
 from first_order_plate import FirstOrderPlate, gauges, setpoint
 
 from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.design import Gains, row_of
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.step import _regulated
 from smarttac_can.control.texture import texture_of
@@ -90,3 +91,13 @@ def test_in_mode_texture_the_amplitude_of_pi_follows_the_finger_and_the_resonanc
         assert texture[1] == pytest.approx(friction[1])
     else:
         assert texture == pytest.approx(friction)
+
+
+@pytest.mark.parametrize("Fn", [0.0, 0.3, 1.0, 2.9])
+def test_scheduled_loops_are_those_of_a_bare_plate_with_the_design_of_the_force(Fn):
+    cascade, _, _ = driven(VibrationLaw.SCHEDULED, Mode.AMPLITUDE_RESONANCE)
+    plan, state = cascade.plan, cascade.state
+    row = plan.rows[row_of(Fn, len(plan.rows))]
+    other = plan._replace(vibration_law=int(VibrationLaw.PI), bare=Gains(*row))
+    seen = (0.9e-6 + 0.1e-6j, abs(0.9e-6 + 0.1e-6j), Fn)
+    assert _regulated(plan, state, seen, 1e-6, 0.0) == _regulated(other, state, seen, 1e-6, 0.0)

@@ -4,15 +4,23 @@ import math
 import numpy as np
 import pytest
 from first_order_plate import FirstOrderPlate, gauges, setpoint
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.control.belief import PRIOR, PlateNow, Span
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.predictive import voltage_for
+from smarttac_can.control.predictive import (
+    asked_voltage,
+    interrupted,
+    observed,
+    prior_of,
+    resonance_of,
+    unlearned,
+    voltage_for,
+)
 from smarttac_can.control.vibration import Limit
-from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.model import F0_SLOPE, PlateModel
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Measurement
 
@@ -64,6 +72,39 @@ def test_a_step_is_held_back_by_as_much_as_is_unsure():
     assert known == pytest.approx(0.9e-6 / (53e-6 * (1 - math.exp(-1.06)) / 1060.0))
     # Half a volt more or less a volt: a third of the step stays.
     assert unsure / known == pytest.approx((2 / 3) / 0.9, rel=1e-6)
+
+
+@given(
+    spread=st.tuples(*[st.floats(0.0, 0.5)] * 2, st.floats(0.0, 1500.0)),
+    hang=st.tuples(*[st.floats(-0.9, 0.9)] * 3),
+    off=st.floats(-3000.0, 3000.0),
+)
+@settings(max_examples=50)
+@example(spread=(0.0, 0.5, 0.0), hang=(0.0, 0.0, 0.0), off=0.0)
+@example(spread=(0.0, 0.0, 1500.0), hang=(0.0, 0.0, 0.0), off=2000.0)
+def test_what_a_volt_does_is_as_unsure_as_each_of_the_three_makes_it(spread, hang, off):
+    """The standard uncertainty of its logarithm, by its derivatives: as a share of the step."""
+    shape = np.array([[1, hang[0], hang[1]], [hang[0], 1, hang[2]], [hang[1], hang[2], 1]])
+    P = np.outer(spread, spread) * shape
+
+    def volt(rate=1.0, w0=0.0):
+        turn = complex(-PLATE.rate * rate, off + w0)
+        return abs((cmath.exp(turn * 1e-3) - 1.0) / turn)
+
+    slopes = np.array(
+        [
+            1.0,
+            (math.log(volt(rate=1.0 + 1e-5)) - math.log(volt(rate=1.0 - 1e-5))) / 2e-5,
+            (math.log(volt(w0=0.1)) - math.log(volt(w0=-0.1))) / 0.2,
+        ]
+    )
+    variance = float(slopes @ P @ slopes)
+    belief = SURE._replace(kk=P[0, 0], kr=P[0, 1], kw=P[0, 2], rr=P[1, 1], rw=P[1, 2], ww=P[2, 2])
+    span = Span(0.0, W0 - off, 0.0, W0 - off)
+    V = voltage_for(PLATE, belief, 0.0, 0j, span, 1e-6)
+    left = 1.0 - V * PLATE.kappa * volt() / 1e-6
+    unsure = math.sqrt(max(variance, 0.0))
+    assert left == pytest.approx(max(unsure / (1.0 + unsure), 0.1), abs=1e-4)
 
 
 class Seen(FirstOrderPlate):
@@ -198,6 +239,71 @@ def test_the_thermometer_tells_where_the_resonance_starts():
     cascade.set_mode(BOTH)
     drive = cascade.update(Measurement(0j, (0.0,) * 6, 20.0, 0), setpoint(frequency=43_250.0))
     assert drive.frequency == pytest.approx(43_390.0, abs=0.1)
+
+
+def observed_at(temperatures, learned=None):
+    """What is known after so many ticks at rest."""
+    prior = prior_of(PlateModel(), 0.0)
+    learned = unlearned(prior) if learned is None else learned
+    for temperature in temperatures:
+        learned = observed(prior, learned, 0j, Drive(0.0, 43390.0), 0.0, temperature)
+    return learned
+
+
+def test_the_temperature_is_that_of_the_first_tick_and_then_followed_within_seconds():
+    first = observed_at([31.0])
+    assert first.temperature == 31.0
+    assert (first.plate.w0 - W0) / (2 * math.pi) == pytest.approx(F0_SLOPE * 11.0)
+    later = observed_at([41.0] * 300, first).temperature
+    assert 40.0 < later < 41.0
+    assert observed_at([math.nan]).plate.w0 == pytest.approx(W0, rel=1e-12)
+    assert first.contact == 0.0
+    # One that no plate has is not believed.
+    for broken in (-150.0, 150.0, 1e9, math.nan):
+        assert observed_at([broken], first).temperature == 31.0
+        assert math.isnan(observed_at([broken]).temperature)
+    assert observed_at([120.0]).temperature == 120.0
+
+
+def test_nothing_is_asked_for_before_something_was_seen_nor_changed_before_two_were():
+    prior = prior_of(PlateModel(), 0.0)
+    nothing = unlearned(prior)
+    assert nothing.plate.rate == pytest.approx(1.0 / PlateModel().tau)
+    assert asked_voltage(prior, nothing, 1e-6, 43_300.0) == 0.0
+    once = observed(prior, nothing, 0.5e-6 + 0j, Drive(17.0, 43_300.0), 0.0, 20.0)
+    assert asked_voltage(prior, once, 1e-6, 43_300.0) == 17.0
+    assert resonance_of(once) == 43_300.0
+    assert resonance_of(interrupted(once)) == pytest.approx(43_390.0)
+    twice = observed(prior, once, 0.5e-6 + 0j, Drive(17.0, 43_300.0), 0.0, 20.0)
+    assert asked_voltage(prior, twice, 1e-6, 43_300.0) != 17.0
+    assert resonance_of(twice) != 43_300.0
+    # After a tick that is missing two are needed again.
+    gap = interrupted(twice)
+    assert asked_voltage(prior, gap, 1e-6, 43_300.0) == 0.0
+    assert (
+        observed(prior, gap, 0.5e-6 + 0j, Drive(17.0, 43_300.0), 0.0, 20.0).belief == twice.belief
+    )
+
+
+@pytest.mark.parametrize(("size", "learns"), [(15e-9, False), (30e-9, True)])
+def test_an_offset_of_the_pickup_teaches_nothing(size, learns):
+    prior = prior_of(PlateModel(), 0.0)
+    learned = unlearned(prior)
+    for _ in range(2):
+        learned = observed(prior, learned, complex(size), Drive(0.0, 43_390.0), 0.0, 20.0)
+    assert (learned.belief[:3] != (0.0, 0.0, 0.0)) == learns
+
+
+def test_a_force_is_believed_within_a_few_ticks_and_its_noise_is_not():
+    prior = prior_of(PlateModel(), 0.0)
+    contacts, learned = [], unlearned(prior)
+    for _ in range(10):
+        learned = observed(prior, learned, 0j, Drive(0.0, 43_390.0), 0.5, 20.0)
+        contacts.append(learned.contact)
+    assert 0.15 < contacts[0] < 0.5
+    assert contacts == sorted(contacts)
+    assert contacts[-1] == pytest.approx(1.0, abs=0.1)
+    assert learned.rate == pytest.approx(prior.load * contacts[-1] / prior.tau + 1.0 / prior.tau)
 
 
 @pytest.mark.parametrize("temperature", [math.nan, math.inf, -1e9, 80.0, -30.0])

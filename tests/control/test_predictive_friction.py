@@ -7,21 +7,32 @@ import pytest
 from first_order_plate import setpoint
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.friction_map import PRIOR, shape, value
+from smarttac_can.control.friction_map import PRIOR, Plateau, learned, shape, value
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive_friction import (
     ANYBODY,
     FROZEN_TICKS,
+    NOTHING,
+    PATH,
+    PLATEAU_TICKS,
     QUIET_TICKS,
     SETTLED_TICKS,
+    SPEED_VARIANCE,
     FrictionSample,
     Known,
+    Path,
+    _taught,
     amplitude_asked,
     begin_map,
+    cut_short,
     follow_map,
+    gathered,
+    path_step,
+    tells,
 )
 from smarttac_can.plant.force_path import follow as through_path
 from smarttac_can.plant.force_path import propagator
+from smarttac_can.plant.parameters import SensorParameters
 from smarttac_can.vocabulary.modes import Law, Mode
 from smarttac_can.vocabulary.signals import Measurement
 
@@ -73,12 +84,140 @@ class Bench:
         return self
 
 
+@pytest.mark.parametrize(("frequency", "damping"), [(100.0, 0.7), (60.0, 0.3), (250.0, 0.95)])
+def test_the_model_of_the_force_path_is_the_path_of_the_plate(frequency, damping):
+    assert path_step(frequency, damping) == pytest.approx(propagator(1e-3, frequency, damping))
+    sensors = SensorParameters()
+    assert path_step(sensors.path_frequency, sensors.path_damping) == PATH
+
+
 def test_it_begins_with_the_amplitude_there_is():
     bench = Bench()
     assert amplitude_asked(bench.touch) == pytest.approx(1e-6)
     # Before the first pair the reference is approached slowly.
     bench.run(1, HIGH)
     assert abs(bench.W - 1e-6) < 0.15e-6
+
+
+def test_a_touch_begins_settled_and_learns_once_it_was_felt_for_a_while():
+    bench = Bench()
+    begun = bench.touch
+    assert follow_map(begun, begun.felt).path == pytest.approx(begun.path)
+    gains = []
+    for _ in range(FROZEN_TICKS + 1):
+        bench.run(1, LOW)
+        gains.append(bench.touch.gain)
+    assert [gain != begun.gain for gain in gains].index(True) == FROZEN_TICKS - 1
+
+
+def test_a_model_of_the_path_that_rings_below_0_teaches_nothing():
+    bench = Bench().passes(1)
+    bench.run(60, LOW)
+    touch = bench.touch._replace(path=Path(-0.9, 0.0))
+    assert follow_map(touch, bench.felt(LOW)).m0 == touch.m0
+
+
+def test_a_plateau_is_the_mean_of_its_ticks_and_the_next_begins_from_nothing():
+    draw, so_far = random.Random(2), NOTHING
+    for made in range(3):
+        ticks = [
+            (draw.gauss(-1.0, 0.1), draw.uniform(0.97e-6, 1.03e-6)) for _ in range(PLATEAU_TICKS)
+        ]
+        for ln_mu, W in ticks:
+            assert so_far.made == made
+            so_far = gathered(so_far, ln_mu, W, -0.9, 0.1)
+        means = [sum(column) / PLATEAU_TICKS for column in zip(*ticks, strict=True)]
+        assert so_far.made == made + 1
+        assert so_far.last == pytest.approx((*means, -0.9), rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("dW", "dm0"), [(0.15e-6, 0.0), (-0.15e-6, 0.0), (0.0, 0.05), (0.0, -0.05)]
+)
+def test_a_plateau_begins_anew_where_amplitude_or_level_leave_it(dW, dm0):
+    so_far = NOTHING
+    for _ in range(PLATEAU_TICKS - 1):
+        so_far = gathered(so_far, -1.0, 1e-6, -0.9, 0.1)
+    kept = gathered(so_far, -1.0, 1e-6 + 0.3 * dW, -0.9, 0.1 + 0.3 * dm0)
+    assert (kept.made, kept.ticks) == (1, 0)
+    left = gathered(so_far, -1.0, 1e-6 + dW, -0.9, 0.1 + dm0)
+    assert (left.made, left.ticks) == (0, 1)
+    assert (left.sum_ln, left.sum_W, left.sum_m0) == (-1.0, 1e-6 + dW, 0.1 + dm0)
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_what_cuts_a_plateau_short_leaves_nothing_of_it(turned):
+    so_far = NOTHING
+    for _ in range(PLATEAU_TICKS + 7):
+        so_far = gathered(so_far, -1.3, 1e-6, -0.9, 0.1)
+    last, so_far = so_far.last, cut_short(so_far, turned)
+    assert (so_far.made, so_far.last) == (0 if turned else 1, last)
+    for _ in range(PLATEAU_TICKS):
+        so_far = gathered(so_far, -0.7, 1.01e-6, -0.5, 0.1)
+    assert so_far.made == (1 if turned else 2)
+    assert so_far.last == pytest.approx((-0.7, 1.01e-6, -0.5), rel=1e-9, abs=0.0)
+
+
+def test_a_step_and_a_turn_cut_a_plateau_short_and_are_counted_from():
+    bench = Bench().passes(1)
+    bench.run(60, LOW)
+    for event, counted in ((HIGH, "since_step"), (None, "since_turn")):
+        bench.run(SETTLED_TICKS + 5, bench.touch.felt.mu_ref)
+        assert bench.touch.gathered.ticks > 0
+        if event is None:
+            bench.turn()
+        bench.run(1, event or bench.touch.felt.mu_ref)
+        assert bench.touch.gathered.ticks == 0
+        for number in range(5):
+            assert getattr(bench.touch, counted) == number
+            bench.run(1, bench.touch.felt.mu_ref)
+
+
+def test_a_finger_that_pulls_by_nothing_has_not_turned():
+    bench = Bench()
+    bench.run(5, LOW)
+    still = follow_map(bench.touch, bench.felt(LOW)._replace(Fx=0.0))
+    assert still.since_turn == bench.touch.since_turn + 1
+
+
+def test_levels_differ_because_they_were_asked_to():
+    before = Plateau(-1.0, 1e-6, -0.9)
+    assert tells(before, Plateau(-0.7, 0.8e-6, -0.6))
+    assert not tells(before, Plateau(-0.7, 0.8e-6, -0.89))
+    assert not tells(before, Plateau(-0.7, 0.99e-6, -0.6))
+
+
+def test_two_levels_are_as_unsure_as_the_means_of_their_ticks():
+    felt = FrictionSample(0.4, 0.02, 0.2, 0.0, 1e-6, 0.4)
+    before, after = Plateau(-1.0, 1e-6, -0.9), Plateau(-0.7, 0.7e-6, -0.6)
+    of_means = 2.0 * (0.02 / 0.4) ** 2 / PLATEAU_TICKS
+    expected = learned(PRIOR, before, after, SPEED_VARIANCE + of_means)
+    found = _taught(ANYBODY, before, after, felt)
+    assert found.weights == pytest.approx(expected)
+    assert (found.nodes, found.pairs) == (shape(found.weights), 1)
+
+
+def test_a_finger_that_is_not_known_is_not_quiet_after_a_step():
+    def answer(pairs):
+        bench = Bench(known=Known(STEEP, shape(STEEP), 1))
+        bench.run(300, LOW)
+        bench.run(1, HIGH)
+        touch = bench.touch
+        known = touch.known._replace(pairs=pairs)
+        touch = touch._replace(m0=touch.m0 + 0.01, known=known)
+        return abs(follow_map(touch, bench.felt(HIGH)).m0 - touch.m0)
+
+    assert answer(0) > 2.0 * answer(1)
+
+
+def test_two_levels_of_a_pass_make_a_pair_at_once():
+    bench = Bench()
+    bench.run(100, LOW)
+    bench.turn()
+    bench.run(SETTLED_TICKS + PLATEAU_TICKS + 4, LOW)
+    assert (bench.touch.gathered.made, bench.touch.known.pairs) == (1, 0)
+    bench.run(SETTLED_TICKS + PLATEAU_TICKS + 4, HIGH)
+    assert (bench.touch.gathered.made, bench.touch.known.pairs) == (2, 1)
 
 
 def test_without_a_pair_it_reaches_the_reference_all_the_same():

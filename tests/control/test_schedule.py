@@ -4,7 +4,7 @@ import pytest
 from first_order_plate import FirstOrderPlate, gauges, setpoint
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.design import amplitude_pi, designed, resonance_pi, row_of
+from smarttac_can.control.design import designed, row_of
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
@@ -15,27 +15,6 @@ MODEL = PlateModel(gain=50e-9, tau=0.944e-3, f0=43390.0, load=1.0)
 def tuned(Fn, dead_time=0.0, model=MODEL):
     _, rows = designed(model, 0.2, 0.3, dead_time)
     return rows[row_of(Fn, len(rows))]
-
-
-@pytest.mark.parametrize("dead_time", [0.0, 540e-6])
-def test_without_a_finger_they_are_the_gains_of_the_bare_plate(dead_time):
-    for Fn in (0.0, -0.2):
-        amplitude = amplitude_pi(MODEL, 0.2, dead_time)
-        resonance = resonance_pi(MODEL, 0.3, dead_time)
-        bare, _ = designed(MODEL, 0.2, 0.3, dead_time)
-        assert bare == (amplitude.Kp, resonance.Kp, amplitude.a)
-        assert resonance.a == amplitude.a
-        assert tuned(Fn, dead_time) == pytest.approx(bare, rel=1e-12)
-
-
-def test_the_zero_goes_with_the_damping_and_the_gain_with_the_time_constant():
-    for Fn, tau in ((0.5, 0.944e-3 / 2.0), (1.0, 0.944e-3 / (1.0 + 2.0 ** (2 / 3)))):
-        gains = tuned(Fn)
-        a = math.exp(-1e-3 / tau)
-        assert gains.a == pytest.approx(a, rel=1e-9)
-        gain = 50e-9 * tau / 0.944e-3
-        assert pytest.approx(0.8 / (gain * (1 - a)), rel=1e-9) == gains.amplitude
-        assert pytest.approx(0.7 / (-2 * math.pi * tau * (1 - a)), rel=1e-9) == gains.resonance
 
 
 def test_neighbouring_forces_share_a_design_and_any_force_has_one():

@@ -4,14 +4,20 @@ import math
 import random
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from smarttac_can.control.friction_map import MEAN, value
-from smarttac_can.control.predictive_friction import FROZEN_TICKS, PATH, FrictionSample
+from smarttac_can.control.predictive_friction import FROZEN_TICKS, MU_MIN, PATH, FrictionSample
 from smarttac_can.control.texture_friction import (
     ANYBODY,
     BEHIND_TICKS,
     FLATTEST,
+    FORGOTTEN,
+    GATE,
+    LEVEL_DRIFT,
+    LOST_VARIANCE,
+    MODEL_VARIANCE,
     SLOPE,
     STEEPEST,
     Known,
@@ -94,6 +100,30 @@ def test_the_amplitude_is_held_until_the_finger_is_known_to_slide_and_then_moves
     assert touches[-1].bump == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_touch_begins_settled_and_without_an_error():
+    begun = begin_texture(Finger(1.0).feel(0.5), ANYBODY)
+    assert (begun.lasting, begun.bump, begun.risen, begun.lag_ticks) == (0.0, 0.0, 0.0, 0)
+    later = follow_texture(begun, begun.felt, W_MAX)
+    assert later.path == begun.path
+
+
+def test_a_finger_that_pulls_by_nothing_has_not_turned():
+    touches, _ = played(Finger(1.0), [0.5] * 10)
+    resting = touches[-1].felt._replace(Fx=0.0)
+    assert follow_texture(touches[-1], resting, W_MAX).since_turn == touches[-1].since_turn + 1
+
+
+@pytest.mark.parametrize(("mu_ref", "W"), [(1.5, 0.0), (0.01, W_MAX)])
+def test_what_no_amplitude_reaches_ends_at_the_limit(mu_ref, W):
+    touches, _ = played(Finger(1.0), [mu_ref] * 200)
+    assert touches[-1].W_map == W
+
+
+def test_a_finger_that_hardly_pulls_does_not_slide():
+    touches, _ = played(Finger(1.0, m0=math.log(0.5 * MU_MIN), noise=0.0), [0.5] * 100)
+    assert not any(touch.slides for touch in touches)
+
+
 def test_nothing_is_learned_where_the_finger_turns():
     finger = Finger(1.0)
     touches, _ = played(finger, grating(200))
@@ -104,6 +134,7 @@ def test_nothing_is_learned_where_the_finger_turns():
         last = follow_texture(last, felt._replace(mu=0.05), W_MAX)
         finger.vibrate(last.W_ref)
         assert last.known == touches[-1].known, tick
+        assert last.lasting == 0.0
     last = follow_texture(last, felt._replace(mu=0.05), W_MAX)
     assert last.known != touches[-1].known
 
@@ -129,6 +160,27 @@ def test_no_errors_make_the_map_turn_round(error):
     assert known.mm > 0.0
     assert known.ss > 0.0
     assert known.mm * known.ss >= known.ms * known.ms
+
+
+def test_a_tick_is_that_of_a_kalman_filter_whose_errors_are_bounded():
+    known, x, P = ANYBODY, np.array(ANYBODY[:2]), np.diag([ANYBODY.mm, ANYBODY.ss])
+    draw = random.Random(4)
+    for tick in range(300):
+        h, relative, lost = -draw.uniform(0.05, 0.8), draw.uniform(0.005, 0.05), tick % 50 == 0
+        error = draw.gauss(0.0, 0.1) + (3.0 if tick % 20 == 0 else 0.0)
+        known = learned(known, h, error, relative, lost)
+        # m0 wanders, and s is forgotten.
+        P[0, 0] += LEVEL_DRIFT
+        P[0, 0] = max(P[0, 0], LOST_VARIANCE) if lost else P[0, 0]
+        P[0, 1] = P[1, 0] = P[0, 1] * (1.0 - FORGOTTEN)
+        P[1, 1] += FORGOTTEN * (ANYBODY.ss - P[1, 1])
+        H = np.array([1.0, h])
+        spread = H @ P @ H + relative**2 + MODEL_VARIANCE
+        most = GATE * math.sqrt(spread)
+        x = x + P @ H / spread * min(max(error, -most), most)
+        x[1] = min(max(x[1], FLATTEST), STEEPEST)
+        P = P - np.outer(P @ H, H @ P) / spread
+        assert known == pytest.approx((*x, P[0, 0], P[0, 1], P[1, 1]), rel=1e-9)
 
 
 def test_what_is_not_excited_is_not_unlearned_beyond_any_finger():
@@ -164,16 +216,19 @@ def test_a_plate_that_does_not_follow_is_driven_by_the_error_and_teaches_nothing
     finger = Finger(1.0)
     touches, _ = played(finger, grating(500))
     last = touches[-1]
-    known = last.known
+    behind_before, known = 0, last.known
     for tick in range(BEHIND_TICKS + 20):
         # A pick-up that reads 0.4 of the vibration, whose friction is as asked for.
         felt = FrictionSample(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
         last = follow_texture(last, felt, W_MAX)
+        if 1 <= behind_before <= BEHIND_TICKS:
+            assert last.known == known
+            assert last.lasting == 0.0
         if 4 < tick < BEHIND_TICKS:
             assert last.W_map > 1e-6
             assert last.W_ref == pytest.approx(0.4e-6 + SLOPE * 2.0)
             assert last.known == known
-        known = last.known
+        behind_before, known = last.lag_ticks, last.known
     assert last.known != touches[-1].known
     last = follow_texture(last, felt._replace(W=last.W_map), W_MAX)
     assert (last.lag_ticks, last.W_ref) == (0, last.W_map)

@@ -3,6 +3,7 @@ import random
 import statistics
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from first_order_plate import GAUGE_X, gauges, setpoint
 from hypothesis import given, settings
@@ -79,6 +80,12 @@ def test_loads_that_cannot_be_told_apart(crosstalk):
         calibration(crosstalk)
 
 
+def test_loads_of_a_tenth_are_told_apart():
+    assert calibration(((0.1, 0.0), (0.0, 1.0))) == ((10.0, 0.0), (0.0, 1.0))
+    with pytest.raises(ValueError, match=r"^crosstalk determinant 0\.099 "):
+        calibration(((0.099, 0.0), (0.0, 1.0)))
+
+
 def test_uncertainty_is_the_spread_of_the_measured_cof():
     noise = random.Random(1)
     instrument = tribometer()
@@ -102,14 +109,21 @@ def test_cof_is_masked_below_the_contact_force_with_hysteresis():
     assert touching == [False, False, True, True, True, False, False, True]
 
 
+def test_a_finger_touches_from_the_contact_force_on():
+    assert tribometer(contact_force=0.5).update(gauges(Fn=0.5)).touching
+
+
 def test_position_is_held_until_the_next_touch():
     instrument = tribometer()
+    assert instrument.update(gauges(Fn=0.0)).position == 0.0
     for _ in range(100):
         instrument.update(gauges(Fn=0.5, x=4e-3))
     lifted = instrument.update(gauges(Fn=0.0))
     assert lifted.position == pytest.approx(4e-3)
     # The next touch has nothing to do with the last.
-    assert instrument.update(gauges(Fn=0.5, x=-4e-3)).position == pytest.approx(-4e-3)
+    touch = instrument.update(gauges(Fn=0.5, x=-4e-3))
+    assert touch.position == pytest.approx(-4e-3)
+    assert touch.speed == 0.0
 
 
 def test_negative_normal_force_is_no_contact():
@@ -126,11 +140,12 @@ def test_tare_needs_64_samples():
     assert nulls.mean() == pytest.approx(NULLS)
 
 
-def test_tare_is_the_mean_of_the_last_64_raw_samples():
+@pytest.mark.parametrize("seen", [64, 65, 100, 128, 129, 200])
+def test_tare_is_the_mean_of_the_last_64_raw_samples(seen):
     nulls = Nulls()
-    for i in range(200):
+    for i in range(seen):
         nulls.add((i / 256.0, *NULLS[1:]))
-    assert nulls.mean()[0] == pytest.approx(statistics.fmean(range(136, 200)) / 256.0)
+    assert nulls.mean()[0] == pytest.approx(statistics.fmean(range(seen - 64, seen)) / 256.0)
 
 
 def seen(cascade, raw):
@@ -157,6 +172,9 @@ def test_an_absurd_zero_is_refused():
     with pytest.raises(ValueError, match=r"^zero of S3 20.5 is outside -20\.\.20$"):
         cascade.zero = (0.0, 0.0, 20.5, 0.0, 0.0, 0.0)
     assert cascade.zero == (0.0,) * 6
+    for most in (20.0, -20.0):
+        cascade.zero = (most,) * 6
+        assert cascade.zero == (most,) * 6
 
 
 @pytest.mark.parametrize("speed", [-0.2, 0.05])
@@ -178,16 +196,15 @@ def test_filter_cuts_the_noise_of_the_position_to_a_quarter():
     assert statistics.pstdev(positions[500:]) == pytest.approx(0.25e-3, rel=0.05)
 
 
-def test_start_of_a_touch_is_the_least_squares_line():
-    noise = random.Random(3)
-    samples = [noise.gauss(0.0, 1e-3) for _ in range(12)]
-    line = first_of(samples[0])
-    for sample in samples[1:]:
-        line = followed(line, sample)
-    slope, intercept = statistics.linear_regression(range(12), samples)
-    _, position, speed, _ = line
-    assert position == pytest.approx(intercept + 11 * slope)
-    assert speed == pytest.approx(slope * 1e3)
+def test_a_sample_counts_as_in_a_least_squares_line_until_the_memory_fades():
+    """Its share in the line at its own place is the leverage of the last of n samples."""
+    faded = followed((True, 0.0, 0.0, 10_000), 1.0)[1]
+    for n in range(2, 80):
+        x = np.column_stack([np.ones(n), np.arange(n)])
+        leverage = x[-1] @ np.linalg.solve(x.T @ x, x[-1])
+        _, share, _, samples = followed((True, 0.0, 0.0, n - 1), 1.0)
+        assert share == pytest.approx(max(leverage, faded))
+        assert samples <= n
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -95,12 +95,6 @@ def test_voltage_limit_leaves_no_windup():
     assert loops.step(plate.W, 1e-6).voltage < 30.0
 
 
-def test_voltage_is_never_negative():
-    loops = Loops(Mode.AMPLITUDE)
-    assert loops.step(1e-6 + 0j, 0.0).voltage == 0.0
-    assert loops.limited == Limit.VOLTAGE
-
-
 @pytest.mark.parametrize("W", [0.06e-6 + 0.06e-6j, -1e-6 + 1e-6j, 1e-6j, 0j])
 def test_frequency_is_held_without_a_usable_phase(W):
     loops = Loops()

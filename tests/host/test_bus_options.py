@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from smarttac_can.bench.tapped_network import TappedNetwork
+from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.cli.shared import BusChoice
 from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.python_can import PythonCanBus

@@ -8,7 +8,7 @@ import pytest
 from driven import driven, write_entry
 from line import Line
 
-from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.bench.simulation import (
     PLATE_ID,
     STIMULATOR_ID,

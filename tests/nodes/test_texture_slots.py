@@ -5,7 +5,7 @@ import pytest
 from canopen.sdo.exceptions import SdoAbortedError
 from line import Line
 
-from smarttac_can.bench.local_network import LocalNetwork
+from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.bench.simulation import (
     STIMULATOR_ID,
     plate_od,

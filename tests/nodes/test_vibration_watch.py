@@ -12,7 +12,8 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.bounds import LEAST_LOAD, MOST_LOAD
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.plant.parameters import ResonatorParameters
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.population.fingers import Case, draw_finger
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.vocabulary.objects import ZERO
 from smarttac_can.vocabulary.states import State, Status
@@ -151,7 +152,10 @@ def test_the_bound_by_the_drive_holds_and_leaves_the_paper_its_room(
 
 def test_the_loads_of_the_watch_contain_those_of_the_simulation() -> None:
     damping = ResonatorParameters().damping
-    loads = [s.load_damping / damping for s in (*SUBJECTS, *random_subjects(2000, 1))]
+    loads = [
+        s.load_damping / damping
+        for s in (*SUBJECTS, *(draw_finger(1, n, Case()).subject for n in range(2000)))
+    ]
     assert min(loads) > 1.1 * LEAST_LOAD
     assert max(loads) < MOST_LOAD / 1.1
 

@@ -11,13 +11,9 @@ from smarttac_can.cli import main
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.provenance import fitted
 from smarttac_can.paper.reproduce import reproduce
-from smarttac_can.plant.fitted import FITTED
-from smarttac_can.plant.friction import check_reach, sliding_coefficient
-from smarttac_can.plant.subjects import SUBJECTS
 
 SEEDS = range(1, 11)
 PAPER = [(3.37, 27.6), (3.41, 44.4), (2.87, 48.0), (5.72, 30.0)]
-REFERENCES = [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)]
 
 
 @cache
@@ -40,27 +36,6 @@ def test_rise_and_overshoot_are_those_of_the_paper(number):
     rise, overshoot = PAPER[number]
     assert fmean(row["rise_time_ms"] for row in rows) == pytest.approx(rise, abs=0.5)
     assert fmean(row["overshoot_percent"] for row in rows) == pytest.approx(overshoot, abs=5.0)
-
-
-@pytest.mark.parametrize(("number", "finger"), list(enumerate(FITTED)))
-def test_a_fitted_finger_has_the_friction_of_its_subject(number, finger):
-    subject, force, speed = finger
-    bare = sliding_coefficient(subject, 0.0, speed, force, 0.0, f0=43390.0)
-    assert 0.3 + 0.1 * number <= bare <= 0.4 + 0.1 * number
-    around = 0.8, 1.2
-    check_reach(
-        subject,
-        *REFERENCES[number],
-        forces=tuple(share * force for share in around),
-        speeds=tuple(share * speed for share in around),
-    )
-
-
-def test_only_what_was_searched_for_differs_from_the_presets():
-    searched = {"name", "mu0", "W0", "load_damping"}
-    for preset, finger in zip(SUBJECTS, FITTED, strict=False):
-        for name in set(preset.__dataclass_fields__) - searched:
-            assert getattr(finger.subject, name) == getattr(preset, name)
 
 
 def test_the_results_tell_fitted_from_emergent(tmp_path, monkeypatch):

@@ -74,10 +74,10 @@ def test_dead_gauge_reads_zero() -> None:
     assert {m.gauges[1] for m in broken} == {0.0}
 
 
-def test_gain_scales_the_reading() -> None:
-    sound, broken = both(Fault(FaultKind.GAIN, 5, 500))
+def test_gain_scales_the_reading_to_the_nearest_step_of_the_converter() -> None:
+    sound, broken = both(Fault(FaultKind.GAIN, 5, 777))
     for one, other in zip(sound, broken, strict=True):
-        assert other.gauges[4] == pytest.approx(0.5 * one.gauges[4], abs=1e-4)
+        assert other.gauges[4] == pytest.approx(0.777 * one.gauges[4], abs=0.501e-4)
 
 
 def test_noise_is_as_large_as_asked_for_and_the_same_twice() -> None:
@@ -122,6 +122,13 @@ def test_thermometer_reads_more() -> None:
         assert other.temperature == pytest.approx(one.temperature + 45.0)
 
 
+@pytest.mark.parametrize(("sensor", "axis"), [(PICKUP_D, 1.0), (PICKUP_Q, 1j)])
+def test_pickup_is_off_by_as_many_nm(sensor: int, axis: complex) -> None:
+    sound, broken = both(Fault(FaultKind.OFFSET, sensor, 300))
+    for one, other in zip(sound, broken, strict=True):
+        assert abs(other.W - one.W - 300e-9 * axis) < 1e-15
+
+
 def test_crack_shifts_the_resonance_and_so_does_heat() -> None:
     it = plate()
     before = it.resonance
@@ -130,6 +137,15 @@ def test_crack_shifts_the_resonance_and_so_does_heat() -> None:
     it.inject(Fault(FaultKind.TEMPERATURE, 1, 8000))
     assert it.temperature == 80.0
     assert it.resonance == pytest.approx(before - 60 * 14.0)
+
+
+def test_what_does_not_heat_leaves_the_temperature_that_the_plate_has() -> None:
+    it = plate(finger=False)
+    run(it, 50)
+    warm = it.temperature
+    assert warm != plate().temperature
+    it.inject(Fault(FaultKind.SLAM, 1, 100))
+    assert it.temperature == warm
 
 
 def test_half_the_quality_halves_the_vibration() -> None:
@@ -200,6 +216,17 @@ def test_a_pickup_loses_gain_before_its_converter(sensor: int, d: float, q: floa
     assert reading.W.real == pytest.approx(min(d * it.W.real, 3.2767e-6), abs=5e-9)
     assert reading.W.imag == pytest.approx(max(q * it.W.imag, -3.2767e-6), abs=5e-9)
     assert bool(reading.saturated) == (sensor == PICKUP_Q)
+
+
+@pytest.mark.parametrize("gain", [500, 1000, 2000])
+@pytest.mark.parametrize(("sensor", "axes"), [(PICKUP, "dq"), (PICKUP_D, "d"), (PICKUP_Q, "q")])
+def test_any_gain_is_that_of_its_axes_alone(sensor: int, axes: str, gain: int) -> None:
+    it = plate(finger=False)
+    it.inject(Fault(FaultKind.GAIN, sensor, gain))
+    it.step(Drive(20.0, 43450.0), Drive(20.0, 43450.0))
+    shown, true = it.sample().W, it.W
+    for axis, one, other in (("d", shown.real, true.real), ("q", shown.imag, true.imag)):
+        assert one == pytest.approx((gain * 1e-3 if axis in axes else 1.0) * other, abs=5e-9)
 
 
 def test_only_the_gain_is_lost_on_both_axes_at_once() -> None:

@@ -1,5 +1,6 @@
 import math
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -60,26 +61,60 @@ def test_stroke_is_a_function_of_time_in_any_order(times, seed):
     assert answers == [asked.at(t) for t in times]
 
 
+def test_one_pass_follows_another_and_force_and_speed_fill_their_ranges():
+    stroke = Stroke(0.5, 0.06, 0.03, force_variation=0.2, speed_variation=0.3, rest=0.7, press=0.1)
+    passes = stroke.passes(300)
+    assert len(passes) == 300
+    assert passes[0].start == pytest.approx(0.8)
+    for before, after in pairwise(passes):
+        assert after.start == pytest.approx(before.start + before.duration, rel=1e-12)
+    for values, mean, variation in (
+        ([now.Fn for now in passes], 0.5, 0.2),
+        ([now.speed for now in passes], 0.06, 0.3),
+    ):
+        low, high = min(values) / mean - 1.0, max(values) / mean - 1.0
+        assert -variation <= low < -0.95 * variation
+        assert 0.95 * variation < high <= variation
+    # From one end of the way to the other.
+    for number, now in enumerate(passes[:5]):
+        side = 1.0 if number % 2 else -1.0
+        assert stroke.at(now.start).x == pytest.approx(side * 0.015)
+        assert stroke.at(now.start + 0.5 * now.duration).x == pytest.approx(0.0, abs=1e-12)
+
+
 def test_seeds_give_other_passes():
     assert Stroke(seed=1).at(5.0) != Stroke(seed=2).at(5.0)
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("force", 0.0),
-        ("speed", math.nan),
-        ("travel", 0.06),
-        ("force_variation", 1.0),
-        ("speed_variation", -0.1),
-        ("seed", -1),
-        ("rest", -1.0),
-        ("press", 0.0),
-    ],
+    "name", ["force", "speed", "travel", "force_variation", "speed_variation", "rest", "press"]
 )
-def test_stroke_refuses(name, value):
-    with pytest.raises(ValueError, match=f"^{name} {re.escape(str(value))} is outside"):
-        Stroke(**{name: value})
+def test_a_stroke_slides_at_either_bound_of_a_number_and_one_beyond_it_is_refused(name):
+    with pytest.raises(ValueError, match=rf"^{name} nan is outside ") as refusal:
+        Stroke(**{name: math.nan})
+    low, high = map(float, str(refusal.value).rsplit(" ", 1)[1].split(".."))
+    for bound, beyond in ((low, low * 0.999 or -1e-9), (high, high * 1.001)):
+        finger = Stroke(**{name: bound})
+        begins = finger.passes(1)[0].start
+        for elapsed in (0.0, 0.1, 1.0, 10.0):
+            x, Fn = finger.at(begins + elapsed)
+            assert abs(x) <= 0.5 * finger.path.travel + 1e-12
+            assert 0.0 < Fn < 10.0
+        with pytest.raises(ValueError, match=f"^{name} .* is outside"):
+            Stroke(**{name: beyond})
+
+
+def test_a_trajectory_reaches_to_the_ends_of_the_plate_and_as_far_as_a_force_is_a_fingers():
+    finger = Trajectory([(0.0, -38e-3, 0.0), (1e9, 38e-3, 10.0)])
+    assert finger.at(1e9) == (38e-3, 10.0)
+    for sample in (
+        (1.001e9, 0.0, 0.5),
+        (1.0, 38.1e-3, 0.5),
+        (1.0, -38.1e-3, 0.5),
+        (1.0, 0.0, 10.1),
+    ):
+        with pytest.raises(ValueError, match=r"^sample 1 .* is outside"):
+            Trajectory([(0.0, 0.0, 0.5), sample])
 
 
 def test_trajectory_is_linear_between_samples_and_lifted_outside():
@@ -97,6 +132,7 @@ def test_trajectory_is_linear_between_samples_and_lifted_outside():
     [
         ([(0.0, 0.0, 0.5)], "1 samples of a trajectory are fewer than 2"),
         ([(0.0, 0.0, 0.5), (0.0, 0.0, 0.5)], "sample 1 time 0.0 is not after"),
+        ([(t, 0.0, 0.5) for t in (0.0, 1.0, 0.5, 2.0, 1.5)], "sample 2 time 0.5 is not after"),
         ([(0.0, 0.0, 0.5), (1.0, 0.05, 0.5)], "sample 1 x 0.05 is outside"),
         ([(0.0, 0.0, -0.5), (1.0, 0.0, 0.5)], "sample 0 Fn -0.5 is outside"),
         ([(math.nan, 0.0, 0.5), (1.0, 0.0, 0.5)], "sample 0 time nan is outside"),

@@ -1,10 +1,13 @@
 import dataclasses
+import inspect
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from smarttac_can.control.parameters import CascadeParameters
+from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.friction import (
     bare_friction,
     check_reach,
@@ -12,11 +15,15 @@ from smarttac_can.plant.friction import (
     sliding_coefficient,
     sliding_friction,
 )
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects
+from smarttac_can.plant.parameters import ResonatorParameters
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.population.fingers import Case, draw_finger
 
 F0 = 43390.0
 TABLE_I = list(zip(SUBJECTS, [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)], strict=False))
-subjects = st.sampled_from([*SUBJECTS, *random_subjects(20, 3)])
+subjects = st.sampled_from(
+    [*SUBJECTS, *(draw_finger(3, number, Case()).subject for number in range(20))]
+)
 
 
 def coefficient(subject, W, v=0.06, Fn=0.5, occlusion=0.0):
@@ -96,6 +103,43 @@ def test_out_of_reach_is_refused():
     check_reach(dataclasses.replace(subject, mu0=0.45), 0.3, 0.4)
     with pytest.raises(ValueError, match="not above"):
         check_reach(dataclasses.replace(subject, mu0=0.42), 0.3, 0.4)
+
+
+@given(
+    subject=subjects,
+    forces=st.tuples(st.floats(0.1, 0.5), st.floats(0.5, 2.0)),
+    speeds=st.tuples(st.floats(0.005, 0.05), st.floats(0.05, 0.3)),
+    W_max=st.floats(0.5e-6, 3e-6),
+)
+@settings(max_examples=30)
+def test_the_reach_is_that_of_the_worst_place_with_5_percent_to_spare(
+    subject, forces, speeds, W_max
+):
+    places = [
+        (v, Fn, occlusion)
+        for v in np.linspace(*speeds, 33)
+        for Fn in forces
+        for occlusion in (0.0, 1.0)
+    ]
+    least = max(coefficient(subject, W_max, *place) for place in places)
+    most = min(coefficient(subject, 0.0, *place) for place in places)
+    ranges = {"forces": forces, "speeds": speeds, "W_max": W_max, "f0": F0}
+    check_reach(subject, 1.001 * least / 0.95, 0.999 * most / 1.05, **ranges)
+    with pytest.raises(ValueError, match="is not below"):
+        check_reach(subject, 0.98 * least / 0.95, 0.999 * most / 1.05, **ranges)
+    with pytest.raises(ValueError, match="is not above"):
+        check_reach(subject, 1.001 * least / 0.95, 1.001 * most / 1.05, **ranges)
+
+
+def test_unless_told_the_reach_is_asked_for_where_a_stroke_goes_and_the_controllers_do():
+    asked = {n: p.default for n, p in inspect.signature(check_reach).parameters.items()}
+    stroke = {n: p.default for n, p in inspect.signature(Stroke).parameters.items()}
+    for name in ("force", "speed"):
+        variation = stroke[f"{name}_variation"]
+        around = [stroke[name] * (1.0 + side * variation) for side in (-1.0, 1.0)]
+        assert asked[f"{name}s"] == pytest.approx(around)
+    assert asked["W_max"] == CascadeParameters().W_max
+    assert asked["f0"] == ResonatorParameters().f0
 
 
 def test_five_subjects_differ_as_in_fig_2():

@@ -1,8 +1,9 @@
 """The predictive friction law against the plate, through the dead time of a bus.
 
-Fingers of `random_subjects` that nothing was tuned on; COF is the true one under the finger.
+Fingers of a population that nothing was tuned on; COF is the true one under the finger.
 """
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,13 +15,16 @@ from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.friction import sliding_coefficient
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.subjects import random_subjects
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.population.fingers import UNIFORM
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Setpoint
 
 BUS = 540e-6
 SPEED, FORCE, TRAVEL = 0.06, 0.5, 0.024
 STEP = 0.1
+# All but the skin.
+DRAWN = ("mu0", "rho", "W0", "p", "load_damping", "exponent")
 PASSES = 12
 LAWS = {
     "paper": (Law.MEASURED, VibrationLaw.PI),
@@ -32,7 +36,10 @@ LAWS = {
 def fingers():
     """Return six fingers with the lower of two references that are in their reach."""
     found = []
-    for subject in random_subjects(20, seed=404):
+    for draws in np.random.default_rng([404, 0x5B]).random((20, len(DRAWN))).tolist():
+        ranges = zip(DRAWN, (UNIFORM[name] for name in DRAWN), draws, strict=True)
+        values = {name: low + (high - low) * draw for name, (low, high), draw in ranges}
+        subject = replace(SUBJECTS[1], **values)
         high, low = (
             sliding_coefficient(subject, W, SPEED, FORCE, 0.0, f0=43390.0) for W in (0.4e-6, 2.5e-6)
         )

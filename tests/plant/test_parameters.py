@@ -3,14 +3,18 @@ import math
 
 import pytest
 
+from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.parameters import (
+    ContactParameters,
     PlateParameters,
     ResonatorParameters,
     SensorParameters,
     ThermalParameters,
-    require,
 )
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects
+from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.sensors import Noise
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.vocabulary.signals import Drive
 
 
 def test_time_constant_and_quality_follow_from_the_30_percent():
@@ -26,37 +30,75 @@ def test_resonance_falls_with_temperature_as_in_the_paper():
     assert plate.resonance(30.0) == 43250.0
 
 
+def test_refuses_gauges_whose_loads_cannot_be_told_apart():
+    with pytest.raises(ValueError, match=r"^crosstalk determinant"):
+        SensorParameters(crosstalk=((1.0, 1.0), (1.0, 1.0)))
+
+
+def numbers_of(made):
+    """The fields that a caller sets and that are a single number with a unit."""
+    return [
+        item.name
+        for item in dataclasses.fields(made)
+        if item.init and isinstance(getattr(made, item.name), float)
+    ]
+
+
+GROUPS = {
+    "resonator": ResonatorParameters(),
+    "thermal": ThermalParameters(),
+    "sensors": SensorParameters(),
+    "contact": ContactParameters(),
+    "subject": SUBJECTS[1],
+}
+NUMBERS = [(group, name) for group, made in GROUPS.items() for name in numbers_of(made)]
+
+
+def bounds_of(made, name):
+    """The bounds of a number, as its refusal states them."""
+    with pytest.raises(ValueError, match=rf"^{name} nan is outside ") as refusal:
+        dataclasses.replace(made, **{name: math.nan})
+    return [float(bound) for bound in str(refusal.value).rsplit(" ", 1)[1].split("..")]
+
+
+@pytest.mark.parametrize(("group", "name"), NUMBERS)
+def test_a_plate_at_either_bound_of_a_number_moves_and_one_beyond_it_is_refused(group, name):
+    made = GROUPS[group]
+    low, high = bounds_of(made, name)
+    assert low <= getattr(made, name) <= high
+    for bound, outward in ((low, -1.0), (high, 1.0)):
+        # As it is stated a bound is rounded to six digits.
+        margin = 1e-5 * abs(bound)
+        moves(**{group: dataclasses.replace(made, **{name: bound - outward * margin})})
+        with pytest.raises(ValueError, match=rf"^{name} .* is outside"):
+            dataclasses.replace(made, **{name: bound + outward * (margin or 1e-9)})
+
+
+def moves(subject=SUBJECTS[1], **groups):
+    plate = Plate(PlateParameters(**groups), subject, Stroke(rest=0.0, press=0.002))
+    for _ in range(20):
+        plate.step(Drive(40.0, 43390.0), Drive(40.0, 43390.0))
+        W, gauges, temperature, _ = plate.sample()
+        assert all(map(math.isfinite, (W.real, W.imag, *gauges, temperature, plate.mu_true)))
+
+
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make",
     [
-        (lambda: ResonatorParameters(tau=0.0), r"^tau 0.0 is outside 1e-05..1$"),
-        (lambda: ResonatorParameters(mass=math.nan), r"^mass nan is outside 0.0001..1$"),
-        (lambda: ThermalParameters(time_constant=0.0), r"^time_constant 0.0 is outside"),
-        (lambda: SensorParameters(crosstalk=((1.0, 1.0), (1.0, 1.0))), "^crosstalk determinant"),
-        (lambda: SensorParameters(gauge_noise=-1e-3), r"^gauge_noise -0.001 is outside 0..1$"),
-        (lambda: SensorParameters(path_damping=1.0), r"^path_damping 1.0 is outside"),
-        (lambda: dataclasses.replace(SUBJECTS[0], exponent=0.5), r"^exponent 0.5 is outside"),
-        (lambda: dataclasses.replace(SUBJECTS[0], rho=math.inf), r"^rho inf is outside 0..0.95$"),
-        (lambda: random_subjects(0, 1), r"^count 0 is outside"),
+        lambda seed: Noise(SensorParameters(), seed),
+        lambda seed: Stroke(seed=seed),
     ],
+    ids=["noise", "stroke"],
 )
-def test_refuses_what_is_out_of_range(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
-
-
-def test_bounds_are_allowed():
-    require("x", 0.0, 0.0, 1.0)
-    require("x", 1.0, 0.0, 1.0)
+def test_a_seed_has_63_bits(make):
+    for seed in (0, 2**63 - 1):
+        make(seed)
+    for seed in (-1, 2**64):
+        with pytest.raises(ValueError, match=rf"^seed {seed} is outside"):
+            make(seed)
 
 
 def test_parameters_are_values():
     assert PlateParameters() == PlateParameters()
     with pytest.raises(dataclasses.FrozenInstanceError):
         PlateParameters().resonator.tau = 1.0
-
-
-def test_random_subjects_depend_on_the_seed_alone():
-    assert random_subjects(5, 1) == random_subjects(5, 1)
-    assert random_subjects(5, 1) == random_subjects(9, 1)[:5]
-    assert random_subjects(5, 1) != random_subjects(5, 2)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from smarttac_can.plant import motion
 from smarttac_can.plant.finger import Lifted, Stroke, Trajectory
+from smarttac_can.plant.friction import sliding_coefficient
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
@@ -40,7 +41,25 @@ def alternating(ticks):
 def test_starts_at_rest_at_ambient():
     plate = make(ambient=27.0)
     assert (plate.tick, plate.W, plate.temperature, plate.Ft) == (0, 0j, 27.0, 0.0)
+    assert plate.mu_true == 0.0
+    moving = Trajectory([(0.0, -0.01, 0.3), (2.0, 0.01, 0.5)])
+    assert make(moving).finger_state == moving.at(0.0)
     assert plate.resonance == pytest.approx(43390.0 - 14 * 7)
+
+
+def test_at_rest_nothing_moves_and_without_a_finger_nothing_gets_wet():
+    plate = make()
+    assert not any(plate._state.motion)
+    run(plate, [OFF] * 5)
+    assert not any(plate._state.motion._replace(omega=0.0))
+    assert plate.occlusion == 0.0
+
+
+def test_a_steady_slide_has_the_friction_of_the_map():
+    plate = make(Trajectory([(0.0, -0.03, 0.5), (1.0, 0.03, 0.5)]))
+    run(plate, [ON] * 300)
+    mu = sliding_coefficient(SUBJECTS[1], abs(plate.W), 0.06, 0.5, plate.occlusion, f0=43390.0)
+    assert plate.mu_true == pytest.approx(mu, rel=1e-3)
 
 
 def test_same_seed_same_bits_other_seed_other_noise():
@@ -146,7 +165,27 @@ def test_refuses_a_drive_and_stays_as_it_was(drive):
     assert plate.sample() == before
 
 
-@pytest.mark.parametrize(("name", "value"), [("ambient", 90.0), ("dead_time", 2e-3), ("seed", -1)])
+@pytest.mark.parametrize(("voltage", "frequency"), [(0.0, 0.0), (1000.0, 1e6)])
+def test_takes_any_drive_up_to_its_limits_and_none_beyond(voltage, frequency):
+    plate = make()
+    drive = Drive(voltage, frequency)
+    plate.step(drive, drive)
+    side = 1.0 if voltage else -1.0
+    for wrong in (Drive(voltage + side, frequency), Drive(voltage, frequency + side)):
+        for drives in ((wrong, OFF), (OFF, wrong), (wrong, wrong)):
+            with pytest.raises(ValueError, match="is outside"):
+                plate.step(*drives)
+    assert plate.tick == 1
+
+
+@pytest.mark.parametrize("ambient", [-20.0, 60.0])
+def test_any_ambient_of_a_room_is_the_temperature_at_first(ambient):
+    assert make(ambient=ambient).temperature == ambient
+    with pytest.raises(ValueError, match=r"^ambient .* is outside"):
+        make(ambient=ambient * 1.01)
+
+
+@pytest.mark.parametrize(("name", "value"), [("dead_time", 2e-3), ("seed", -1)])
 def test_refuses_arguments(name, value):
     with pytest.raises(ValueError, match=rf"^{name} {value} is outside"):
         make(**{name: value})

@@ -2,10 +2,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from smarttac_can.plant.parameters import SensorParameters
 from smarttac_can.plant.sensors import (
-    PICKUP_SATURATED,
     Noise,
     Weight,
     loaded,
@@ -52,14 +53,6 @@ def test_normal_gauges_give_force_and_centre_of_pressure(x):
     assert REAL.node_x * 2 * (right - left) / total == pytest.approx(x, abs=2e-5)
 
 
-def test_converters_quantise():
-    report = read(W=1.23456e-6 - 0.98764e-6j, temperature=23.456, Fx=0.12346)
-    assert abs(report.W - (1.2346e-6 - 0.9876e-6j)) < 1e-16
-    assert report.temperature == pytest.approx(23.46)
-    assert report.gauges[0] == pytest.approx(0.1235, abs=1e-12)
-    assert report.saturated == 0
-
-
 @pytest.mark.parametrize(
     ("state", "mask", "value"),
     [
@@ -68,8 +61,8 @@ def test_converters_quantise():
         ({"Fx": 120.0}, 1 << 0 | 1 << 1, ("gauges", 1, -3.2767)),
         ({"Fn": 8.0, "x": 28e-3}, (1 << 3) | (1 << 5), ("gauges", 3, 3.2767)),
         ({"Fn": 8.0, "x": -28e-3}, (1 << 2) | (1 << 4), ("gauges", 2, 3.2767)),
-        ({"W": 3.3e-6 + 0j}, PICKUP_SATURATED, ("W", None, 3.2767e-6 + 0j)),
-        ({"W": 1e-6 - 4e-6j}, PICKUP_SATURATED, ("W", None, 1e-6 - 3.2767e-6j)),
+        ({"W": 3.3e-6 + 0j}, 1 << 6, ("W", None, 3.2767e-6 + 0j)),
+        ({"W": 1e-6 - 4e-6j}, 1 << 6, ("W", None, 1e-6 - 3.2767e-6j)),
         ({"Fx": 3.2766, "W": 3.2766e-6 + 0j}, 0, ("gauges", 0, 3.2766)),
     ],
 )
@@ -79,6 +72,69 @@ def test_saturation_is_reported(state, mask, value):
     name, index, expected = value
     shown = getattr(report, name)
     assert (shown if index is None else shown[index]) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "sensor", "sides"),
+    [
+        ("Fx", IDEAL.gauge_resolution, 1 << 0, (1.0, -1.0)),
+        ("W", IDEAL.pickup_resolution, 1 << 6, (1.0, -1.0, 1j, -1j)),
+    ],
+)
+def test_a_converter_is_saturated_from_its_last_step_on(name, step, sensor, sides):
+    for side in sides:
+        for count, saturated in ((-1, 0), (0, sensor), (1, sensor)):
+            state = {name: side * step * (IDEAL.full_scale + count)}
+            assert read(**state).saturated == saturated
+
+
+@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_each_gauge_has_a_bit_of_its_own(number, side):
+    sensors = Sensors(IDEAL, 1)
+    gauges = list(sensors.sensing.gauges)
+    gauges[number] = gauges[number]._replace(null=side * 4.0)
+    sensors.sensing = sensors.sensing._replace(gauges=tuple(gauges))
+    assert sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).saturated == 1 << number
+
+
+@given(
+    W=st.builds(complex, st.floats(-3e-6, 3e-6), st.floats(-3e-6, 3e-6)),
+    temperature=st.floats(-20.0, 80.0),
+    Fx=st.floats(-3.0, 3.0),
+    Fn=st.floats(0.0, 6.0),
+)
+@settings(max_examples=50)
+def test_every_converter_shows_its_nearest_step(W, temperature, Fx, Fn):
+    report = read(W=W, temperature=temperature, Fx=Fx, Fn=Fn)
+    half = 0.5 * (1.0 + 1e-6)
+    (xx, _), (yx, _) = IDEAL.crosstalk
+    assert abs(report.W.real - W.real) <= half * IDEAL.pickup_resolution
+    assert abs(report.W.imag - W.imag) <= half * IDEAL.pickup_resolution
+    assert abs(report.temperature - temperature) <= half * IDEAL.temperature_resolution
+    for shown, true in zip(report.gauges, (xx * Fx, yx * Fx, *[0.25 * Fn] * 4), strict=True):
+        assert abs(shown - true) <= half * IDEAL.gauge_resolution
+
+
+def test_the_hardware_fills_the_bounds_of_its_data_sheet_on_both_sides():
+    """The bow is over a span: so far is the middle of the arc from the chord."""
+    gauges = [
+        gauge
+        for serial in range(100)
+        for gauge in sensing(dataclasses.replace(REAL, serial=serial)).gauges
+    ]
+    middle = (0.5 * REAL.span) ** 2
+    for values, bound in (
+        ([gauge.null for gauge in gauges], REAL.null),
+        ([gauge.drift for gauge in gauges], REAL.drift),
+        ([gauge.bow * middle for gauge in gauges], REAL.linearity),
+    ):
+        assert -bound <= min(values) < -0.95 * bound
+        assert 0.95 * bound < max(values) <= bound
+
+
+def test_a_gauge_without_a_span_has_no_bow():
+    assert {gauge.bow for gauge in sensing(dataclasses.replace(REAL, span=0.0)).gauges} == {0.0}
 
 
 def test_null_belongs_to_the_hardware_and_noise_to_the_run():
@@ -107,6 +163,7 @@ def test_noise_is_that_of_the_blocks_of_256_ticks():
     read = [sensors.measure(k, 0j, 0.0, (0.0, 0.0, 0.0)).temperature for k in range(700)]
     drawn = np.concatenate([noise_block(noisy, 5, block) for block in range(3)])[:700, 8]
     assert read == pytest.approx(drawn, abs=1e-9)
+    assert read[256:512] == pytest.approx(noise_block(noisy, 5, 1)[:256, 8], abs=1e-9)
 
 
 def test_each_channel_has_noise_of_its_own():
@@ -158,11 +215,6 @@ def test_bow_leaves_the_slope_at_no_load():
     assert read(bent, Fx=3.0).gauges[0] == pytest.approx(3.0, abs=0.22)
 
 
-def test_refuses_a_negative_seed():
-    with pytest.raises(ValueError, match=r"^seed -1 is outside"):
-        Noise(REAL, -1)
-
-
 def test_a_weight_is_on_each_gauge_by_cross_talk_lever_and_bow() -> None:
     still = dataclasses.replace(REAL, gauge_noise=0.0)
     sensors = Sensors(still, 1)
@@ -173,5 +225,6 @@ def test_a_weight_is_on_each_gauge_by_cross_talk_lever_and_bow() -> None:
     bows = [gauge.bow for gauge in sensing(still).gauges]
     expected = [load + bow * load * load for load, bow in zip(loads, bows, strict=True)]
     assert np.subtract(under, bare) == pytest.approx(expected, abs=1.01e-4)
+    assert loaded(still, Weight(Fn=2.0)) == loaded(still, Weight(Fn=2.0, x=0.0))
     sensors.sensing = loaded(still, Weight())
     assert sensors.measure(0, 0j, 20.0, (0.0, 0.0, 0.0)).gauges == bare

@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 from smarttac_can.plant.friction import friction_map, sliding_friction
 from smarttac_can.plant.skin import skin_of, skin_step, slide
-from smarttac_can.plant.subjects import SUBJECTS, random_subjects
+from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.population.fingers import Case, draw_finger
 
 F0 = 43390.0
 BARE = 0.2
@@ -94,7 +95,9 @@ def test_agrees_with_the_differential_equations():
 
 
 @given(
-    subject=st.sampled_from([*SUBJECTS, *random_subjects(10, 5)]),
+    subject=st.sampled_from(
+        [*SUBJECTS, *(draw_finger(5, number, Case()).subject for number in range(10))]
+    ),
     steps=st.lists(
         st.tuples(
             st.floats(1e-6, 1.0), st.floats(0.0, 1e-5), st.floats(-2.0, 2.0), st.floats(0.0, 5.0)

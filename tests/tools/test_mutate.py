@@ -82,13 +82,17 @@ def test_it_lists_what_no_test_notices(tree: Path) -> None:
     assert (tree / "made_up/small/limits.py").read_text() == SOURCE
 
 
-def test_it_writes_survivors_with_their_reasons(tree: Path) -> None:
+@pytest.mark.parametrize("each", [True, False], ids=["of a change", "of a line"])
+def test_it_writes_survivors_with_their_reasons(tree: Path, each: bool) -> None:
     page = tree / "docs/reference/mutants.md"
     page.write_text("# Old\n\n## other/package\n\nStays.\n")
-    reason = 'module = "made_up/small/limits.py"\nline = "return 1.5"\nwhy = "nobody asks"\n'
+    line = 'line = "return 1.5"' if each else 'lines = ["return 1.5"]'
+    reason = f'module = "made_up/small/limits.py"\n{line}\nwhy = "nobody asks"\n'
     (tree / "tools").mkdir()
+    by_change = (f'change = "1.5 -> {to}"\n' for to in ("0.75", "3.0"))
+    entries = by_change if each else ("",)
     (tree / "tools/mutants.toml").write_text(
-        "".join(f'[[equivalent]]\n{reason}change = "1.5 -> {to}"\n' for to in ("0.75", "3.0"))
+        "".join(f"[[equivalent]]\n{reason}{change}" for change in entries)
     )
     run = mutate(tree, "--write")
     assert "4 survive, 2 unexplained" in run.stdout

@@ -13,10 +13,8 @@ from smarttac_can.master.requests import nmt
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import NMTCommand
-from smarttac_can.watch.layout import LEAST_COLUMNS, LEAST_LINES, lines
-from smarttac_can.watch.published_values import PublishedValues
-from smarttac_can.watch.view import View
-from smarttac_can.watch.watcher import Watcher
+from smarttac_can.watch.screen import LEAST_COLUMNS, LEAST_LINES, lines
+from smarttac_can.watch.watcher import PublishedValues, View, Watcher
 
 OD = stimulator_od()
 SDO_REQUESTS = 0x620

@@ -1,27 +1,36 @@
-"""All frames of a bus in one of python-can's log formats, beside a recording."""
+"""python-canopen's network whose frames others hear: on a bus, in this process, or into a log."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from heapq import heappop, heappush
 from itertools import count
 from math import inf
 from pathlib import Path
-from time import time
-from typing import Final
+from time import monotonic, time
+from typing import Any, ClassVar, Final, Self
 
 import can
+import canopen
 
-from smarttac_can.bench.local_network import LocalNetwork
-from smarttac_can.bench.tapped_network import ALL, TappedNetwork
+from smarttac_can.bench.link import Hear
+from smarttac_can.device.frame import Frame
 from smarttac_can.host.background import Background
+from smarttac_can.host.bus_options import configured, kept_here
+from smarttac_can.host.drivers import opening
 from smarttac_can.host.files import reason
 from smarttac_can.host.kernel_filter import hold_more
-from smarttac_can.host.python_can import hears_others_of_process, received
+from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.host.python_can import hears_others_of_process, is_stray, received
 from smarttac_can.master.errors import BenchError
+from smarttac_can.od.cia import CAN_ID_MASK
 
+Tap = tuple[Container[int], Hear]
+"""Identifiers, and what is called with the frames that have one of them."""
+ALL: Final = range(CAN_ID_MASK + 1)
+"""All identifiers."""
 _LOOK_S: Final = 0.02
 _SETTLED_S: Final = 1.0
 _OUT_OF_ORDER: Final = (
@@ -29,6 +38,142 @@ _OUT_OF_ORDER: Final = (
     "over, which need not be its place on the bus; receive_own_messages=1 helps where an "
     "interface has it"
 )
+
+
+class _Strays(can.Listener):
+    """Keeps the receiving thread of python-can going after something that is no message."""
+
+    def __init__(self, network: canopen.Network) -> None:
+        self._network = network
+        self.last: Exception | None = None
+
+    def on_message_received(self, msg: can.Message) -> None:
+        """Do nothing: python-can asks for it."""
+
+    def on_error(self, exc: Exception) -> None:
+        """Note what is no message and go on; anything else python-can has to handle.
+
+        Raises
+        ------
+        NotImplementedError
+            If the bus has failed: python-can takes this for "not handled" and ends the thread.
+        """
+        if not is_stray(self._network.bus, exc):
+            raise NotImplementedError
+        self.last = exc
+
+
+class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
+    """A network that passes its data frames, sent and received, on to its taps.
+
+    Attributes
+    ----------
+    taps
+        Called before who subscribes to a frame, in the thread that sends or receives.
+    own_taps
+        Called with sent frames alone.
+    hears_itself
+        Whether its bus was told to echo what is sent, by an option or python-can's configuration.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._strays = _Strays(self)
+        self.listeners.append(self._strays)
+        self.taps: tuple[Tap, ...] = ()
+        self.own_taps: tuple[Tap, ...] = ()
+        self._options: Mapping[str, Any] = {}
+        self.hears_itself = False
+
+    threaded: ClassVar[bool] = True
+    """Whether a thread receives, so that what a sent frame causes may come at any time."""
+
+    def now(self) -> float:
+        """Return the time in s by which its frames are dated."""
+        return monotonic()
+
+    def connect(self, **options: Any) -> Self:
+        """Connect to a bus of python-can, by its options."""
+        self._options = kept_here(options)
+        self.hears_itself = bool(configured(options).get("receive_own_messages"))
+        super().connect(**self._options)
+        return self
+
+    def second_bus(self) -> can.BusABC:
+        """Open the same bus again; the caller closes it.
+
+        Raises
+        ------
+        BenchError
+            If it cannot be opened twice.
+        """
+        options = {**self._options, "can_filters": None}
+        with opening(options.get("interface"), options.get("channel"), BenchError):
+            return can.Bus(**options)
+
+    def check(self) -> None:
+        """Raise what has ended the receiving, if anything has."""
+        error = None if self.notifier is None else self.notifier.exception
+        if error is None or error is self._strays.last or is_stray(self.bus, error):
+            return
+        super().check()
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        """Send a frame."""
+        if not remote:
+            _tell((*self.taps, *self.own_taps), can_id, bytes(data))
+        super().send_message(can_id, data, remote)
+
+    def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Take a received frame."""
+        _tell(self.taps, can_id, bytes(data))
+        super().notify(can_id, data, timestamp)
+
+
+def _tell(taps: Iterable[Tap], can_id: int, data: bytes) -> None:
+    for can_ids, hear in taps:
+        if can_id in can_ids:
+            hear(can_id, data)
+
+
+class LocalNetwork(TappedNetwork):
+    """A network without threads: what a sent frame causes has happened when sending returns.
+
+    Parameters
+    ----------
+    bus
+        The bus to take part in.
+    """
+
+    threaded = False
+
+    def __init__(self, bus: LocalBus) -> None:
+        super().__init__()
+        self._local_bus = bus
+        self._port = bus.connect(self._on_frame)
+
+    def now(self) -> float:
+        """Return the time on the bus in s."""
+        return self._local_bus.time * 1e-6
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        """Send a frame; all that it causes has happened on return."""
+        frame = Frame(can_id, bytes(data), remote)
+        if not remote:
+            _tell(self.taps, can_id, frame.data)
+        self._port.send(frame)
+
+    def disconnect(self) -> None:
+        """Shut the nodes down and leave the bus."""
+        self._local_bus.shutdown()
+        self._port.close()
+
+    def _on_frame(self, frame: Frame) -> None:
+        can_id, data, rtr = frame
+        if not rtr:
+            _tell(self.taps, can_id, data)
+            for callback in self.subscribers.get(can_id, ()):
+                callback(can_id, bytearray(data), self._local_bus.time * 1e-6)
 
 
 @contextmanager
@@ -60,7 +205,7 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[str]:
     note = ""
     with ExitStack() as stack:
         second = None
-        if not isinstance(network, LocalNetwork) and hears_others_of_process(network.bus):
+        if network.threaded and hears_others_of_process(network.bus):
             second = stack.enter_context(network.second_bus())
         file = _File(path)
         stack.callback(file.stop)

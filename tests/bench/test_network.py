@@ -12,7 +12,7 @@ import can
 import pytest
 from nodes_on_a_bus import GUARD_S
 
-from smarttac_can.bench.tapped_network import TappedNetwork
+from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.host.python_can import is_stray
 
 

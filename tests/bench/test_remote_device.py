@@ -1,6 +1,6 @@
 """The node-ID of a bench's heartbeat; what it is for is tested with processes."""
 
-from smarttac_can.bench.bench_heartbeat import bench_id
+from smarttac_can.bench.remote_device import bench_id
 
 
 def test_a_node_id_of_its_own_for_each_of_16_stimulators_in_a_row() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from smarttac_can.bench.recorded_rows import Gap, RecordedPdo, RowReader
+from smarttac_can.bench.recorded_frames import Gap, RecordedPdo, RowReader
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.host.frame_log import FRAME, RECORD, Records
 

@@ -1,23 +1,23 @@
-"""A trace for who looks at it: a picture, and a table in a notebook."""
+"""A trace for who looks at it: tables with units in their names, and pictures in a notebook."""
 
+import csv
+import importlib
+import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
 from smarttac_can.bench import BenchError, Stimulator, Trace
 
-PANELS = [
-    "COF",
-    "force (N)",
-    "amplitude (\N{MICRO SIGN}m)",
-    "voltage (V)",
-    "frequency (Hz)",
-    "position (mm)",
+NAMES = [
+    *("time_s", "cof", "cof_reference", "amplitude_um", "voltage_v", "frequency_hz"),
+    *("tangential_force_n", "normal_force_n", "position_mm", "status"),
 ]
 
 
@@ -30,6 +30,52 @@ def trace() -> Iterator[Trace]:
         bench.amplitude = 1.0
         bench.mode = "friction"
         yield bench.run(0.5, "rough.b", 2)
+
+
+def test_a_data_frame(trace: Trace) -> None:
+    frame = trace.to_dataframe()
+    assert list(frame.columns) == NAMES
+    assert frame["cof"].isna().sum() == np.isnan(trace.cof).sum() > 0
+    for name in NAMES:
+        np.testing.assert_allclose(frame[name], getattr(trace, name), err_msg=name)
+    assert frame.attrs["units"]["amplitude_um"] == "um"
+    frame.loc[0, "cof"] = 0.5  # it is a copy: arrays of a trace are read-only
+    assert frame.attrs["experiment"] == "rough.b"
+    assert frame.attrs["rows"] == 500
+
+
+def test_csv_is_the_data_frame(trace: Trace, tmp_path: Path) -> None:
+    trace.to_csv(tmp_path / "t.csv")
+    read = pd.read_csv(tmp_path / "t.csv", comment="#")
+    pd.testing.assert_frame_equal(read[NAMES], trace.to_dataframe())
+    assert set(read["experiment"]) == {"rough.b"}
+    assert set(read["subject"]) == {2}
+
+
+def test_csv_for_who_has_no_pandas(trace: Trace, tmp_path: Path) -> None:
+    trace.to_csv(tmp_path / "t.csv")
+    first, *lines = (tmp_path / "t.csv").read_text(encoding="ascii").splitlines()
+    assert first == "# format: SMARTTAC traces 2"
+    rows = list(csv.DictReader(lines))
+    assert [row["cof"] == "" for row in rows] == np.isnan(trace.cof).tolist()
+    assert rows[-1]["cof"] == f"{trace.cof[-1]:.4f}"
+
+
+def test_pandas_is_imported_on_call(trace: Trace, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not hasattr(importlib.import_module("smarttac_can.bench.traces"), "pandas")
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(BenchError, match="a data frame needs pandas: pip install pandas"):
+        trace.to_dataframe()
+
+
+PANELS = [
+    "COF",
+    "force (N)",
+    "amplitude (\N{MICRO SIGN}m)",
+    "voltage (V)",
+    "frequency (Hz)",
+    "position (mm)",
+]
 
 
 def without(trace: Trace, first: int, last: int) -> Trace:
@@ -103,7 +149,7 @@ def test_a_long_trace_keeps_its_peaks(trace: Trace) -> None:
 
 
 def test_pictures_without_matplotlib(trace: Trace, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("smarttac_can.bench.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("smarttac_can.bench.traces.find_spec", lambda name: None)
     with pytest.raises(
         BenchError, match=r"^the pictures need matplotlib: pip install 'smarttac-can\[report\]'$"
     ):
