@@ -51,7 +51,7 @@ class StateLines:
     say
         Takes a line, and does not wait.
     meanwhile
-        Called whenever the run has time.
+        Called when the run has time, and each 50 ms at least.
     """
 
     def __init__(

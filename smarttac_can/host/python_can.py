@@ -187,7 +187,7 @@ class _Driver:
 
     def _receive(self, timeout: float) -> can.Message | None:
         try:
-            return self._bus.recv(timeout)
+            return received(self._bus, timeout)
         except (can.CanError, OSError) as error:
             raise BusError(f"cannot receive: {error}") from error
 

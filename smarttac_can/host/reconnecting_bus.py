@@ -76,7 +76,7 @@ class ReconnectingBus:
             self._bus.block(can_ids)
 
     def close(self) -> None:
-        """Leave the bus, and try to open it no more."""
+        """Leave the bus."""
         if self._bus is not None:
             self._bus.close()
         self._leave()
@@ -138,10 +138,15 @@ class ReconnectingBus:
         self._owed.extend(self._node.bus_recovered())
         self._use(self._bus)
         if self._owed:
-            self.send = self._send_behind
+            self.send, self.read = self._send_behind, self._read_behind
             with suppress(QueueFullError):
                 self._send_owed()
         return more
+
+    def _read_behind(self, frames: deque[Frame]) -> bool:
+        with suppress(QueueFullError):
+            self._send_owed()
+        return self._bus is not None and self._bus.read(frames)
 
     def _send_behind(self, frame: Frame) -> None:
         self._send_owed()
@@ -153,4 +158,4 @@ class ReconnectingBus:
             self._bus.send(self._owed[0])
             self._owed.popleft()
         if self._bus is not None:
-            self.send = self._bus.send
+            self._use(self._bus)

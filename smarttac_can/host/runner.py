@@ -18,7 +18,7 @@ from typing import Final, Protocol
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.port import Identifiers
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
-from smarttac_can.host.node import HostedNode, kind
+from smarttac_can.host.node import HostedNode
 from smarttac_can.host.outbox import Outbox
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.vocabulary.signals import TICK_US
@@ -31,6 +31,8 @@ _READING_US: Final = 1000
 """For how long frames are read in a row."""
 _SLOWEST_US: Final = 5000
 """Longest time in us that a bus takes for a frame; what takes longer is a pause."""
+_MOST_WAITING: Final = 256
+"""Frames that were read and are not heard yet; with so many no more are read."""
 _BEFORE: Final = 4
 """Frames that wait and are heard before what is due, at most, since a punctual process has heard
 what came before it: those of a measurement, and another."""
@@ -64,7 +66,7 @@ class Observer(Protocol):
         """Note that the node has been switched on."""
 
     def follow(self) -> None:
-        """Look at the node, when there is time and each 50 ms at least; may take a while then."""
+        """Look at the node: when there is time, and each 50 ms at least."""
 
     def full(self, reason: QueueFullError) -> None:
         """Note that the bus has begun not to take what the loop needs."""
@@ -146,7 +148,9 @@ def run_node(
                 except BusError as error:
                     if not isinstance(bus, ReconnectingBus):
                         raise
+                    run.forget()
                     bus.lose(error)
+            observer.follow()
         except BaseException:
             # The first failure is the one to report, not that a dead bus refuses the last frames.
             with suppress(BusError):
@@ -210,13 +214,17 @@ class _Run:
         self._hand_over()
         now = self._now()
         while not stop():
+            timers.now = now
             if timers.next_due <= now:
-                self._end_overdue(now)
-            if not self._flooded or not self._waiting:
+                self._say(self._node.overdue())
+            waiting = len(self._waiting)
+            if not waiting or (waiting < _MOST_WAITING and not self._flooded):
                 now = self._read(now)
             if self._waiting:
                 now = self._drain(now)
             now = self._act(now) if timers.next_due <= now else self._go_on(now)
+            if now - self._followed >= _STOP_POLL_US:
+                now = self._follow()
             if self._resting and now - self._busy_since >= _WORK_US:
                 now = self._rest_for(_REST_US - self._waited)
 
@@ -225,32 +233,44 @@ class _Run:
         node, outbox, waiting = self._node, self._outbox, self._waiting
         self._hand_over()
         while not stop():
-            if not waiting and not self._bus.read(waiting) and not waiting:
-                self._observer.follow()
-                self._bus.wait(1e-6 * (_STOP_POLL_US if outbox.empty else _SEND_RETRY_US))
-                self._bus.read(waiting)
+            if not waiting:
+                more = self._bus.read(waiting)
+                if not waiting and not more:
+                    self._bus.wait(1e-6 * (_STOP_POLL_US if outbox.empty else _SEND_RETRY_US))
+                    self._bus.read(waiting)
             self._hand_over()
             if waiting:
                 frame = waiting.popleft()
                 if frame.can_id not in self._heard:
                     self._pass_over(frame.can_id)
-                    continue
-                if frame.can_id == self._ids.sync:
-                    self._say(node.advance(TICK_US))
-                self._say(node.receive(frame))
+                else:
+                    if frame.can_id == self._ids.sync:
+                        self._say(node.advance(TICK_US))
+                    self._say(node.receive(frame))
             while outbox.empty and (frames := node.segments(_SEGMENTS)):
                 self._say(frames)
+            if self._now() - self._followed >= _STOP_POLL_US:
+                self._follow()
+
+    def forget(self) -> None:
+        """Drop what was read of a bus that is lost: it is about a moment that is over."""
+        self._waiting.clear()
+        self._more = self._flooded = False
+        if not self._lockstep:
+            self._node.clock.now = self._now()
 
     def end(self) -> None:
         """Shut the node down; a bus that takes no frames has 0.1 s to do so."""
-        self._observer.follow()
-        frames = self._node.shutdown()
-        self._observer.stopped()
-        self._say(frames)
-        end = self._now() + _PARTING_US
-        while not self._outbox.empty and self._now() < end:
-            self._rest(_SEND_RETRY_US * 1e-6)
-            self._hand_over()
+        try:
+            if not self._lockstep:
+                self._node.clock.now = self._now()
+            self._say(self._node.shutdown())
+            end = self._now() + _PARTING_US
+            while not self._outbox.empty and self._now() < end:
+                self._rest(_SEND_RETRY_US * 1e-6)
+                self._hand_over()
+        finally:
+            self._observer.stopped()
 
     def _now(self) -> int:
         """Return the clock's time as device time in us."""
@@ -276,11 +296,11 @@ class _Run:
 
     def _say(self, frames: list[Frame]) -> None:
         """Put frames of the node on the bus, behind those that wait for it."""
-        if not frames:
-            return
         # Before the answer: who is told that it is watched may send its first heartbeat at once.
         if self._node.ids is not self._ids:
             self._listen()
+        if not frames:
+            return
         outbox = self._outbox
         if not outbox.empty:
             outbox.put(frames)
@@ -305,11 +325,6 @@ class _Run:
         while self._outbox.hand_over() and self._now() < end:
             pass
 
-    def _end_overdue(self, now: int) -> None:
-        """Have the node act on what must not wait for a frame."""
-        self._node.clock.now = now
-        self._say(self._node.overdue())
-
     def _read(self, now: int) -> int:
         """Read what waits on the bus, for about a millisecond at most; return the time."""
         end = now + _READING_US
@@ -321,7 +336,9 @@ class _Run:
             self._more = self._bus.read(self._waiting)
             before, now = now, self._now()
             self._slow = max(self._slow, min(now - before, _SLOWEST_US))
-            if not self._more or now >= end:
+            if not self._more and not self._waiting:
+                self._flooded = False
+            if not self._more or now >= end or len(self._waiting) >= _MOST_WAITING:
                 return now
 
     def _drain(self, now: int) -> int:
@@ -360,8 +377,7 @@ class _Run:
                 timers.now = now
                 if timers.next_due <= now:
                     self._say(self._node.overdue())
-                if answers := self._answers(frame):
-                    self._say(answers)
+                self._say(self._answers(frame))
             else:
                 self._pass_over(frame.can_id)
             now = self._now()
@@ -374,9 +390,10 @@ class _Run:
 
     def _answers(self, frame: Frame) -> list[Frame]:
         """Have the node hear a frame, and know whether a newer one of its kind waits behind."""
-        waiting = self._waiting
-        if waiting and any(kind(newer) == kind(frame) for newer in waiting):
-            return self._node.overtaken(frame)
+        can_id, data, rtr = frame
+        for newer in self._waiting:
+            if newer.can_id == can_id and newer.rtr == rtr and len(newer.data) == len(data):
+                return self._node.overtaken(frame)
         return self._node.receive(frame)
 
     def _act(self, now: int) -> int:
@@ -387,8 +404,6 @@ class _Run:
         now = self._now()
         if timers.next_due <= now and (self._waiting or self._more):
             now = self._hear(now, now + _HEARD_US, _ENDLESS)
-        if now - self._followed >= _STOP_POLL_US:
-            now = self._follow()
         return now
 
     def _go_on(self, now: int) -> int:
@@ -396,10 +411,7 @@ class _Run:
         timers = self._node.clock
         left = timers.next_due - now
         idle = not self._waiting and not self._more
-        if self._node.ids is not self._ids:
-            self._listen()
         if not self._outbox.empty:
-            timers.now = now
             self._hand_over()
             left = min(left, _SEND_RETRY_US)
         elif self._resting and now - self._busy_since >= _WORK_SOON_US:

@@ -213,6 +213,17 @@ def test_what_back_returns_waits_for_the_queue_and_goes_out_before_the_next_fram
     assert interface.sent == [HELLO, AGAIN, GOODBYE, GOODBYE]
 
 
+def test_what_back_returns_goes_out_once_the_queue_has_room_though_nothing_else_is_sent():
+    interface = Interface()
+    bus, _ = lasting(interface)
+    lose_and_plug_in(interface, bus)
+    interface.room = 0
+    receive(bus, 0.001)
+    interface.room = 1000
+    receive(bus, 0.001)
+    assert interface.sent == [HELLO, AGAIN]
+
+
 def test_what_back_returned_ends_with_the_bus():
     interface = Interface()
     bus, said = lasting(interface)

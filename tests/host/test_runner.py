@@ -521,12 +521,85 @@ def test_who_has_time_is_told() -> None:
     assert max(at % TICK_US for at in follower.followed[:-1]) < 500, "half a tick is left"
 
 
-@pytest.mark.parametrize("cost", [1000, 3000])
-def test_who_has_no_time_is_told_each_50_ms(cost: int) -> None:
-    host = Host(every(10), until=400_000, frame_cost=10)
-    run(PunctualNode(host, advance_cost=cost), host, observer=(follower := Follower(host)))
+@pytest.mark.parametrize("lockstep", [False, True])
+@pytest.mark.parametrize("cost", [0, 1000, 3000])
+@pytest.mark.parametrize("full", [False, True])
+def test_who_has_no_time_is_told_each_50_ms(lockstep: bool, cost: int, full: bool) -> None:
+    host = Host(every(10), until=400_000, frame_cost=10, full=lambda now: full and now > 5000)
+    node = PunctualNode(host, advance_cost=cost) if cost else ToyNode()
+    run(node, host, lockstep=lockstep, observer=(follower := Follower(host)))
     gaps = [after - before for before, after in pairwise([0, *follower.followed])]
     assert max(gaps) <= 70_000
+
+
+class Raising(Nobody):
+    """An observer that fails."""
+
+    def __init__(self, at: str) -> None:
+        self.at = at
+
+    def follow(self) -> None:
+        if self.at == "follow":
+            raise ZeroDivisionError
+
+    def stopped(self) -> None:
+        if self.at == "stopped":
+            raise ZeroDivisionError
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+@pytest.mark.parametrize("at", ["follow", "stopped"])
+def test_whatever_an_observer_does_the_node_is_shut_down(lockstep: bool, at: str) -> None:
+    host = Host(every(1000, SYNC), until=200_000)
+    with pytest.raises(ZeroDivisionError):
+        run(ToyNode(), host, lockstep=lockstep, observer=Raising(at))
+    assert host.sent[-1][1] == Frame(OFF + 1, bytes(2))
+    assert host.closed == 1
+
+
+def test_no_more_is_read_than_is_heard_in_some_milliseconds() -> None:
+    host = Host(every(10), until=300_000)
+    most = 0
+
+    class SlowNode(ToyNode):
+        def receive(self, frame: Frame) -> list[Frame]:
+            host.now += 50
+            return super().receive(frame)
+
+    def read(frames: deque[Frame]) -> bool:
+        nonlocal most
+        more = Host.read(host, frames)
+        most = max(most, len(frames))
+        return more
+
+    host.read = read  # type: ignore[method-assign]
+    node = SlowNode()
+    node.start = list  # type: ignore[method-assign]  # it has no timer
+    run(node, host)
+    assert 100 < most < 400
+
+
+def test_a_flood_that_ended_is_over_though_nothing_came_since() -> None:
+    burst_of = [(4990, OTHER)] * 33
+    for cost in (100, 300, 310, 700):
+        beat = [(60_000, REQUESTED)]
+        host = Host([*burst_of, *beat], until=95_000, frame_cost=cost, pauses=((59_500, 30_000),))
+        run(ToyNode(), host)
+        ids = order_after(host, 60_000)
+        assert ids.index(REPLY + 1) < ids.index(TICKER + 1), cost
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_what_a_command_without_an_answer_makes_wanted_is_heard_behind_it(lockstep: bool) -> None:
+    class LearningNode(ToyNode):
+        def receive(self, frame: Frame) -> list[Frame]:
+            if frame == OTHER:
+                self.ids = self.ids._replace(heard=self.ids.heard | {LEARNT})
+            return super().receive(frame)
+
+    node = LearningNode()
+    run(node, Host([(1000, OTHER), (1000, Frame(LEARNT))], until=3000), lockstep=lockstep)
+    assert node.heard == [OTHER, Frame(LEARNT)]
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
