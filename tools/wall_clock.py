@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, Final, NoReturn
+
+import harness
 
 from smarttac_can.host.bus import BusError
 from smarttac_can.master.errors import BenchError
@@ -33,9 +32,8 @@ def own_bus(channel: str) -> dict[str, Any]:
 
 def parser_of(text: str | None) -> argparse.ArgumentParser:
     """Return a parser with what all of these tools have; the text is that of the tool."""
-    parser = argparse.ArgumentParser(description=(text or "").splitlines()[0])
+    parser = harness.parser_of(text)
     parser.add_argument("--realtime", type=int, help="SCHED_FIFO priority of the nodes, 1..99")
-    parser.add_argument("--json", action="store_true", help="print JSON")
     return parser
 
 
@@ -70,26 +68,3 @@ def finished(measure: Callable[[], int]) -> int:
     except (BenchError, BusError) as error:
         print(f"Error: {error}", file=sys.stderr)
         return 1
-
-
-def results_of(tool: Path, *arguments: str) -> dict[str, Any]:
-    """Run a tool of a working tree with the package of that tree, and return its JSON.
-
-    Raises
-    ------
-    BenchError
-        If it fails.
-    """
-    tree = tool.parents[1]
-    done = subprocess.run(
-        [sys.executable, str(tool), *arguments, "--json"],
-        cwd=tree,
-        env=os.environ | {"PYTHONPATH": str(tree)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode:
-        raise BenchError(f"{tool}: {(done.stderr.strip() or 'no word of it').splitlines()[-1]}")
-    results: dict[str, Any] = json.loads(done.stdout)
-    return results

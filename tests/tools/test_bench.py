@@ -1,24 +1,28 @@
-"""``tools/bench`` times a loop that drives, and says so when it does not."""
+"""``tools/bench`` times a loop that drives, alone or in two trees, and says so when it does not."""
 
 import json
 import runpy
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from smarttac_can.bench import BenchError, Mode, State, Stimulator
+from smarttac_can.bench import Mode, State, Stimulator
 
-TOOL = Path(__file__).parents[2] / "tools" / "bench"
+ROOT = Path(__file__).parents[2]
+TOOL = ROOT / "tools" / "bench"
 STAGES = 9
 
 
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Names of the tool, to be run with few ticks."""
+    """Names of the tool, which its functions see, to be run with few ticks."""
     monkeypatch.setattr("sys.argv", ["bench", "--ticks", "20", "--repeats", "2", "--json"])
-    return runpy.run_path(str(TOOL))
+    monkeypatch.syspath_prepend(str(TOOL.parent))
+    names: dict[str, Any] = runpy.run_path(str(TOOL))["main"].__globals__
+    return names
 
 
 def test_every_stage_takes_time(tool: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
@@ -68,6 +72,79 @@ def test_friction_that_is_not_regulated(
     tool: dict[str, Any], said: Said, cof: float, error: str
 ) -> None:
     with pytest.raises(
-        BenchError, match=rf"^{error} friction is not regulated to 0\.35 within 5%$"
+        SystemExit, match=rf"^{error} friction is not regulated to 0\.35 within 5%$"
     ):
         tool["require_friction"](said, cof)
+
+
+def call(tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["bench", *arguments])
+    tool["main"]()
+
+
+def test_a_tree_against_itself(
+    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call(tool, monkeypatch, "--against", str(ROOT), "--ticks", "20", "--pairs", "1", "--json")
+    results = json.loads(capsys.readouterr().out)
+    assert len(results) == 2
+    assert len({row["trace_sha256"] for row in results.values()}) == 1, "one trace on both links"
+    for row in results.values():
+        assert row["other"] > 0
+        assert row["ratio"] == pytest.approx(row["here"] / row["other"], abs=0.01)
+
+
+def give(
+    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, **runs: list[tuple[float, str]]
+) -> None:
+    """Let the runs of the other tree and of this give us of a cycle and a hash, in their order."""
+    left = {"/other": iter(runs["other"]), str(ROOT): iter(runs["here"])}
+
+    def results_in(tree: Path, *_: str) -> dict[str, Any]:
+        return dict(zip(("us", "sha256"), next(left[str(tree)]), strict=True))
+
+    monkeypatch.setitem(tool, "results_in", results_in)
+
+
+def test_the_ratio_is_that_of_the_pairs(
+    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other, here = ([(us, "a") for us in many] for many in ((30.0, 90.0, 60.0), (15.0, 45.0, 30.0)))
+    give(tool, monkeypatch, other=other, here=here)
+    assert tool["against"](Path("/other"), "local", 10, 3) == {
+        "other": 60.0, "here": 30.0, "ratio": 0.5, "range": [0.5, 0.5], "trace_sha256": "a",
+    }  # fmt: skip
+
+
+def test_trees_that_record_something_else(
+    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    give(tool, monkeypatch, other=[(1.0, "a")], here=[(1.0, "b")])
+    with pytest.raises(SystemExit, match=r"^local: the trees record different traces: a, b$"):
+        tool["against"](Path("/other"), "local", 10, 1)
+
+
+def test_a_tree_that_fails_is_named(tool: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=rf"^Error: {tmp_path}: .*--one local .*: ."):
+        tool["against"](tmp_path, "local", 10, 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["--against", "{empty}"], "is no working tree with a package smarttac_can"),
+        (["--against", str(ROOT), "--pairs", "0"], "--pairs 0 is below 1"),
+        (["--pairs", "3"], "--pairs needs --against"),
+    ],
+)
+def test_wrong_arguments(
+    arguments: list[str],
+    error: str,
+    tool: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit, match=r"^2$"):
+        call(tool, monkeypatch, *(each.format(empty=tmp_path) for each in arguments))
+    assert error in capsys.readouterr().err

@@ -4,6 +4,7 @@ import gc
 import json
 import runpy
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from platform import python_version
 from shutil import which
@@ -19,10 +20,12 @@ STRACE = pytest.mark.skipif(which("strace") is None, reason="strace is not insta
 
 
 @pytest.fixture(scope="module")
-def tool() -> dict[str, Any]:
+def tool() -> Iterator[dict[str, Any]]:
     """Names of the tool, which its functions see."""
-    names: dict[str, Any] = runpy.run_path(str(TOOL))["main"].__globals__
-    return names
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(TOOL.parent))
+        names: dict[str, Any] = runpy.run_path(str(TOOL))["main"].__globals__
+        yield names
 
 
 def module(name: str, source: str) -> dict[str, Any]:
@@ -113,7 +116,8 @@ def test_all_loops_are_counted(
 
 
 MARKED = """
-import os, runpy
+import os, runpy, sys
+sys.path.insert(0, {tools!r})
 tool = runpy.run_path({tool!r})
 os.getppid()
 tool["marked"](lambda: [{act} for _ in range(10)])
@@ -128,7 +132,7 @@ os.getppid()
 def test_system_calls_between_the_marks_are_counted(
     tool: dict[str, Any], act: str, number: int
 ) -> None:
-    script = MARKED.format(tool=str(TOOL), act=act)
+    script = MARKED.format(tool=str(TOOL), tools=str(TOOL.parent), act=act)
     found = tool["traced"]([sys.executable, "-c", script], ROOT, 10)
     assert found["by_name"]["getppid"] == number
     assert number <= found["per_cycle"] <= number + 0.5, "next to nothing else"
