@@ -1,10 +1,15 @@
-"""Check that every relative link in the Markdown files leads to a file of the repository."""
+"""Check that every relative link in the Markdown files leads to a file of the repository.
+
+Example: python tools/check_docs.py
+"""
 
 from __future__ import annotations
 
 import re
 import sys
 from pathlib import Path
+
+from pages import parser_of
 
 ROOT = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]+)(?:#[^)]*)?\)")
@@ -24,6 +29,7 @@ def broken_links(document: Path) -> list[str]:
 
 def main() -> int:
     """Print the broken links and return 1 if there are any."""
+    parser_of(__doc__).parse_args()
     documents = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
     broken = [(document, target) for document in documents for target in broken_links(document)]
     for document, target in broken:

@@ -1,15 +1,18 @@
 """Write docs/reference/conformance.md: every case, and what our device and two others make of it.
 
-    python tools/conformance.py
+    python tools/conformance.py [--check]
 
 Each device is built from tests/eds/rich.eds. Ours runs in device time, python-canopen's LocalNode
 and durand (`pip install durand`) in real time over python-can's virtual bus; some minutes in all.
+
+Example: python tools/conformance.py --check
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -25,6 +28,7 @@ import can
 import canopen
 import durand
 from durand.scheduler import AsyncScheduler
+from pages import REFERENCE, Pages, made
 
 from smarttac_can.conformance.case import DeviceDescription, Result
 from smarttac_can.conformance.device_time import DeviceTimeBus
@@ -40,7 +44,6 @@ from smarttac_can.od.entry import Entry
 
 ROOT = Path(__file__).resolve().parent.parent
 EDS = ROOT / "tests" / "eds" / "rich.eds"
-PAGE = ROOT / "docs" / "reference" / "conformance.md"
 NODE_ID = 5
 TIME_OUT_S = 0.15
 HEAD = """# Conformance
@@ -193,15 +196,15 @@ def page(columns: dict[str, list[Result]]) -> Iterator[str]:
     yield ""
 
 
-def main() -> None:
-    """Run all and write the page."""
+def pages(_draw: bool) -> Pages:
+    """Judge all devices, and return the page."""
     logging.disable()  # the other devices report each refusal
     text = EDS.read_text(encoding="latin-1")
     with ThreadPoolExecutor() as pool:
         runs = {name: pool.submit(judge, text) for name, judge in DEVICES.items()}
-        columns = {name: run.result() for name, run in runs.items()}
-    PAGE.write_text("\n".join(page(columns)), encoding="utf-8")
+        verdicts = {name: run.result() for name, run in runs.items()}
+    return {REFERENCE / "conformance.md": "\n".join(page(verdicts))}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(made(__doc__, pages))

@@ -4,19 +4,20 @@
 
 A check holds each fault for 1000 cycles unless told otherwise, a table is made with 10 000. Either
 also fails if a watchdog trips in no row of a mode. LOG and ROWS are for `smarttac faults --verify`.
+
+Example: python tools/faults.py --check --hold 200
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
 from contextlib import ExitStack
-from difflib import unified_diff
 from pathlib import Path
 
 import click
+from pages import REFERENCE, differences, parser_of, write
 
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.log_file import CandumpWriter
@@ -44,7 +45,6 @@ from smarttac_can.trials.fault_matrix import (
 )
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "faults.md"
 CHECK_HOLD_CYCLES = 1000
 HEAD = f"""# Fault matrix
 
@@ -184,7 +184,7 @@ def injected(hold: int, log_file: Path | None) -> list[FaultRow]:
 
 def main() -> int:
     """Write the page, or return 1 if it is stale or a fault does not end as it must."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--check", action="store_true", help="write nothing")
     parser.add_argument("--hold", type=int, help="cycles at 0 V under traffic")
     parser.add_argument("--log", type=Path, help="file for the frames around each fault")
@@ -208,11 +208,11 @@ def main() -> int:
     }
     bad += [f"{name}, {way}: is seen" for (name, way), um in unseen.items() if not um]
     text = page(rows, {which: um or 0.0 for which, um in unseen.items()})
+    made = {REFERENCE / "faults.md": text}
     if arguments.check:
-        old = PAGE.read_text(encoding="utf-8").splitlines()
-        bad += unified_diff(old, text.splitlines(), str(PAGE.name), "now", lineterm="", n=0)
+        bad += differences(made)
     else:
-        PAGE.write_text(text, encoding="utf-8")
+        write(made)
     print("\n".join(bad) or f"{len(rows)} faults end as they must")
     return 1 if bad else 0
 

@@ -14,6 +14,8 @@ references, or chatters, is out. A random walk from `START`, longer after a step
 shorter after one that was not, looks for the least. Nothing depends on anything but the seeds: the
 same machine prints the same fingers. They are checked with other seeds, in
 tests/paper/test_fitted.py.
+
+Example: python tools/fit_fingers.py 2
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from math import exp, inf
 from typing import Final, NamedTuple
 
 import numpy as np
+from pages import parser_of
 
 from smarttac_can.bench.traces import Trace
 from smarttac_can.control.cascade import Cascade
@@ -173,7 +176,9 @@ def fit(number: int) -> tuple[Values, Figures | None]:
 
 def main() -> None:
     """Fit the subjects of the command line, or all; print them as data for plant/fitted.py."""
-    for number in map(int, sys.argv[1:] or "1234"):
+    parser = parser_of(__doc__)
+    parser.add_argument("subject", nargs="*", type=int, default=[*START], help="1..4")
+    for number in parser.parse_args().subject:
         values, found = fit(number)
         mu0 = finger(number, values).mu0
         free = ", ".join(f"{values[name]:g}" for name in FREE)

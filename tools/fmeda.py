@@ -6,6 +6,8 @@
 What is run: the coarse sweep of `smarttac fmeda`, a minute of processor time, runs without a
 failure, and what is asked for besides. A check runs the coarse sweep alone: it has to keep the
 promise, and to come to what the file says.
+
+Example: python tools/fmeda.py --fine --healthy 5000 --seed 7
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ taken at the nodes. The mean over all fingers is the first line; then come the c
 explain most of what is left (principal components), each for a weight of one standard deviation.
 Maps that span less than 0.13 between 0.25 and 2.5 um are drawn again: no two references 0.1 apart
 are in their reach.
+
+Example: python tools/friction_shapes.py
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from pages import parser_of
 
 from smarttac_can.control.friction_map import LAST, SPACING
 from smarttac_can.plant.friction import sliding_coefficient
@@ -62,6 +65,7 @@ def shapes() -> tuple[np.ndarray, np.ndarray]:
 
 
 if __name__ == "__main__":
+    parser_of(__doc__).parse_args()
     average, components = shapes()
     for shape in (average, *components):
         print("(" + ", ".join(f"{value + 0.0:.3f}" for value in shape) + ")")

@@ -1,16 +1,19 @@
-"""Write docs/reference and the hazards from their sources; --check fails when a page is stale."""
+"""Write docs/reference and the hazards from their sources; --check fails when a page is stale.
+
+Example: python tools/reference.py --check
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
 from enum import IntEnum
-from pathlib import Path
 from typing import Any
 
 import click
 from fmeda_page import fmeda_page
 from hazards_page import hazards_page
+from pages import EXPLANATION, REFERENCE, Pages, made, write
 from python_reference import python_pages
 from safety_reference import safety
 
@@ -24,7 +27,6 @@ from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
-FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference"
 NODES = (("stimulator.eds", STIMULATOR_ID), ("plate.eds", PLATE_ID))
 
 
@@ -156,38 +158,22 @@ def command_line() -> str:
     return "\n".join(lines)
 
 
-def _pages() -> dict[Path, str]:
+def pages(_draw: bool = False) -> Pages:
+    """Return all pages."""
     return {
-        FOLDER / "objects.md": objects(),
-        FOLDER / "cli.md": command_line(),
-        FOLDER / "safety.md": safety(),
-        FOLDER / "fmeda.md": fmeda_page(),
-        FOLDER.parent / "explanation" / "hazards.md": hazards_page(),
-        **{FOLDER / page: text for page, text in python_pages()},
+        REFERENCE / "objects.md": objects(),
+        REFERENCE / "cli.md": command_line(),
+        REFERENCE / "safety.md": safety(),
+        REFERENCE / "fmeda.md": fmeda_page(),
+        EXPLANATION / "hazards.md": hazards_page(),
+        **{REFERENCE / page: text for page, text in python_pages()},
     }
 
 
 def write_pages() -> None:
     """Write all pages anew."""
-    (FOLDER / "python").mkdir(parents=True, exist_ok=True)
-    for path, text in _pages().items():
-        path.write_text(text, encoding="utf-8")
-
-
-def main() -> int:
-    """Write the pages, or with --check return 1 if one of them is not what would be written."""
-    if sys.argv[1:] == ["--check"]:
-        stale = [
-            path
-            for path, text in _pages().items()
-            if not path.exists() or path.read_text(encoding="utf-8") != text
-        ]
-        for path in stale:
-            print(f"{path.name} is stale: run tools/reference.py")
-        return 1 if stale else 0
-    write_pages()
-    return 0
+    write(pages())
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(made(__doc__, pages))

@@ -1,13 +1,17 @@
-"""Run the paper's experiments and write docs/explanation/results.md with its figures; by hand."""
+"""Run the paper's experiments, and write docs/explanation/results.md with its figures.
+
+Example: python tools/results.py
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pages import EXPLANATION, Pages, columns, filled, made
 
 from smarttac_can.bench.drawing import GREEN, RED, canvas, save
 from smarttac_can.bench.open_link import LocalLink
@@ -30,8 +34,6 @@ from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.population.steps import Step
 from smarttac_can.vocabulary.modes import Law
 
-FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"
-TEMPLATE = Path(__file__).with_suffix(".md")
 SEEDS = range(1, 12)
 TABLE = frozenset({"table1"})
 VIBRATION = frozenset({"fig5", "fig6"})
@@ -79,13 +81,6 @@ def number(value: float | None, digits: int = 1) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def table(head: str, rows: Iterable[Iterable[str]]) -> str:
-    """Lay out a Markdown table; cells of the head are parted by |."""
-    columns = [cell.strip() for cell in head.split("|")]
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
 def get(results: Results, key: str) -> Any:
     """Look up a dotted key."""
     value: Any = results
@@ -101,7 +96,7 @@ def inside(results: Results, key: str) -> bool:
     return value is not None and published.low <= value <= published.high
 
 
-def vibration_table(runs: Sequence[Results]) -> str:
+def vibration_table(runs: Sequence[Results]) -> Iterator[str]:
     """Fig. 5 and 6 at several dead times, beside the paper."""
     rows = [
         [published.name, *(number(get(run, key), 2) for run in runs), f"{published.value:g}"]
@@ -109,10 +104,10 @@ def vibration_table(runs: Sequence[Results]) -> str:
         if key.startswith(("fig5", "fig6"))
     ]
     heads = " | ".join(f"dead time {run['dead_time_us']:.0f} us" for run in runs)
-    return table(f" | {heads} | paper", rows)
+    return columns(f" | {heads} | paper", rows)
 
 
-def seeds_table(runs: Sequence[Results]) -> str:
+def seeds_table(runs: Sequence[Results]) -> Iterator[str]:
     """Table I of every seed: mean over the four subjects, of mean curves and of single touches."""
     rows = []
     for run in runs:
@@ -129,14 +124,14 @@ def seeds_table(runs: Sequence[Results]) -> str:
         ]
         touches = min(row["whole"] for row in up["touches"]["subjects"])
         rows.append([str(run["seed"]), str(touches), *curves, *others])
-    return table(
+    return columns(
         "seed | touches | rise, ms | overshoot, % | static, % | touches: rise | overshoot "
         "| down: rise | overshoot | down, touches: rise | overshoot",
         rows,
     )
 
 
-def subjects_table(runs: Sequence[Results]) -> str:
+def subjects_table(runs: Sequence[Results]) -> Iterator[str]:
     """Table I by subject: mean and spread over the seeds, beside the paper."""
     rows = []
     for i in range(4):
@@ -148,7 +143,7 @@ def subjects_table(runs: Sequence[Results]) -> str:
             if published:
                 cells.append(f"{published.value:g}")
         rows.append([str(i + 1), *cells])
-    return table("subject | rise, ms | paper | overshoot, % | paper | static, %", rows)
+    return columns("subject | rise, ms | paper | overshoot, % | paper | static, %", rows)
 
 
 def chatter(traces: Iterable[Trace]) -> float:
@@ -170,7 +165,7 @@ def lowest_amplitude(traces: Iterable[Trace]) -> float:
     return float(np.min(lowest))
 
 
-def laws_table(runs: Mapping[str, list[Trace]]) -> str:
+def laws_table(runs: Mapping[str, list[Trace]]) -> Iterator[str]:
     """Compare the laws."""
     rows = []
     for name, traces in runs.items():
@@ -187,7 +182,7 @@ def laws_table(runs: Mapping[str, list[Trace]]) -> str:
             ]
         )
     head = "law | rise, ms | overshoot, % | static error, % | chatter of single touches"
-    return table(head, rows)
+    return columns(head, rows)
 
 
 def plot_vibration(runs: list[list[Trace]], dead_times: list[float]) -> None:
@@ -211,7 +206,7 @@ def plot_vibration(runs: list[list[Trace]], dead_times: list[float]) -> None:
         axes[0].legend(fontsize=8, loc="lower right")
         axes[0].set_title("Fig. 5 and 6 (simulated)")
         axes[-1].set_xlabel("time after switch-on (ms)")
-        save(figure, FOLDER / "figures" / "vibration.svg")
+        save(figure, EXPLANATION / "figures" / "vibration.svg")
 
 
 def plot_touches(variants: Mapping[str, list[Trace]]) -> None:
@@ -230,10 +225,10 @@ def plot_touches(variants: Mapping[str, list[Trace]]) -> None:
             axis.set_xlim(-20, 60)
         figure.supxlabel("time after the switch of the reference (ms)")
         figure.supylabel("coefficient of friction, subject 2")
-        save(figure, FOLDER / "figures" / "friction.svg")
+        save(figure, EXPLANATION / "figures" / "friction.svg")
 
 
-def main() -> None:
+def pages(draw: bool) -> Pages:
     """Run everything, fill the template, draw the figures."""
     dead_time = loop_dead_time(1_000_000)
     vibration = [reproduce(VIBRATION, Conditions(dead_time=us)) for us in (0.0, dead_time)]
@@ -249,23 +244,22 @@ def main() -> None:
         "W0 a quarter larger": run_varied(VariedPlate(W0_factor=1.25)),
     }
     judged = ("table1.mean.rise_time_ms", "table1.mean.overshoot_percent")
-    fields = {
+    fields: dict[str, str | Iterator[str]] = {
         "vibration": vibration_table([results for _, results in vibration]),
         "subjects": subjects_table(seeds),
         "seeds": seeds_table(seeds),
-        "inside": sum(all(inside(run, key) for key in judged) for run in seeds),
-        "total": len(SEEDS),
+        "inside": str(sum(all(inside(run, key) for key in judged) for run in seeds)),
+        "total": str(len(SEEDS)),
         "laws": laws_table(laws),
         "lowest": f"{lowest_amplitude(laws['measured']):.2f}",
         "halved": " ".join(f"{chatter([trace]):.3f}" for trace in variants["W0 halved"]),
         "dead_time": f"{dead_time:.0f}",
     }
-    (FOLDER / "figures").mkdir(exist_ok=True)
-    plot_vibration([traces for traces, _ in vibration], [0.0, dead_time])
-    plot_touches(variants)
-    text = TEMPLATE.read_text(encoding="utf-8").format(**fields)
-    (FOLDER / "results.md").write_text(text, encoding="utf-8")
+    if draw:
+        plot_vibration([traces for traces, _ in vibration], [0.0, dead_time])
+        plot_touches(variants)
+    return {EXPLANATION / "results.md": filled(__file__, fields)}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(made(__doc__, pages))

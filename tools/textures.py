@@ -1,14 +1,18 @@
-"""Measure how textures are followed, write docs/explanation/textures.md; by hand, minutes."""
+"""Measure how textures are followed, and write docs/explanation/textures.md; some minutes.
+
+Example: python tools/textures.py
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from functools import cache
 from itertools import product
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from pages import EXPLANATION, Pages, filled, made
 
 from smarttac_can.bench import Texture, Tracking, track
 from smarttac_can.bench.drawing import INK, RED, canvas
@@ -16,8 +20,6 @@ from smarttac_can.od.object_reference import table
 from smarttac_can.trials.texture_playing import LEVELS, Stroke, play
 from smarttac_can.vocabulary.modes import VibrationLaw
 
-FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"
-TEMPLATE = Path(__file__).with_suffix(".md")
 PERIOD_MM = 2.0
 SHAPES = ("sine", "square")
 PREVIEWS_US = (0, 500, 1000, 1500, 2000, 2500, 3000)
@@ -144,23 +146,22 @@ def picture() -> None:
             axes.set_ylabel("COF")
         axes.set_xlabel("position on the plate (mm)")
         axes.legend(loc="lower left", ncols=2)
-        figure.savefig(FOLDER / "figures" / "texture.png", dpi=150)
+        figure.savefig(EXPLANATION / "figures" / "texture.png", dpi=150)
 
 
-def main() -> None:
-    """Write the page and its picture."""
-    text = TEMPLATE.read_text(encoding="utf-8")
-    for mark, value in (
-        ("{FOLLOWED}", "\n".join(followed()).strip()),
-        ("{LAWS}", "\n".join(laws()).strip()),
-        ("{FORCE}", "\n".join(forces()).strip()),
-        ("{PREVIEW}", "\n".join(previews()).strip()),
-        ("{TARE}", "\n".join(one_tare()).strip()),
-    ):
-        text = text.replace(mark, value)
-    (FOLDER / "textures.md").write_text(text, encoding="utf-8")
-    picture()
+def pages(draw: bool) -> Pages:
+    """Return the page, and draw its picture."""
+    if draw:
+        picture()
+    fields = {
+        "FOLLOWED": followed(),
+        "LAWS": laws(),
+        "FORCE": forces(),
+        "PREVIEW": previews(),
+        "TARE": one_tare(),
+    }
+    return {EXPLANATION / "textures.md": filled(__file__, fields)}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(made(__doc__, pages))

@@ -1,13 +1,19 @@
-"""Compare the laws of the vibration and write docs/explanation/vibration.md; by hand, minutes."""
+"""Compare the laws of the vibration, and write docs/explanation/vibration.md; some minutes.
+
+The cost of an update is that on this machine, so --check finds another one.
+
+Example: python tools/vibration.py
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+import sys
+from collections.abc import Iterator
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from pages import EXPLANATION, Pages, columns, filled, made
 
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.control.cascade import Cascade
@@ -25,8 +31,6 @@ from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Setpoint
 
-FOLDER = Path(__file__).resolve().parent.parent / "docs" / "explanation"
-TEMPLATE = Path(__file__).with_suffix(".md")
 BUS = 540e-6
 LOOPS = {"both loops": Mode.AMPLITUDE_RESONANCE, "alone": Mode.AMPLITUDE}
 WARM = 43_250.0
@@ -129,19 +133,12 @@ def steps(law: VibrationLaw, dead_time: float, mode: Mode, **rig: Any) -> list[f
     return found
 
 
-def table(head: str, rows: Iterable[Sequence[str]]) -> str:
-    """Return a table; the head gives its columns, divided by |."""
-    columns = head.split("|")
-    lines = [f"| {head.replace('|', ' | ')} |", "|" + "---|" * len(columns)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
-
-
 def cell(time: float, overshoot: float) -> str:
     """Return a time in ms and an overshoot in %."""
     return f"{time:.1f}; {overshoot:.0f}"
 
 
-def loads_table() -> str:
+def loads_table() -> Iterator[str]:
     """Settling of each law without and with a finger, means over the five subjects."""
     rows = []
     for law in VibrationLaw:
@@ -155,10 +152,10 @@ def loads_table() -> str:
                     row.append(" / ".join(f"{t:.1f}" for t in np.mean(runs, axis=0)[::2]))
             rows.append(row)
     head = "law|dead time|" + "|".join(f"{Fn} N, {x}" for Fn in ("0", "0.5", "1") for x in LOOPS)
-    return table(head, rows)
+    return columns(head, rows)
 
 
-def wrong_table() -> str:
+def wrong_table() -> Iterator[str]:
     """Draw 300 plates that are not the model's."""
     rows = []
     for law in VibrationLaw:
@@ -177,10 +174,10 @@ def wrong_table() -> str:
                     " ".join(f"{np.percentile(overshoots, q):.0f}" for q in (50, 95, 100)),
                 ]
             rows.append(row)
-    return table("law|dead time|both: ms|both: %|alone: ms|alone: %", rows)
+    return columns("law|dead time|both: ms|both: %|alone: ms|alone: %", rows)
 
 
-def told_table() -> str:
+def told_table() -> Iterator[str]:
     """Tell another dead time than the true one."""
     rows = []
     for told, trues in (
@@ -197,10 +194,10 @@ def told_table() -> str:
             rows.append([f"{1e6 * told:.0f}", f"{true}", *cells])
     names = [law.name.lower() for law in VibrationLaw]
     head = "told|true|" + "|".join(f"{n}, {Fn}" for Fn in ("bare", "0.5 N") for n in names)
-    return table(head, rows)
+    return columns(head, rows)
 
 
-def small_table() -> str:
+def small_table() -> Iterator[str]:
     """Small and large amplitudes, and what the noise of the pick-up does."""
     rows = []
     for law in VibrationLaw:
@@ -218,10 +215,10 @@ def small_table() -> str:
                     f"{1e3 * np.std(bench.voltages[200:]):.0f}",
                 ]
             )
-    return table("law|um|ms to 5 %|overshoot, %|std of W, nm|std of V, mV", rows)
+    return columns("law|um|ms to 5 %|overshoot, %|std of W, nm|std of V, mV", rows)
 
 
-def friction_table() -> str:
+def friction_table() -> Iterator[str]:
     """Table I with each law: the loop of the friction was designed around the slowest."""
     rows = []
     for law in VibrationLaw:
@@ -232,10 +229,10 @@ def friction_table() -> str:
             rows.append(
                 [law.name.lower(), f"{1e6 * dead_time:.0f}", *(f"{mean[n]:.1f}" for n in names)]
             )
-    return table("law|dead time|rise, ms|overshoot, %|static error, %", rows)
+    return columns("law|dead time|rise, ms|overshoot, %|static error, %", rows)
 
 
-def cost_table() -> str:
+def cost_table() -> Iterator[str]:
     """Median time of an update in closed loop, the laws in turn, and over that of `pi`."""
     benches = {law: Rig(law, BUS, Fn=0.5) for law in VibrationLaw}
     taken: dict[VibrationLaw, list[float]] = {law: [] for law in VibrationLaw}
@@ -255,7 +252,7 @@ def cost_table() -> str:
         [law.name.lower(), f"{1e6 * time:.1f} us", f"{time / median[PI]:.1f}"]
         for law, time in median.items()
     ]
-    return table("law|an update|over `pi`", rows)
+    return columns("law|an update|over `pi`", rows)
 
 
 def figure() -> None:
@@ -276,14 +273,16 @@ def figure() -> None:
         axes[0].set_ylabel("amplitude (µm)")
         axes[1].set_ylabel("voltage (V)")
         axes[1].set_xlabel("time (ms)")
-        save(picture, FOLDER / "figures" / "laws.svg")
+        save(picture, EXPLANATION / "figures" / "laws.svg")
 
 
-def main() -> None:
+def pages(draw: bool) -> Pages:
     """Run everything, fill the template, draw the figure."""
+    if draw:
+        figure()
     model = PlateModel()
     fastest = -1e3 * model.tau * np.log(1.0 - 0.95e-6 / (model.gain * 150.0))
-    fields = {
+    fields: dict[str, str | Iterator[str]] = {
         "loads": loads_table(),
         "wrong": wrong_table(),
         "told": told_table(),
@@ -293,10 +292,8 @@ def main() -> None:
         "fastest": f"{fastest:.2f}",
         "dead_time": f"{loop_dead_time(1_000_000):.0f}",
     }
-    figure()
-    text = TEMPLATE.read_text(encoding="utf-8").format(**fields)
-    (FOLDER / "vibration.md").write_text(text, encoding="utf-8")
+    return {EXPLANATION / "vibration.md": filled(__file__, fields)}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(made(__doc__, pages))
