@@ -148,9 +148,7 @@ def node_process(
     BenchError
         With its own words, if it ends before it is ready.
     """
-    command = [*smarttac_command(*arguments), *_bus_arguments(bus)]
-    if realtime is not None:
-        command += ["--realtime", str(realtime)]
+    command = node_command(arguments, bus, realtime)
     with (
         TemporaryFile() as said,
         # In a session of its own: Ctrl-C does not end it before the bench has let go of it.
@@ -170,14 +168,47 @@ def node_process(
             node.end()
 
 
-def _bus_arguments(bus: Mapping[str, Any]) -> list[str]:
-    arguments = []
+@contextmanager
+def loop_processes(
+    bus: Mapping[str, Any], realtime: int | None, *, plate_node: int | None = None
+) -> Iterator[list[NodeProcess]]:
+    """Run the stimulator, and before it its plate unless it is there; as `node_process` does.
+
+    Parameters
+    ----------
+    bus
+        Options of `can.Bus`.
+    realtime
+        SCHED_FIFO priority for ``--realtime``; None without it.
+    plate_node
+        Node-ID of a plate that is there already; None simulates one.
+
+    Yields
+    ------
+    list of NodeProcess
+        The plate if it was started, and the stimulator, which produces SYNC.
+    """
+    plate_id = PLATE_ID if plate_node is None else plate_node
+    commands: list[tuple[str, ...]] = [("node", "--plate-node", str(plate_id), "--produce-sync")]
+    if plate_node is None:
+        commands.insert(0, ("plate",))
+    with ExitStack() as stack:
+        yield [stack.enter_context(node_process(each, bus, realtime)) for each in commands]
+
+
+def node_command(
+    arguments: Sequence[str], bus: Mapping[str, Any], realtime: int | None
+) -> list[str]:
+    """Return the command line of `node_process`, whose standard input has to be a pipe."""
+    command = smarttac_command(*arguments)
     for key, value in bus.items():
         if key in _OWN_OPTIONS:
-            arguments += [f"--{key}", str(value)]
+            command += [f"--{key}", str(value)]
         else:
-            arguments += ["--bus-option", f"{key}={value}"]
-    return arguments
+            command += ["--bus-option", f"{key}={value}"]
+    if realtime is not None:
+        command += ["--realtime", str(realtime)]
+    return command
 
 
 @contextmanager
@@ -353,12 +384,10 @@ def measure_loop(
     require_free(bus, stimulator_od(), *([plate_od()] if plate_node is None else []))
     require_quiet(bus)
     plate_id = PLATE_ID if plate_node is None else plate_node
-    commands: list[tuple[str, ...]] = [("node", "--plate-node", str(plate_id), "--produce-sync")]
-    if plate_node is None:
-        commands.insert(0, ("plate",))
-    with ExitStack() as stack:
-        nodes = [stack.enter_context(node_process(each, bus, realtime)) for each in commands]
-        bench = stack.enter_context(_connected(plate_id, bus))
+    with (
+        loop_processes(bus, realtime, plate_node=plate_node) as nodes,
+        _connected(plate_id, bus) as bench,
+    ):
         reason = _try_to_run(bench) if plate_node is None else ""
         timing = LoopTiming(plate_od(plate_id))
         with listening(bus, timing.can_ids, timing.feed):
