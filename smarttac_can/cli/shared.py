@@ -22,7 +22,7 @@ from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.traces import require_matplotlib
-from smarttac_can.device.stored_image import begins_as_image
+from smarttac_can.device.storage import begins_as_image
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.files import (

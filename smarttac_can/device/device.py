@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, ClassVar, Final
 
-from smarttac_can.device.access import Access
-from smarttac_can.device.application import Application
-from smarttac_can.device.collision import Collision
-from smarttac_can.device.emcy import Emergency
-from smarttac_can.device.emcy_consumer import EmergencyConsumer
-from smarttac_can.device.error_behaviour import ErrorBehaviour, ErrorClass
+from smarttac_can.device.emcy import Emergency, EmergencyConsumer, ErrorBehaviour, ErrorClass
+from smarttac_can.device.error_control import Guarding, HeartbeatConsumer, HeartbeatProducer
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.guarding import Guarding
-from smarttac_can.device.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from smarttac_can.device.lss import LSS
-from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.nmt_slave import NMTSlave
-from smarttac_can.device.port import Identifiers, Port
-from smarttac_can.device.rpdo import RPDO
+from smarttac_can.device.nmt import ALL_STATES, NMTState, commands_to
+from smarttac_can.device.pdo import RPDO, TPDO
+from smarttac_can.device.port import Clock, Identifiers, Port
 from smarttac_can.device.sdo import SDOServer
-from smarttac_can.device.service import Service
+from smarttac_can.device.service import Access, Application, Service
 from smarttac_can.device.storage import Memory, ParameterStorage, Storage
-from smarttac_can.device.sync import Sync
-from smarttac_can.device.time_stamp import TimeStamp
-from smarttac_can.device.timer import Clock
-from smarttac_can.device.tpdo import TPDO
+from smarttac_can.device.sync import Sync, TimeStamp
 from smarttac_can.od.cia import (
+    COMMUNICATION_FIRST,
+    COMMUNICATION_LAST,
     EMCY_VENDOR_BYTES,
     HEARTBEAT_ID,
+    LAST_INDEX,
     LAST_NODE_ID,
     NMT_ID,
+    NMT_STARTUP,
     SDO_SERVER_FIRST,
     SDO_SERVER_LAST,
     STORE_EDS,
@@ -41,6 +35,167 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
+
+_NO_AUTOSTART: Final = 4
+
+
+class NMTSlave:
+    """Leads object dictionary, services and application through the NMT states.
+
+    Parameters
+    ----------
+    od, application, autostart
+        As for `Device`.
+    listen
+        Called in each state that lasts, when the services live or rest as it asks.
+
+    Attributes
+    ----------
+    state
+        Present NMT state; INITIALISING before the power is on.
+    on_frame
+        Takes NMT frames.
+    """
+
+    def __init__(
+        self,
+        od: ObjectDictionary,
+        application: Application,
+        autostart: bool,
+        listen: Callable[[], None],
+    ) -> None:
+        self._od = od
+        self._application = application
+        self._autostart = autostart
+        self._listen = listen
+        self._off = True
+        self.state = NMTState.INITIALISING
+        self.on_frame = commands_to(lambda: self._lss.node_id, self._request)
+
+    def lead(
+        self,
+        services: tuple[Service, ...],
+        lss: LSS,
+        storage: ParameterStorage,
+        heartbeat: HeartbeatProducer,
+    ) -> None:
+        """Take the services, in the order in which they enter a state, and three that do more."""
+        self._services = services
+        self._lss = lss
+        self._storage = storage
+        self._heartbeat = heartbeat
+
+    def power_on(self) -> None:
+        """Begin as at power-on, whatever was before."""
+        self._off = True
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin anew with the node-ID of LSS."""
+        self._initialise(NMTState.RESET_APPLICATION)
+
+    def enter(self, state: NMTState) -> None:
+        """Enter a state that lasts."""
+        self.state = state
+        for service in self._services:
+            service.enter(state)
+        self._listen()
+        self._application.on_state(state)
+
+    def _request(self, state: NMTState) -> None:
+        if state in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
+            self._initialise(state)
+        elif state != self.state and not self._off:
+            self.enter(state)
+
+    def _initialise(self, state: NMTState) -> None:
+        self.state = state
+        for service in self._services:
+            service.enter(state)
+        self._lss.node_id = self._lss.pending
+        if self._lss.node_id == UNCONFIGURED:
+            self._off = True
+            self.enter(NMTState.INITIALISING)
+            return
+        self._od.renumber(self._lss.node_id)
+        power_on = self._off or state is NMTState.RESET_APPLICATION
+        first, last = (0, LAST_INDEX) if power_on else (COMMUNICATION_FIRST, COMMUNICATION_LAST)
+        self._off = False
+        self._od.reset(first, last)
+        self._storage.restore(first, last)
+        if power_on:
+            self.state = NMTState.RESET_APPLICATION
+            self._application.on_state(self.state)
+        self.state = NMTState.RESET_COMMUNICATION
+        self._application.on_state(self.state)
+        self._storage.note_presets()
+        for service in self._services:
+            service.configure()
+        self._heartbeat.boot_up()
+        self._storage.report()
+        self.enter(NMTState.PRE_OPERATIONAL)
+        startup = self._od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
+        if power_on and (self._autostart or not startup & _NO_AUTOSTART):
+            self.enter(NMTState.OPERATIONAL)
+
+
+GONE_AFTER_US: Final = 3_000_000
+"""Silence after which the other device counts as gone: three heartbeats of one a second."""
+
+
+class Collision(Service):
+    """Hears the identifiers that the device itself sends with; a bus gives no sender its own back.
+
+    Remote frames do not count: they ask for a frame, and are anybody's.
+
+    Parameters
+    ----------
+    services
+        Gives those whose identifiers are heard.
+
+    Attributes
+    ----------
+    can_id
+        Identifier by which the other device was noticed, 0 while there is none.
+    """
+
+    states: ClassVar = ALL_STATES
+
+    def __init__(
+        self,
+        port: Port,
+        od: ObjectDictionary,
+        application: Application,
+        services: Callable[[], Iterable[Service]],
+    ) -> None:
+        super().__init__(port, od, ())
+        self._application = application
+        self._services = services
+        self._timer = port.clock.timer(self._on_silence)
+        self.can_id = 0
+
+    def cease(self) -> None:
+        """Forget the other device: a reset begins anew."""
+        self._timer.stop()
+        self.can_id = 0
+
+    def listen(self) -> None:
+        """Hear what is this device's alone."""
+        for can_id in sorted({can_id for service in self._services() for can_id in service.sends}):
+            self.port.listen(can_id, self._receive)
+
+    def _receive(self, frame: Frame) -> None:
+        if frame.rtr:
+            return
+        self._timer.start(GONE_AFTER_US)
+        if not self.can_id:
+            self.can_id = frame.can_id
+            self._application.on_collision(True)
+
+    def _on_silence(self) -> None:
+        self.can_id = 0
+        self._application.on_collision(False)
+
 
 _CODES = range(1, 1 << 16)
 _REGISTERS = range(1 << 8)

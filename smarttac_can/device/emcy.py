@@ -1,20 +1,25 @@
-"""Emergency producer with error register and history (CiA 301, 7.2.7, objects 1001h to 1015h)."""
+"""Emergency producer and consumer, and error behaviour (CiA 301, 7.2.7, 1001h to 1015h, 1029h)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from enum import IntEnum
 from typing import Any, ClassVar, Final
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import CONFIGURABLE, NMTState
+from smarttac_can.device.nmt import ALL_STATES, CONFIGURABLE, NMTState
 from smarttac_can.device.port import Port
-from smarttac_can.device.service import Service, check_cob_id
+from smarttac_can.device.service import Application, Service, check_cob_id
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
     EMCY_COB_ID,
+    EMCY_ID,
     EMCY_INHIBIT,
+    ERROR_BEHAVIOUR,
     ERROR_FIELD,
     ERROR_REGISTER,
+    FRAME_BYTES,
     Abort,
     AbortCode,
     EmergencyCode,
@@ -166,3 +171,85 @@ class Emergency(Service):
             self._inhibit.start(self._inhibit_time)
         elif self._queue:
             self._send_next()
+
+
+class EmergencyConsumer(Service):
+    """Hears the default EMCY identifier of a node.
+
+    Parameters
+    ----------
+    node_id
+        1..127, 0 for none.
+    """
+
+    states: ClassVar = CONFIGURABLE
+
+    def __init__(
+        self, port: Port, od: ObjectDictionary, application: Application, node_id: int
+    ) -> None:
+        super().__init__(port, od, ())
+        self._application = application
+        self._node_id = node_id
+
+    def listen(self) -> None:
+        """Listen to the EMCY identifier of the node, if there is one."""
+        if self._node_id:
+            self.port.listen(EMCY_ID + self._node_id, self._receive)
+
+    def _receive(self, frame: Frame) -> None:
+        if len(frame.data) == FRAME_BYTES and not frame.rtr:
+            self._application.on_emergency(int.from_bytes(frame.data[:2], "little"))
+
+
+class ErrorClass(IntEnum):
+    """Sub-indices of the error behaviour."""
+
+    COMMUNICATION = 1
+    ANALOGUE_INPUT = 3
+
+
+_PRE_OPERATIONAL: Final = 0
+_NO_CHANGE: Final = 1
+_STOPPED: Final = 2
+
+
+class ErrorBehaviour(Service):
+    """Changes the NMT state after an error, as the object says.
+
+    Parameters
+    ----------
+    enter_state
+        Brings the device into another NMT state.
+    """
+
+    states: ClassVar = ALL_STATES
+
+    def __init__(
+        self, port: Port, od: ObjectDictionary, enter_state: Callable[[NMTState], None]
+    ) -> None:
+        super().__init__(port, od, (ERROR_BEHAVIOUR,))
+        self._enter_state = enter_state
+        self._state = NMTState.INITIALISING
+
+    def check(self, entry: Entry, value: Any) -> None:
+        """Refuse a value that CiA 301 does not define: 0, 1 and 2 are."""
+        if entry.subindex and not _PRE_OPERATIONAL <= value <= _STOPPED:
+            raise Abort(AbortCode.VALUE)
+
+    def apply(self, entry: Entry) -> None:
+        """Do nothing: the value is read at the next error."""
+
+    def enter(self, state: NMTState | None) -> None:
+        """Remember the NMT state, from which an error may lead."""
+        super().enter(state)
+        if state is not None:
+            self._state = state
+
+    def react(self, error_class: ErrorClass = ErrorClass.COMMUNICATION) -> None:
+        """Follow an error; without the object only a communication error ends OPERATIONAL."""
+        absent = _PRE_OPERATIONAL if error_class is ErrorClass.COMMUNICATION else _NO_CHANGE
+        behaviour = self.od.number(ERROR_BEHAVIOUR, error_class, absent)
+        if behaviour == _PRE_OPERATIONAL and self._state is NMTState.OPERATIONAL:
+            self._enter_state(NMTState.PRE_OPERATIONAL)
+        elif behaviour == _STOPPED and self.alive and self._state is not NMTState.STOPPED:
+            self._enter_state(NMTState.STOPPED)

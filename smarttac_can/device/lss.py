@@ -9,8 +9,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Port
 from smarttac_can.device.service import Service
-from smarttac_can.device.storage import ParameterStorage
-from smarttac_can.device.stored_image import UNCHANGED
+from smarttac_can.device.storage import UNCHANGED, ParameterStorage
 from smarttac_can.od.cia import (
     FRAME_BYTES,
     IDENTITY,

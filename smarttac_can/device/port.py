@@ -1,14 +1,154 @@
-"""What all services of a device share: frames out, listeners by identifier, time."""
+"""What all services of a device share: frames out, listeners by identifier, device time."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.timer import Clock
 from smarttac_can.od.cia import SYNC_ID
+
+NEVER: Final = 1 << 62
+
+
+class Timer:
+    """One timer of a clock, stopped at first.
+
+    Attributes
+    ----------
+    delay
+        Time in us from a start to the first expiry.
+    due
+        Device time in us at which it expires; `NEVER` while stopped.
+    missed
+        Whole periods that were lost before the last expiry.
+    """
+
+    __slots__ = ("_clock", "_expire", "_period", "_slip", "_spacing", "delay", "due", "missed")
+
+    def __init__(self, clock: Clock, expire: Callable[[], None]) -> None:
+        self._clock = clock
+        self._expire = expire
+        self.delay = self._period = self._spacing = self._slip = 0
+        self.due = NEVER
+        self.missed = 0
+
+    def start(self, delay: int, *, periodic: bool = False, spacing: int = 0) -> None:
+        """Expire after a delay in us, 0 or more, and again every delay, above 0, if periodic.
+
+        Parameters
+        ----------
+        spacing
+            Least time in us between two expiries, up to the delay, 0 for any: rather than follow a
+            late one sooner, those after it shift.
+        """
+        self.delay = delay
+        self._period = delay if periodic else 0
+        self._spacing = spacing
+        self._slip = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Start with `delay`, and periodic if it was so before."""
+        clock = self._clock
+        self.due = due = clock.now + self.delay
+        clock.next_due = due if due < clock.next_due else clock.next_due
+
+    def follow(self, delay: int) -> None:
+        """Move the one expiry of a running timer to another delay in us after its start."""
+        if self.running:
+            self.due += delay - self.delay
+            self.delay = delay
+            self._clock.next_due = min(self.due, self._clock.next_due)
+
+    def stop(self) -> None:
+        """Stop the timer: it does not expire."""
+        self.due = NEVER
+
+    @property
+    def running(self) -> bool:
+        """Whether the timer will expire."""
+        return self.due != NEVER
+
+    def fire(self) -> None:
+        """Set the next expiry, then act: what it does may start or stop it again."""
+        period = self._period
+        if not period:
+            self.due = NEVER
+        else:
+            now = self._clock.now
+            late = now - self.due
+            if not self._spacing or late <= period - self._spacing:
+                # Expiries that were slept through are dropped, the phase is kept.
+                self.missed = late // period
+                self.due += period * (1 + self.missed)
+            else:
+                self.missed, self._slip = divmod(self._slip + late, period)
+                self.due = now + period
+        self._expire()
+
+
+class Clock:
+    """Device time and the timers that run on it.
+
+    Attributes
+    ----------
+    now
+        Microseconds since power-on. Whoever moves it on has `advance` called when `next_due` is
+        reached: what is heard in between is heard at that time.
+    next_due
+        No timer expires before this.
+    """
+
+    __slots__ = ("_timers", "next_due", "now")
+
+    def __init__(self) -> None:
+        self.now = 0
+        self.next_due = NEVER
+        self._timers: list[Timer] = []
+
+    def timer(self, expire: Callable[[], None]) -> Timer:
+        """Add a timer, stopped."""
+        timer = Timer(self, expire)
+        self._timers.append(timer)
+        return timer
+
+    def share(self, timers: Sequence[Timer], ahead: int) -> float:
+        """Return the largest share of its delay that passes for one of some timers.
+
+        Parameters
+        ----------
+        timers
+            Those that are stopped count as 0.0, those without a delay as 1.0.
+        ahead
+            Time in us from now at which that is.
+        """
+        then = self.now + ahead
+        largest = 0.0
+        for timer in timers:
+            if timer.due != NEVER:
+                delay = timer.delay
+                share = 1.0 - (timer.due - then) / delay if delay else 1.0
+                largest = share if share > largest else largest
+        return largest
+
+    def advance(self, microseconds: int) -> None:
+        """Let 0 or more us pass; every timer expires at most once, in order of expiry."""
+        self.now = now = self.now + microseconds
+        if now < self.next_due:
+            return
+        timers = self._timers
+        # What was due first may have been stopped or started anew since.
+        self.next_due = next_due = min([timer.due for timer in timers], default=NEVER)
+        if now < next_due:
+            return
+        expired = [timer for timer in timers if timer.due <= now]
+        expired.sort(key=lambda timer: timer.due)
+        for timer in expired:
+            if timer.due <= now:  # not stopped or restarted by one before
+                timer.fire()
+        self.next_due = min([timer.due for timer in timers])
 
 
 class Identifiers(NamedTuple):

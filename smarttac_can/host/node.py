@@ -6,8 +6,7 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.port import Identifiers
-from smarttac_can.device.timer import Clock
+from smarttac_can.device.port import Clock, Identifiers
 
 _AT_ONCE: Final = 127
 

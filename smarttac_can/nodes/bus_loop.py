@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from smarttac_can.device.collision import GONE_AFTER_US
-from smarttac_can.device.device import Device
-from smarttac_can.device.timer import Clock
+from smarttac_can.device.device import GONE_AFTER_US, Device
+from smarttac_can.device.port import Clock
 from smarttac_can.nodes.loop_time import Deadline
 from smarttac_can.nodes.pairing import Pairing
 from smarttac_can.nodes.plate_block import TICK_MASK

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from smarttac_can.device.device import Device
-from smarttac_can.device.timer import Clock
+from smarttac_can.device.port import Clock
 from smarttac_can.od.cia import (
     PDO_EVENT,
     RPDO_COMMUNICATION,

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.port import Identifiers
+from smarttac_can.device.port import Clock, Identifiers
+from smarttac_can.device.service import Application
 from smarttac_can.device.storage import Storage
-from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.drive_sender import DriveSender
 from smarttac_can.nodes.hardware_watch import HardwareWatch
 from smarttac_can.nodes.lock import OF_PLATE, Lock

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.port import Identifiers
+from smarttac_can.device.port import Clock, Identifiers
+from smarttac_can.device.service import Application
 from smarttac_can.device.storage import Storage
-from smarttac_can.device.timer import Clock
 from smarttac_can.nodes.bus_loop import BusLoop
 from smarttac_can.nodes.commander import SETPOINT_RPDOS, Commander
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS

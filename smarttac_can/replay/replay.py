@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.mapping import Direction
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.timer import NEVER
+from smarttac_can.device.port import NEVER
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import (

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.device.collision import GONE_AFTER_US
+from smarttac_can.device.device import GONE_AFTER_US
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.faulty_bus import Disturbance, FrameFault
 from smarttac_can.od.cia import HEARTBEAT_ID, PDO_EVENT, RPDO_COMMUNICATION, RPDO_IDS

@@ -7,9 +7,9 @@ from pathlib import Path
 import transcript
 from transcript import frame, microseconds
 
-from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.service import Application
 from smarttac_can.od.eds import load_eds
 
 NODE_ID = 0x20

@@ -1,9 +1,9 @@
 import pytest
 from one_device import download, make_device, play, started
 
-from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.service import Application
 
 
 class Listener(Application):

@@ -2,9 +2,9 @@ import pytest
 from one_device import NODE_ID, make_device, play, started
 from transcript import frame
 
-from smarttac_can.device.application import Application
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.service import Application
 
 READ_MODE = "620 40 10 21 00 00 00 00 00"
 MODE_IS_0 = "5A0 4F 10 21 00 00 00 00 00"

@@ -1,9 +1,9 @@
 import pytest
 from one_device import download, play, started, upload
 
-from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.service import Application
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.data_types import pack
 from smarttac_can.od.entry import MAX_BYTES, Entry

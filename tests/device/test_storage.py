@@ -1,12 +1,11 @@
 import pytest
 from one_device import NODE_ID, RICH, download, play, upload
 
-from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.storage import Memory
-from smarttac_can.device.stored_image import Image, pack_image, unpack_image
+from smarttac_can.device.service import Application
+from smarttac_can.device.storage import Image, Memory, pack_image, unpack_image
 from smarttac_can.od.eds import load_eds
 
 SAVE, LOAD = 0x65766173, 0x64616F6C

@@ -9,7 +9,7 @@ import pytest
 from line import packed
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.device.timer import Clock
+from smarttac_can.device.port import Clock
 from smarttac_can.nodes.bus_loop import BusLoop
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, received_measurement
 from smarttac_can.nodes.loop_time import Deadline

@@ -7,10 +7,10 @@ from driven import MASTER, STATE, driven, write, write_entry
 from line import START, Line, plate_inside
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.device.application import Application
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.timer import Clock
+from smarttac_can.device.port import Clock
+from smarttac_can.device.service import Application
 from smarttac_can.nodes.commander import Commander
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.trials.rig import Rig

@@ -8,7 +8,7 @@ from line import START, Line, measurement, plate_alone, plate_inside
 
 from smarttac_can.bench.simulation import PLATE_ID, stimulator_od
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.timer import Clock
+from smarttac_can.device.port import Clock
 from smarttac_can.master import requests
 from smarttac_can.nodes.loop_time import MissedTime
 from smarttac_can.nodes.stimulator_node import StimulatorNode

@@ -17,8 +17,7 @@ from line import PREOP, RESET_COMMUNICATION, START, SYNC, Line
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.storage import Memory
-from smarttac_can.device.stored_image import Image, pack_image
+from smarttac_can.device.storage import Image, Memory, pack_image
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode

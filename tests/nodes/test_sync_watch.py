@@ -3,7 +3,7 @@
 import pytest
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.device.timer import Clock
+from smarttac_can.device.port import Clock
 from smarttac_can.nodes.bus_loop import SyncWatch
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.nodes.loop_time import Deadline, set_deadline

@@ -1,4 +1,4 @@
-from smarttac_can.device.timer import NEVER, Clock
+from smarttac_can.device.port import NEVER, Clock
 
 
 def test_timers_fire_in_order_of_expiry_and_once() -> None:

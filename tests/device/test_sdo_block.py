@@ -211,7 +211,7 @@ def test_no_frame_has_more_than_a_sub_block_summed_up(monkeypatch: pytest.Monkey
         summed.append(len(data))
         return crc_hqx(data, crc)
 
-    monkeypatch.setattr("smarttac_can.device.block.crc_hqx", spy)
+    monkeypatch.setattr("smarttac_can.device.sdo.crc_hqx", spy)
     device = started()
     data = TEXT * 10
     assert write_block(device, data, lost=frozenset({5, 300, 1000})) == 0
