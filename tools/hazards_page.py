@@ -13,11 +13,11 @@ from fmeda_page import Found, found, summary
 
 from smarttac_can.control.step import FREQUENCY_STEP
 from smarttac_can.host.files import read_eds
-from smarttac_can.nodes import drive_sender
-from smarttac_can.nodes.commander import NOT_OPERATIONAL_US
+from smarttac_can.nodes import plate_node
 from smarttac_can.nodes.hard_caps import AMPLITUDE_TRIP_MAX
 from smarttac_can.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
 from smarttac_can.nodes.loop_time import deadlines
+from smarttac_can.nodes.stimulator_node import NOT_OPERATIONAL_US
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import table
@@ -76,7 +76,7 @@ def bounds(stimulator: ObjectDictionary, plate: ObjectDictionary) -> dict[str, f
         "SYNC_DRIFT": watchdogs.sync_drift_tolerance(deadline),
         "NOT_OPERATIONAL": NOT_OPERATIONAL_US // TICK_US,
         "FORCE_PATH": round(1e3 * pi / swing),
-        "WRONG_MAX": drive_sender.WRONG_MAX,
+        "WRONG_MAX": plate_node.WRONG_MAX,
         "FORGOTTEN": watchdogs.FORGOTTEN,
         "MISSED_PERCENT": stimulator["Limit.Missed ticks"].default,
         "BY_DRIVE": round(1e6 * _default(stimulator, "Limit.Amplitude by drive")),

@@ -18,8 +18,7 @@ from smarttac_can.bench.open_link import LocalLink
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.simulated_plate import SimulatedPlate
+from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.paper.dead_time import loop_dead_time
 from smarttac_can.paper.experiments import Conditions, experiments

@@ -7,7 +7,7 @@ from typing import Final
 
 from smarttac_can.host.files import read_eds
 from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.nodes.null_window import NULL
+from smarttac_can.nodes.parameters import NULL
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_block import StimulatorBlock

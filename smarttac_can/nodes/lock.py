@@ -14,8 +14,7 @@ from smarttac_can.nodes.loop_frames import (
     MEASUREMENT_RPDOS,
     MEASUREMENT_TPDOS,
 )
-from smarttac_can.nodes.null_window import NULL
-from smarttac_can.nodes.plans import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL
+from smarttac_can.nodes.parameters import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL, NULL
 from smarttac_can.od.cia import (
     EMCY_COB_ID,
     GUARD_TIME,

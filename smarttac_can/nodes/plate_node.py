@@ -1,9 +1,9 @@
-"""The plate node: a CANopen device around the function block of the plate."""
+"""The plate node: a device around the function block, who drives it, and what watches it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -11,20 +11,31 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Clock, Identifiers
 from smarttac_can.device.service import Application
 from smarttac_can.device.storage import Storage
-from smarttac_can.nodes.drive_sender import DriveSender
-from smarttac_can.nodes.hardware_watch import HardwareWatch
-from smarttac_can.nodes.lock import OF_PLATE, Lock
+from smarttac_can.nodes.front_end import STAGE_TOLERANCE
+from smarttac_can.nodes.lock import LONGER, OF_PLATE, OTHER, Lock, Rule
 from smarttac_can.nodes.loop_frames import (
     DRIVE_RPDO,
+    LATCHED,
     MEASUREMENT_TPDOS,
+    PLATE_RPDOS,
+    last_unsent,
+    plate_serial,
     received_drive,
     sent_measurement,
 )
 from smarttac_can.nodes.loop_time import LoopPeriod, MissedTime, deadlines, set_deadline
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock, Taken
-from smarttac_can.nodes.plate_link import plate_serial
 from smarttac_can.nodes.states import StageState
-from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.nodes.watches import full_bucket, leaked
+from smarttac_can.od.cia import (
+    PDO_COB_ID,
+    PDO_EVENT,
+    PDO_TRANSMISSION,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    Abort,
+    AbortCode,
+)
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.plant.finger import Trajectory
@@ -32,6 +43,217 @@ from smarttac_can.vocabulary.fault_codes import FaultCode
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, level
+
+WRONG_MAX: Final = 3
+"""Drives with a wrong check in a row that disturb; those now and then fill a leaky bucket."""
+_FULL_OF_WRONG: Final = full_bucket(WRONG_MAX)
+_NOBODY: Final = 0
+_NEVER: Final = -1
+
+
+class DriveSender:
+    """The stimulator that a plate works with: the first that tells it 0 V.
+
+    One drive alone does not name it for good: a check over the session before, or over anything,
+    names some node as well. Until a second one of the same comes, 0 V of another takes its place.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``plate.eds``.
+
+    Attributes
+    ----------
+    latched
+        Whether the sender of the last drive was in FAULT.
+    disturbed
+        Whether too many drives had a wrong check.
+    """
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self._corrupt = od["Cycle.Corrupt drives"]
+        self.forget()
+
+    def forget(self) -> None:
+        """Work with whoever comes first."""
+        self._node_id = _NOBODY
+        self._wrong = 0
+        self._undisturbed = True
+        self.disturbed = False
+        self.latched = False
+
+    def follow(self) -> None:
+        """Begin a cycle; one without a wrong check makes up for some of those before."""
+        if self._wrong and self._undisturbed:
+            self._count(False)
+        self._undisturbed = True
+
+    @property
+    def level(self) -> float:
+        """How near wrong checks are to a bar; 1.0 or more while they bar."""
+        return self._wrong / _FULL_OF_WRONG
+
+    def sound(self, data: bytes, session: int, *, off: bool) -> bool:
+        """Take a drive; tell whether it is this sender's. A wrong one is counted.
+
+        Parameters
+        ----------
+        data
+            Its bytes.
+        session
+            That of the plate, 0..255.
+        off
+            Whether it asks for 0 V.
+        """
+        if self._node_id == _NOBODY and not off:
+            return False
+        named = last_unsent(data, bytes((session,)))
+        self.latched = named >= LATCHED
+        node_id = named % LATCHED
+        if self._node_id == _NOBODY:
+            self._node_id, self._once_in = node_id, session
+        elif node_id == self._node_id:
+            self._once_in = _NEVER
+        elif off and session == self._once_in:
+            self._node_id = node_id
+        if node_id != _NOBODY and node_id == self._node_id and (off or not self.latched):
+            return True
+        self._corrupt.count()
+        self._undisturbed = False
+        self._count(True)
+        return False
+
+    def _count(self, wrong: bool) -> None:
+        self._wrong = leaked(self._wrong, _FULL_OF_WRONG, wrong)
+        self.disturbed = self._wrong >= _FULL_OF_WRONG
+
+
+READ_BACK_CYCLES: Final = 3
+"""Cycles in a row with a wrong reading that are a fault; those now and then fill a leaky bucket.
+Two more pass before, at most: a reading may be a cycle old, and so may what it is compared with."""
+_FULL_OF_READINGS: Final = full_bucket(READ_BACK_CYCLES)
+
+
+class HardwareWatch:
+    """The inputs ``Enable`` and ``Stage read-back``, each of which is watched while it is mapped.
+
+    An input is mapped while a valid RPDO of the plate has it in its mapping. The stage may drive
+    then while each such RPDO has come within its event timer, an ``Enable`` that is mapped is 1,
+    and a read-back that is mapped is the voltage that the stage was commanded. A reading is
+    compared with that of now and of the last two cycles: it may be a cycle old.
+
+    Parameters
+    ----------
+    device
+        The plate's.
+
+    Attributes
+    ----------
+    sources
+        RPDOs that have one of the inputs in their mapping, and whether it is the read-back.
+    reads_back
+        Whether the read-back is mapped.
+    cause
+        What keeps the stage from a voltage; None if nothing does.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        od = device.od
+        self._enable = od["Enable"]
+        self._read_back = od["Stage read-back"]
+        self._inputs: tuple[Entry, ...] = ()
+        self._rules: dict[Entry, Rule] = {}
+        self.sources: dict[int, bool] = {}
+        self.reads_back = False
+        self.cause: FaultCode | None = None
+        self._commanded = (0.0, 0.0)
+        self._wrong = False
+        self._wrong_cycles = 0
+
+    def configure(self) -> None:
+        """Look up what is mapped; for when PDOs have changed, or the NMT state has."""
+        carries = self._device.carries
+        both = (self._enable, self._read_back)
+        self._inputs = tuple(e for e in both if any(carries(n, e) for n in PLATE_RPDOS))
+        self.sources = {
+            number: carries(number, self._read_back)
+            for number in PLATE_RPDOS
+            if any(carries(number, entry) for entry in both)
+        }
+        self.reads_back = self._read_back in self._inputs
+        if not self.reads_back:
+            self._wrong = False
+            self._wrong_cycles = 0
+        self._rules = dict(rule for number in self.sources for rule in self._of_rpdo(number))
+        self.look()
+
+    def hear(self, number: int, commanded: float) -> None:
+        """Take what one of the sources has brought.
+
+        Parameters
+        ----------
+        number
+            That of the RPDO.
+        commanded
+            What the stage is commanded now, in V.
+        """
+        if self.sources[number]:
+            reading = float(self._read_back.value * self._read_back.si)
+            of_late = (commanded, *self._commanded)
+            most, least = max(of_late), min(of_late)
+            self._wrong = not least - STAGE_TOLERANCE <= reading <= most + STAGE_TOLERANCE
+        self.look()
+
+    def cycle(self, commanded: float) -> None:
+        """Count a cycle of the loop at whose end the stage was commanded a voltage in V."""
+        self._commanded = (commanded, self._commanded[0])
+        self._wrong_cycles = leaked(self._wrong_cycles, _FULL_OF_READINGS, self._wrong)
+        self.look()
+
+    def look(self) -> None:
+        """See what keeps the stage from a voltage."""
+        heard = all(map(self._device.in_time, self.sources))
+        enabled = self._enable.value or self._enable not in self._inputs
+        self.cause = None
+        if not (heard and enabled):
+            self.cause = FaultCode.NOT_ENABLED
+        elif self._wrong_cycles >= _FULL_OF_READINGS:
+            self.cause = FaultCode.STAGE
+
+    def require(self, entry: Entry, value: int, *, in_use: bool) -> None:
+        """Refuse a write that would take the place of the hardware, or end the watch over it.
+
+        Parameters
+        ----------
+        entry, value
+            What is written, raw.
+        in_use
+            Whether the stage is.
+
+        Raises
+        ------
+        Abort
+            STATE for another value of an input that is mapped, and while the stage is in use for
+            what would be laxer.
+        """
+        if entry in self._inputs and OTHER.holds(entry.value, value):
+            raise Abort(AbortCode.STATE)
+        rule = self._rules.get(entry)
+        if in_use and rule is not None and rule.holds(entry.value, value):
+            raise Abort(AbortCode.STATE)
+
+    def _of_rpdo(self, number: int) -> list[tuple[Entry, Rule]]:
+        """List what does not become laxer of an RPDO."""
+        objects = self._device.od.objects
+        communication = objects[RPDO_COMMUNICATION + number - 1].entries
+        mapping = objects[RPDO_MAPPING + number - 1].entries
+        return [
+            (communication[PDO_COB_ID], OTHER),
+            (communication[PDO_TRANSMISSION], OTHER),
+            (communication[PDO_EVENT], LONGER),
+            *((entry, OTHER) for entry in mapping.values()),
+        ]
 
 
 class PlateNode(Application):

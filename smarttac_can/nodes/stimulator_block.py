@@ -7,43 +7,116 @@ from typing import Any, Final
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.tribometer import Forces
-from smarttac_can.nodes.cycle_input import MeasurementInput, Setpoints
-from smarttac_can.nodes.drive_output import DriveOutput
 from smarttac_can.nodes.hard_caps import STIMULATOR_CAPS, require_caps, require_choices
 from smarttac_can.nodes.lock import OF_STIMULATOR, Lock
-from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
+from smarttac_can.nodes.loop_frames import (
+    MEASUREMENT_RPDOS,
+    CheckedFrames,
+    received_drive,
+    received_measurement,
+    sent_drive,
+    sent_measurement,
+)
 from smarttac_can.nodes.loop_time import Deadline
-from smarttac_can.nodes.model_sheet import ModelSheet
-from smarttac_can.nodes.plans import (
+from smarttac_can.nodes.parameters import (
     CALIBRATION,
     DESIGN,
     GAUGE_ZERO,
     MODEL,
     TEXTURE,
     UNTARED,
+    ModelSheet,
     Plans,
     Present,
+    Taring,
+    TextureSlots,
     build_plans,
     plate_model,
 )
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_inside import PlateInside
-from smarttac_can.nodes.read_back import ReadBack
+from smarttac_can.nodes.process_image import DriveOutput, MeasurementInput, ReadBack, Setpoints
 from smarttac_can.nodes.states import Event
 from smarttac_can.nodes.supervisor import Supervisor
-from smarttac_can.nodes.taring import Taring
-from smarttac_can.nodes.texture_slots import TextureSlots
 from smarttac_can.nodes.watches import full_counts
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN
+from smarttac_can.vocabulary.objects import AUTO_ZERO, FAULT_KIND, SIMULATION, START_RUN
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, Drive
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.textures import TABLES
 from smarttac_can.vocabulary.watchdogs import Watchdog
+
+
+class PlateInside:
+    """Copies integers between two object dictionaries, as the PDOs of the loop would.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``stimulator.eds``.
+    plate
+        Function block of the plate.
+
+    Raises
+    ------
+    ValueError
+        If the PDOs of the two EDS files do not carry the same.
+
+    Attributes
+    ----------
+    plate
+        As given.
+    """
+
+    def __init__(self, od: ObjectDictionary, plate: PlateBlock) -> None:
+        self._od = od
+        self.plate = plate
+        self._sent, self._received = sent_measurement(plate.od), received_measurement(od)
+        _require_same(self._sent, self._received)
+        sent, received = sent_drive(od), received_drive(plate.od)
+        _require_same(sent, received)
+        self._driven = list(zip(sent.entries, received.entries, strict=True))
+
+    def power_on(self) -> None:
+        """Begin with the values that the objects of the simulation have now."""
+        self.plate.od.reset()
+        for entry in self._od:
+            if entry.name.partition(".")[0] in SIMULATION:
+                self.plate.od[entry.name].value = entry.value
+
+    def start_run(self) -> None:
+        """Put the plate to rest at tick 0, without a fault of its own."""
+        self.plate.start_run()
+        self._od[FAULT_KIND].value = FaultKind.NONE
+
+    def measure(self) -> list[int]:
+        """Step the plate and sample; return the values in the order of the bus, with no check."""
+        self.plate.cycle()
+        values = [entry.value for entry in self._sent.entries]
+        for entry, value in zip(self._received.entries, values, strict=True):
+            entry.value = value
+        return values
+
+    def drive(self) -> None:
+        """Have the plate take the drive."""
+        for source, target in self._driven:
+            target.value = source.value
+        self.plate.take_drive()
+
+
+def _require_same(sent: CheckedFrames, received: CheckedFrames) -> None:
+    """Raise ValueError unless both ends map the same objects in the same order."""
+    if len(sent.entries) != len(received.entries):
+        raise ValueError("the PDOs of the loop carry different numbers of objects")
+    for source, target in zip(sent.entries, received.entries, strict=True):
+        what = source.name.rpartition(".")[2].lower()
+        if not target.name.lower().endswith(what):
+            raise ValueError(f"{source.name} and {target.name} are mapped at the same place")
+
 
 # What every cycle asks for stands here: looking a member of an enumeration up costs much more.
 _RUNNING: Final = State.RUNNING

@@ -1,8 +1,8 @@
-"""The stimulator node: a CANopen device around the function block of the stimulator."""
+"""The stimulator node: a device around its function block, who commands it, what it publishes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from smarttac_can.device.device import Device
@@ -11,17 +11,35 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import Clock, Identifiers
 from smarttac_can.device.service import Application
 from smarttac_can.device.storage import Storage
-from smarttac_can.nodes.bus_loop import BusLoop
-from smarttac_can.nodes.commander import SETPOINT_RPDOS, Commander
-from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
-from smarttac_can.nodes.loop_time import TICKS, LoopPeriod, MissedTime
-from smarttac_can.nodes.plans import mend_settings
+from smarttac_can.nodes.bus_loop import BusLoop, Observe
+from smarttac_can.nodes.lock import watched_node
+from smarttac_can.nodes.loop_frames import (
+    DRIVE_TPDO,
+    LATCHED,
+    MEASUREMENT_RPDOS,
+    expect_plate,
+    links_to_plate,
+    sent_drive,
+)
+from smarttac_can.nodes.loop_time import TICKS, LoopPeriod, MissedTime, deadlines
+from smarttac_can.nodes.parameters import mend_settings
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_link import expect_plate, links_to_plate
-from smarttac_can.nodes.publishing import Publishing
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.nodes.watches import levels
-from smarttac_can.od.cia import HEARTBEAT_CONSUMER, Abort, AbortCode, EmergencyCode, ErrorRegister
+from smarttac_can.od.cia import (
+    EVENT_MANUFACTURER,
+    GUARD_TIME,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
+    LIFE_TIME_FACTOR,
+    PDO_TRANSMISSION,
+    TPDO_COMMUNICATION,
+    Abort,
+    AbortCode,
+    EmergencyCode,
+    ErrorRegister,
+)
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import START_RUN
@@ -31,8 +49,246 @@ from smarttac_can.vocabulary.watchdogs import (
     COUNTED,
     OF_LATE_DRIVES,
     REPORTED_BY_PLATE,
+    WATCHDOGS,
     Watchdog,
+    watchdogs_in,
 )
+
+NOT_OPERATIONAL_US: Final = 1_000_000
+"""Longest rest of a master outside of OPERATIONAL. One that sets up its own stack passes through
+PRE-OPERATIONAL for less, and a bench that is killed is missed as late."""
+
+_UP: Final = -1
+SETPOINT_RPDOS: Final = (1, 2, 3, 4)
+_TABLE: Final = "Consumer heartbeat time"
+
+
+class Commander:
+    """The watchdogs of heartbeats and set-points, and whether one of them is active.
+
+    A watched node is gone when its heartbeat stays away, at once when it boots again, and when it
+    has been OPERATIONAL but is so no more for `NOT_OPERATIONAL_US`. One that never was need not be:
+    some masters announce PRE-OPERATIONAL all their life.
+
+    Parameters
+    ----------
+    device
+        That of the stimulator.
+    plate
+        Node-ID of the plate node, 0 for none. It is no master, and has watchdogs of its own: only
+        its silence counts.
+    observe
+        Called with a watchdog whose fault comes, or goes.
+    lockstep
+        Whether the master's SYNC is the only clock: nothing happens without the master then.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        plate: int,
+        observe: Observe,
+        *,
+        lockstep: bool,
+    ) -> None:
+        self._device = device
+        self._clock = device.clock
+        self._plate = plate
+        self._observe = observe
+        self._lockstep = lockstep
+        self._late: set[int] = set()
+        self._gone: set[int] = set()
+        self._seen: set[int] = set()
+        self._resting: dict[int, int] = {}
+        """Since when nodes that were OPERATIONAL are so no more; `_UP` for one that is."""
+        od = device.od
+        self._watches = [e for s, e in od.objects[HEARTBEAT_CONSUMER].entries.items() if s]
+        self._deadlines = deadlines(od, SETPOINT_RPDOS)
+        self._guarding = od.entry(GUARD_TIME), od.entry(LIFE_TIME_FACTOR)
+        self._heartbeat = od.entry(HEARTBEAT_PRODUCER)
+
+    def restart(self) -> None:
+        """Begin anew: nobody was seen yet."""
+        self._gone.clear()
+        self._seen.clear()
+        self._resting.clear()
+        self._observe(Watchdog.HEARTBEAT, False)
+
+    def leave(self) -> None:
+        """Follow NMT out of OPERATIONAL: deadlines start anew with the first PDO."""
+        self._late.clear()
+        self._observe(Watchdog.SETPOINT, False)
+
+    def rewatch(self, before: int, after: int) -> None:
+        """Follow a write to the heartbeat consumer: another watch is a new one."""
+        node_id = watched_node(before)
+        if node_id and node_id != watched_node(after):
+            self._seen.discard(node_id)
+            self._resting.pop(node_id, None)
+            self._back(node_id)
+
+    def silent(self, node_id: int, lost: bool) -> None:
+        """Record that a node is silent, or heard again; node-ID 0 is life guarding."""
+        if lost:
+            self._lose(node_id)
+        else:
+            self._back(node_id)
+
+    def heard(self, node_id: int, state: int) -> None:
+        """Take a heartbeat, or the boot-up message, of a watched node."""
+        if node_id == self._plate:
+            return
+        if state == NMTState.INITIALISING:
+            self._resting.pop(node_id, None)
+            if node_id in self._seen:
+                self._lose(node_id)
+            return
+        self._seen.add(node_id)
+        if state == NMTState.OPERATIONAL:
+            self._resting[node_id] = _UP
+        elif node_id in self._resting:
+            since = self._resting[node_id]
+            if since == _UP:
+                self._resting[node_id] = self._clock.now
+            elif self._clock.now - since >= NOT_OPERATIONAL_US:
+                self._lose(node_id)
+            return
+        self._back(node_id)
+
+    def level(self) -> float:
+        """Return the largest share of its time for which a node has left OPERATIONAL, 0..1."""
+        now = self._clock.now
+        since = [at for at in self._resting.values() if at != _UP]
+        return (now - min(since)) / NOT_OPERATIONAL_US if since else 0.0
+
+    def late(self, rpdo: int, late: bool) -> None:
+        """Record that the set-points of an RPDO are late, or have come again."""
+        if late:
+            self._late.add(rpdo)
+            self._observe(Watchdog.SETPOINT, True)
+            return
+        self._late.discard(rpdo)
+        if not self._late:
+            self._observe(Watchdog.SETPOINT, False)
+
+    def _lose(self, node_id: int) -> None:
+        if node_id not in self._gone:
+            self._gone.add(node_id)
+            self._observe(Watchdog.HEARTBEAT, True)
+
+    def _back(self, node_id: int) -> None:
+        self._gone.discard(node_id)
+        if not self._gone:
+            self._observe(Watchdog.HEARTBEAT, False)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the loss of the commander would be noticed."""
+        device = self._device
+        return (
+            self._lockstep
+            or device.guarded
+            or bool(device.watched_in_time - {self._plate})
+            or any(device.in_time(number) for number in SETPOINT_RPDOS)
+        )
+
+    def advice(self) -> str:
+        """Say what the watches wait for that are set, or how to set one."""
+        return ", or ".join(self._set_but_silent()) or (
+            f"enter your heartbeat in {_TABLE} and send it, or set Drive unwatched to 1"
+        )
+
+    def _set_but_silent(self) -> Iterator[str]:
+        """Yield what each watch waits for that is set: its first sign of life."""
+        nodes = [watched_node(entry.value) for entry in self._watches]
+        if masters := [f"{node}" for node in nodes if node not in (0, self._plate)]:
+            which = " or ".join(masters)
+            full = all(entry.value for entry in self._watches)
+            taken = "; its entries are all taken: write 0 to one for another" if full else ""
+            silent = f"entered in {_TABLE} but not heard yet{taken}"
+            yield f"send the heartbeat of node {which}, {silent}"
+        for number, deadline in zip(SETPOINT_RPDOS, self._deadlines, strict=True):
+            if deadline.value:
+                yield f"send RPDO {number}, which has a deadline but has not come yet"
+        if all(entry.value for entry in self._guarding):
+            if self._heartbeat.value:
+                yield "set Producer heartbeat time to 0: life guarding rests beside a heartbeat"
+            else:
+                yield "guard this node: its life time is set, but no remote frame has come yet"
+
+
+_STATUS_TPDO: Final = 1
+_MEASURED_TPDOS: Final = (2, 3, 4)
+
+
+class Publishing:
+    """The drive, the public TPDOs, and what was latched as emergency messages.
+
+    TPDO 1 goes out when status or mode change, TPDO 2 to 4 in every cycle if their transmission
+    type is 254; else they go out as their type says.
+
+    Parameters
+    ----------
+    device
+        That of the stimulator.
+    supervisor
+        Latches what is told.
+    """
+
+    def __init__(self, device: Device, supervisor: Supervisor) -> None:
+        self._device = device
+        self._supervisor = supervisor
+        self._reported = 0
+        self._drive = sent_drive(device.od)
+        self._types = [
+            (number, device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
+            for number in _MEASURED_TPDOS
+        ]
+
+    def cycle(self) -> None:
+        """Publish what a cycle has changed."""
+        trigger = self._device.trigger
+        trigger(_STATUS_TPDO)
+        for number, transmission in self._types:
+            if transmission.value == EVENT_MANUFACTURER:
+                trigger(number)
+
+    def status(self) -> None:
+        """Publish another state at once."""
+        self._device.trigger(_STATUS_TPDO)
+
+    def drive(self, session: int) -> None:
+        """Send the drive; who sends it, and whether in FAULT, is in its check alone."""
+        latched = LATCHED if self._supervisor.state is State.FAULT else 0
+        self._drive.write_check(bytes((session, self._device.od.node_id | latched)))
+        self._device.trigger(DRIVE_TPDO)
+
+    def all(self) -> None:
+        """Publish everything, for the last time."""
+        for number in (_STATUS_TPDO, *_MEASURED_TPDOS):
+            self._device.trigger(number)
+
+    def report(self) -> None:
+        """Make emergency messages of what was latched, or reset, since the last time."""
+        before, self._reported = self._reported, self._supervisor.latched
+        if before == self._reported:
+            return
+        for watchdog in watchdogs_in(before & ~self._reported):
+            self._device.clear_emergency(WATCHDOGS[watchdog].code)
+        for watchdog in watchdogs_in(self._reported & ~before):
+            row = WATCHDOGS[watchdog]
+            self._device.emergency(row.code, row.register, bytes((watchdog,)))
+            self._device.trigger(_STATUS_TPDO)
+
+    def hold(self) -> None:
+        """Tell nothing of what is latched now: there is no device to tell it, in a reset."""
+        self._reported = self._supervisor.latched
+
+    def report_all(self) -> None:
+        """Tell all that is latched, also what was so in a reset or before it."""
+        self._reported = 0
+        self.report()
+
 
 _PERCENT: Final = 100
 _LINKING: Final = (NMTState.RESET_COMMUNICATION, NMTState.OPERATIONAL)

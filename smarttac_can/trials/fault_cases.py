@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.nodes.front_end import STAGE_TOLERANCE
-from smarttac_can.nodes.hardware_watch import READ_BACK_CYCLES
+from smarttac_can.nodes.plate_node import READ_BACK_CYCLES
 from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
 from smarttac_can.trials import fault_acts as act
 from smarttac_can.trials.fault_acts import Act

@@ -9,8 +9,7 @@ from math import sin
 from typing import Any, Final
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.simulated_plate import SimulatedPlate
+from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.plant.finger import FingerState, smooth

@@ -24,9 +24,8 @@ from math import cos, floor, pi, sin
 from typing import Any, Final, NamedTuple, TypeVar
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.nodes.plans import GAUGE_ZERO, MODEL
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.simulated_plate import SimulatedPlate
+from smarttac_can.nodes.parameters import GAUGE_ZERO, MODEL
+from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.plant.faults import SOUND

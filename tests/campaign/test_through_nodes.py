@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from smarttac_can.bench import Mode, Stimulator
-from smarttac_can.nodes import simulated_plate
+from smarttac_can.nodes import plate_block
 from smarttac_can.plant.plate import Plate
 from smarttac_can.population.fingers import CASES, F0, TRAVEL, draw_finger
 from smarttac_can.population.trial import Campaign, outcome, traces_of
@@ -45,8 +45,8 @@ def rounded(campaign, number):
 
 def through_nodes(campaign, finger, like, monkeypatch):
     """Return the run of a finger, with ticks as in the campaign's."""
-    monkeypatch.setattr(simulated_plate, "_FINGERS", (finger.subject,))
-    monkeypatch.setattr(simulated_plate, "Plate", Watched)
+    monkeypatch.setattr(plate_block, "_FINGERS", (finger.subject,))
+    monkeypatch.setattr(plate_block, "Plate", Watched)
     with Stimulator.simulate("bus") as bench:
         bench.law, bench.vibration_law = campaign.law, campaign.vibration_law
         bench.set("Controller.Dead time", DEAD_TIME_US)

@@ -20,7 +20,7 @@ from nodes_on_a_bus import GUARD_S, ODS, multicast_options, processes
 
 from smarttac_can.bench import FaultError, HeartbeatLostError, Stimulator
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.nodes.frame_check import crc8
+from smarttac_can.nodes.loop_frames import crc8
 from smarttac_can.timing.stage_watch import MASTER_ID, StageWatch
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog

@@ -11,7 +11,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master import requests
 from smarttac_can.master.local_master import LocalMaster
-from smarttac_can.nodes.frame_check import CheckedFrames, crc8
+from smarttac_can.nodes.loop_frames import CheckedFrames, crc8
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode

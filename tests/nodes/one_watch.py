@@ -9,8 +9,8 @@ from smarttac_can.nodes.bounds import (
     noted,
     response_at,
 )
-from smarttac_can.nodes.cycle_input import Measured
-from smarttac_can.nodes.plans import cascade_parameters
+from smarttac_can.nodes.parameters import cascade_parameters
+from smarttac_can.nodes.process_image import Measured
 from smarttac_can.nodes.watches import Seen, WatchPlan, at_rest, watch_plan, watch_step
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement

@@ -3,7 +3,7 @@
 import pytest
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.nodes.analogue_input import AnalogueInput
+from smarttac_can.nodes.process_image import AnalogueInput
 from smarttac_can.od.dictionary import ObjectDictionary
 
 CHANNELS = ("force x", "force y", "normal force", "COF", "amplitude", "temperature")

@@ -11,8 +11,7 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.port import Clock
 from smarttac_can.device.service import Application
-from smarttac_can.nodes.commander import Commander
-from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.nodes.stimulator_node import Commander, StimulatorNode
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.nodes.drive_output import DriveOutput
+from smarttac_can.nodes.process_image import DriveOutput
 from smarttac_can.vocabulary.signals import Drive
 
 

@@ -6,8 +6,8 @@ import pytest
 from line import packed
 
 from smarttac_can.bench.simulation import plate_od
-from smarttac_can.nodes.drive_sender import DriveSender
 from smarttac_can.nodes.loop_frames import received_drive
+from smarttac_can.nodes.plate_node import DriveSender
 
 ONE, OTHER = 32, 127
 IN_FAULT = 0x80

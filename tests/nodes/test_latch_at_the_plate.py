@@ -22,7 +22,7 @@ from line import (
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.device.frame import Frame
-from smarttac_can.nodes.frame_check import crc8, last_unsent
+from smarttac_can.nodes.loop_frames import crc8, last_unsent
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.states import State

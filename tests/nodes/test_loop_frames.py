@@ -16,8 +16,8 @@ from smarttac_can.bench.simulation import (
     stimulator_od,
     stimulator_with_plate,
 )
-from smarttac_can.nodes.frame_check import CheckedFrames
 from smarttac_can.nodes.loop_frames import (
+    CheckedFrames,
     received_drive,
     received_measurement,
     sent_drive,

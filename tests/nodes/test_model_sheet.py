@@ -5,8 +5,7 @@ import pytest
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.identification import Identification
-from smarttac_can.nodes.model_sheet import ModelSheet
-from smarttac_can.nodes.plans import plate_model
+from smarttac_can.nodes.parameters import ModelSheet, plate_model
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.states import IdentificationState

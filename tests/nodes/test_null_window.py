@@ -9,7 +9,7 @@ from smarttac_can.bench import FaultError, NotReadyError, RefusedError, State, S
 from smarttac_can.bench.simulation import od_and_plate, stimulator_od
 from smarttac_can.device.storage import Memory
 from smarttac_can.master.requests import download
-from smarttac_can.nodes.null_window import NullWindow
+from smarttac_can.nodes.parameters import NullWindow
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
 

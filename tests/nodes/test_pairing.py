@@ -6,8 +6,8 @@ import pytest
 from line import packed
 
 from smarttac_can.bench.simulation import stimulator_od
+from smarttac_can.nodes.bus_loop import Pairing
 from smarttac_can.nodes.loop_frames import received_measurement
-from smarttac_can.nodes.pairing import Pairing
 
 FIRST, SECOND, LAST = 5, 6, 7
 

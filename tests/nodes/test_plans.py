@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from smarttac_can.bench.simulation import STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.control import design
 from smarttac_can.control.texture import NO_TEXTURE
-from smarttac_can.nodes.plans import (
+from smarttac_can.nodes.parameters import (
     DESIGN,
     GAUGE_ZERO,
     MODEL,

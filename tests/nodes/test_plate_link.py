@@ -3,7 +3,7 @@
 import pytest
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.nodes.plate_link import links_to_plate, plate_serial
+from smarttac_can.nodes.loop_frames import links_to_plate, plate_serial
 
 SERIAL = "Calibration.Plate serial number"
 

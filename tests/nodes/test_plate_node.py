@@ -21,8 +21,8 @@ from line import (
 
 from smarttac_can.bench.simulation import PLATE_ID, plate_od
 from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.plate_block import SimulatedPlate
 from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.simulated_plate import SimulatedPlate
 from smarttac_can.plant.finger import Trajectory
 
 STATE, TOO_HIGH, TOO_LOW = 0x08000022, 0x06090031, 0x06090032

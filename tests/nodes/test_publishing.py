@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from smarttac_can.bench.simulation import STIMULATOR_ID, stimulator_od
-from smarttac_can.nodes.frame_check import crc8
-from smarttac_can.nodes.publishing import Publishing
+from smarttac_can.nodes.loop_frames import crc8
+from smarttac_can.nodes.stimulator_node import Publishing
 from smarttac_can.vocabulary.states import State
 
 STATUS, DRIVE = 1, 5

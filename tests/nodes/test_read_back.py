@@ -13,10 +13,8 @@ from line import PREOP, START, STOP, both_nodes, plate_inside
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes import stimulator_block
-from smarttac_can.nodes.analogue_input import CHANNELS
-from smarttac_can.nodes.cycle_input import Measured
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.read_back import ReadBack
+from smarttac_can.nodes.process_image import CHANNELS, Measured, ReadBack
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
