@@ -44,7 +44,8 @@ class Bus(Protocol):
         Returns
         -------
         bool
-            Whether more may wait: it takes no longer than a millisecond and a frame.
+            Whether more may wait: a call takes some frames at most, as many as come within about a
+            millisecond.
         """
 
     def block(self, can_ids: frozenset[int]) -> None:

@@ -47,7 +47,7 @@ class Codec(Protocol):
         """Return what is sent for a frame."""
 
     def decode(self, data: bytes) -> Frame | None:
-        """Return the frame; None for what is none, or an echo."""
+        """Return the frame; None if the bytes are no frame, or an echo."""
 
 
 class SocketCan:
@@ -72,7 +72,7 @@ class SocketCan:
         return self._STRUCT.pack(can_id | self._REMOTE if rtr else can_id, len(data), data)
 
     def decode(self, data: bytes) -> Frame | None:
-        """Return the frame; None for what is none."""
+        """Return the frame; None if the bytes are no classical frame of 11 bits."""
         if len(data) != self.size:
             return None
         can_id, size, payload = self._STRUCT.unpack(data)

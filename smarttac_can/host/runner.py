@@ -24,20 +24,22 @@ from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.vocabulary.signals import TICK_US
 
 _LATE_US: Final = 2000
-"""Who has not read the bus for so long came late: what waits may be older than what is due."""
+"""A timer that is overdue by so many us shows that the process was not run: frames that wait may be
+older than what is due."""
 _CATCH_UP_US: Final = 9000
-"""For how long in us a process that came late hears frames before it acts on what is due."""
+"""Longest time in us for which such a process handles frames before it acts on what is due."""
 _READING_US: Final = 1000
-"""For how long frames are read in a row."""
+"""Longest time in us for which frames are read in a row."""
 _SLOWEST_US: Final = 5000
 """Longest time in us that a bus takes for a frame; what takes longer is a pause."""
 _MOST_WAITING: Final = 256
-"""Frames that were read and are not heard yet; with so many no more are read."""
+"""Frames that were read and are not handled yet; with so many no more are read."""
 _BEFORE: Final = 4
-"""Frames that wait and are heard before what is due, at most, since a punctual process has heard
-what came before it: those of a measurement, and another."""
+"""Most frames that a punctual process handles before it acts on what is due: the three of a
+measurement, and another."""
 _HEARD_US: Final = 1000
-"""For how long in us they are, and others between two cycles that take longer than a tick."""
+"""Longest time in us for that, and for the frames between two cycles of a node whose cycles take
+longer than a tick."""
 _ENDLESS: Final = 1 << 30
 _SENDING_US: Final = 2000
 """Longest time in us for which frames are handed over in a row."""
@@ -56,7 +58,7 @@ _WORK_SOON_US: Final = 8_000
 _REST_US: Final = 500
 """For how long a process waits in so much time, at least."""
 _WAKING_US: Final = 20
-"""What a wait takes that need not wait."""
+"""A shorter wait does not count as a rest: it is what the call itself takes."""
 
 
 class Observer(Protocol):
@@ -131,7 +133,7 @@ def run_node(
     Raises
     ------
     BusError
-        If the bus carries no more frames, and is none that connects again.
+        If the bus fails and is not a `ReconnectingBus`.
     """
     run = _Run(
         node, bus, lockstep=lockstep, observer=observer, resting=resting, clock=clock, rest=rest
@@ -146,10 +148,8 @@ def run_node(
                     else:
                         run.keep_pace(stop)
                 except BusError as error:
-                    if not isinstance(bus, ReconnectingBus):
-                        raise
                     run.forget()
-                    bus.lose(error)
+                    _lose(bus, error)
             observer.follow()
         except BaseException:
             # The first failure is the one to report, not that a dead bus refuses the last frames.
@@ -159,9 +159,14 @@ def run_node(
         try:
             run.end()
         except BusError as error:
-            if not isinstance(bus, ReconnectingBus):
-                raise
-            bus.lose(error)
+            _lose(bus, error)
+
+
+def _lose(bus: Bus, error: BusError) -> None:
+    """Give up a bus that connects again; raise the error of another one."""
+    if not isinstance(bus, ReconnectingBus):
+        raise error
+    bus.lose(error)
 
 
 class _Run:
@@ -187,7 +192,7 @@ class _Run:
         self._resting = resting
         self._outbox = Outbox(node, bus, observer.full)
         self._ids = Identifiers()
-        self._heard: frozenset[int] = frozenset()
+        self._listened: frozenset[int] = frozenset()
         self._passed: Counter[int] = Counter()
         self._blocked: frozenset[int] = frozenset()
         self._waiting: deque[Frame] = deque()
@@ -197,7 +202,7 @@ class _Run:
         self._slow = 0
         """What the bus took to give some of it, in us."""
         self._flooded = False
-        """Whether frames were left when what is due had to come, and ever since."""
+        """Whether frames were left when a timer was due; until the bus was found empty."""
         self._epoch = clock() // 1000 - node.clock.now
         self._followed = self._busy_since = self._now()
         self._waited = 0
@@ -216,7 +221,7 @@ class _Run:
         while not stop():
             timers.now = now
             if timers.next_due <= now:
-                self._say(self._node.overdue())
+                self._transmit(self._node.overdue())
             waiting = len(self._waiting)
             if not waiting or (waiting < _MOST_WAITING and not self._flooded):
                 now = self._read(now)
@@ -241,14 +246,14 @@ class _Run:
             self._hand_over()
             if waiting:
                 frame = waiting.popleft()
-                if frame.can_id not in self._heard:
+                if frame.can_id not in self._listened:
                     self._pass_over(frame.can_id)
                 else:
                     if frame.can_id == self._ids.sync:
-                        self._say(node.advance(TICK_US))
-                    self._say(node.receive(frame))
+                        self._transmit(node.advance(TICK_US))
+                    self._transmit(node.receive(frame))
             while outbox.empty and (frames := node.segments(_SEGMENTS)):
-                self._say(frames)
+                self._transmit(frames)
             if self._now() - self._followed >= _STOP_POLL_US:
                 self._follow()
 
@@ -264,7 +269,7 @@ class _Run:
         try:
             if not self._lockstep:
                 self._node.clock.now = self._now()
-            self._say(self._node.shutdown())
+            self._transmit(self._node.shutdown())
             end = self._now() + _PARTING_US
             while not self._outbox.empty and self._now() < end:
                 self._rest(_SEND_RETRY_US * 1e-6)
@@ -281,7 +286,7 @@ class _Run:
         self._ids = self._node.ids
         # In lockstep SYNC is the time of a node that waits for a node-ID, too.
         heard = self._ids.heard | {self._ids.sync} if self._lockstep else self._ids.heard
-        self._heard = heard
+        self._listened = heard
         if self._blocked & heard:
             self._blocked -= heard
             self._passed = Counter(dict.fromkeys(self._blocked, _PASSED_OVER))
@@ -294,8 +299,8 @@ class _Run:
             self._blocked |= {can_id}
             self._bus.block(self._blocked)
 
-    def _say(self, frames: list[Frame]) -> None:
-        """Put frames of the node on the bus, behind those that wait for it."""
+    def _transmit(self, frames: list[Frame]) -> None:
+        """Send frames of the node, behind those that wait for the bus."""
         # Before the answer: who is told that it is watched may send its first heartbeat at once.
         if self._node.ids is not self._ids:
             self._listen()
@@ -372,12 +377,12 @@ class _Run:
                     break
             before = now
             frame = waiting.popleft()
-            if frame.can_id in self._heard:
+            if frame.can_id in self._listened:
                 most -= 1
                 timers.now = now
                 if timers.next_due <= now:
-                    self._say(self._node.overdue())
-                self._say(self._answers(frame))
+                    self._transmit(self._node.overdue())
+                self._transmit(self._answers(frame))
             else:
                 self._pass_over(frame.can_id)
             now = self._now()
@@ -400,7 +405,7 @@ class _Run:
         """Have the node act on what is due; return the time."""
         timers = self._node.clock
         timers.now = now
-        self._say(self._node.advance(0))
+        self._transmit(self._node.advance(0))
         now = self._now()
         if timers.next_due <= now and (self._waiting or self._more):
             now = self._hear(now, now + _HEARD_US, _ENDLESS)
@@ -417,7 +422,7 @@ class _Run:
         elif self._resting and now - self._busy_since >= _WORK_SOON_US:
             left = min(left, _REST_US - self._waited)
         elif frames := self._node.segments(_SEGMENTS):
-            self._say(frames)
+            self._transmit(frames)
             return self._now()
         elif idle and left > _SPARE_US:
             before, now = now, self._follow()
