@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from math import inf
 from time import monotonic, sleep
 
 from smarttac_can.device.frame import Frame
@@ -13,6 +14,8 @@ from smarttac_can.host.node import Connected
 
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 5.0
+_STEADY_S = 1.0
+"""A bus that was back for a shorter time is tried again at the growing intervals."""
 _NAP_S = 0.02
 
 
@@ -60,6 +63,7 @@ class ReconnectingBus:
         self._pause = pause
         self._wait = FIRST_WAIT_S
         self._next_try = 0.0
+        self._back_at = -inf
         self._owed: deque[Frame] = deque()
         self._blocked: frozenset[int] = frozenset()
         self._on_trial = False
@@ -90,8 +94,11 @@ class ReconnectingBus:
         if self._on_trial:
             self._wait_longer()
             return
-        self._wait = FIRST_WAIT_S
-        self._next_try = self._clock() + self._wait
+        if self._clock() - self._back_at >= _STEADY_S:
+            self._wait = FIRST_WAIT_S
+            self._next_try = self._clock() + self._wait
+        else:
+            self._wait_longer()
         self._node.bus_off()
         self._lost(reason)
 
@@ -134,6 +141,7 @@ class ReconnectingBus:
             return False
         more = self._bus.read(frames)
         self._on_trial = False
+        self._back_at = self._clock()
         self._back()
         self._owed.extend(self._node.bus_recovered())
         self._use(self._bus)

@@ -123,6 +123,7 @@ def send(bus: ReconnectingBus, frame: Frame) -> None:
 
 
 def lose_and_plug_in(interface: Interface, bus: ReconnectingBus) -> None:
+    interface.sleep(1.1)
     interface.plugged = False
     receive(bus, 0.001)
     interface.plugged = True
@@ -163,6 +164,7 @@ def test_back_is_told_its_frames_are_sent_and_the_interval_begins_anew():
         interface.plugged = True
         interface.sleep(2 * FIRST_WAIT_S + 0.001)
         receive(bus, 0.001)
+        interface.sleep(1.1)
     assert said == ["off", "lost: network is down", "back"] * 2
     assert interface.sent == [HELLO, AGAIN] * 2
     bus.close()
@@ -251,6 +253,18 @@ def test_a_bus_that_is_heard_but_takes_no_frame_is_lost_again():
     receive(bus, 0.001)
     assert said[5:] == ["back"]
     assert interface.sent == [HELLO, AGAIN]
+
+
+def test_a_bus_that_takes_no_frame_is_tried_at_growing_intervals():
+    interface = Interface()
+    bus, said = lasting(interface)
+    lose_and_plug_in(interface, bus)
+    interface.deaf = True
+    while interface.now < 60.0:
+        receive(bus, 0.001)
+    waits = [b - a for a, b in pairwise(interface.tries[2:])]
+    assert waits[-1] == pytest.approx(LONGEST_WAIT_S, abs=0.1)
+    assert said.count("back") < 25
 
 
 def test_an_interface_that_opens_while_it_is_down_is_not_back():
