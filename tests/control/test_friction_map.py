@@ -35,7 +35,8 @@ weights = st.builds(
 TOOL = Path(__file__).parents[2] / "tools" / "friction_shapes.py"
 
 
-def test_the_shapes_are_those_of_the_tool():
+def test_the_shapes_are_those_of_the_tool(monkeypatch):
+    monkeypatch.syspath_prepend(str(TOOL.parent))
     mean, components = runpy.run_path(str(TOOL))["shapes"]()
     for held, found in zip((MEAN, FIRST, SECOND, THIRD), (mean, *components), strict=True):
         np.testing.assert_allclose(held, found, rtol=0.0, atol=5.1e-4)
