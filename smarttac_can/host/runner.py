@@ -68,7 +68,7 @@ class Observer(Protocol):
         """Note that the node has been switched on."""
 
     def follow(self) -> None:
-        """Look at the node: when there is time, and each 50 ms at least."""
+        """Look at the node: when there is time, in lockstep at each SYNC, and each 50 ms at least."""
 
     def full(self, reason: QueueFullError) -> None:
         """Note that the bus has begun not to take what the loop needs."""
@@ -249,9 +249,12 @@ class _Run:
                 if frame.can_id not in self._listened:
                     self._pass_over(frame.can_id)
                 else:
-                    if frame.can_id == self._ids.sync:
+                    ticks = frame.can_id == self._ids.sync
+                    if ticks:
                         self._transmit(node.advance(TICK_US))
                     self._transmit(node.receive(frame))
+                    if ticks:
+                        self._follow()
             while outbox.empty and (frames := node.segments(_SEGMENTS)):
                 self._transmit(frames)
             if self._now() - self._followed >= _STOP_POLL_US:
