@@ -68,7 +68,7 @@ class Observer(Protocol):
         """Note that the node has been switched on."""
 
     def follow(self) -> None:
-        """Look at the node: when there is time, in lockstep at each SYNC, and each 50 ms at least."""
+        """Look at the node: when there is time, each 50 ms at least, and at SYNC in lockstep."""
 
     def full(self, reason: QueueFullError) -> None:
         """Note that the bus has begun not to take what the loop needs."""
