@@ -47,6 +47,8 @@ _SEGMENTS: Final = 8
 """Frames of an SDO transfer handed over before the bus is heard again."""
 _SEND_RETRY_US: Final = 200
 _STOP_POLL_US: Final = 50_000
+_FOLLOWED_FRAMES: Final = 256
+"""Frames in lockstep after which the state of a node is followed, whether or not SYNC comes."""
 _SPARE_US: Final = 500
 """Time in us before the next timer that is long enough for other work."""
 _PARTING_US: Final = 100_000
@@ -236,11 +238,13 @@ class _Run:
     def follow_sync(self, stop: Callable[[], bool]) -> None:
         """Follow SYNC; the clock is only asked how long to wait for a frame."""
         node, outbox, waiting = self._node, self._outbox, self._waiting
+        frames_since = 0
         self._hand_over()
         while not stop():
             if not waiting:
                 more = self._bus.read(waiting)
                 if not waiting and not more:
+                    self._observer.follow()
                     self._bus.wait(1e-6 * (_STOP_POLL_US if outbox.empty else _SEND_RETRY_US))
                     self._bus.read(waiting)
             self._hand_over()
@@ -254,11 +258,13 @@ class _Run:
                         self._transmit(node.advance(TICK_US))
                     self._transmit(node.receive(frame))
                     if ticks:
-                        self._follow()
+                        self._observer.follow()
             while outbox.empty and (frames := node.segments(_SEGMENTS)):
                 self._transmit(frames)
-            if self._now() - self._followed >= _STOP_POLL_US:
-                self._follow()
+            frames_since += 1
+            if frames_since >= _FOLLOWED_FRAMES:
+                frames_since = 0
+                self._observer.follow()
 
     def forget(self) -> None:
         """Drop what was read of a bus that is lost: it is about a moment that is over."""
