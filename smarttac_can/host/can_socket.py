@@ -33,7 +33,8 @@ _MOST_BYTES: Final = 4096
 _MOST_FRAMES: Final = 64
 """Frames that are read at once: about half a millisecond."""
 _NOW: Final[int] = getattr(socket, "MSG_DONTWAIT", 0)
-_QUEUE_FULL: Final = (ENOBUFS, EAGAIN)
+QUEUE_FULL: Final = (ENOBUFS, EAGAIN)
+"""Error numbers of a transmit queue that takes no frame for now."""
 
 
 class Codec(Protocol):
@@ -201,7 +202,7 @@ class CanSocket:
             else:
                 self._socket.sendto(self._codec.encode(frame), _NOW, self._address)
         except OSError as error:
-            kind = QueueFullError if error.errno in _QUEUE_FULL else BusError
+            kind = QueueFullError if error.errno in QUEUE_FULL else BusError
             raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
 
     def wait(self, timeout: float) -> None:

@@ -11,7 +11,7 @@ from typing import Final, Protocol
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook, QueueFullError
 from smarttac_can.host.local_bus import Connection, LocalBus, Wire
-from smarttac_can.host.node import ConnectedNode, HostedNode, kind, without_queue
+from smarttac_can.host.node import ConnectedNode, HostedNode, is_overtaken, without_queue
 from smarttac_can.host.outbox import Outbox
 from smarttac_can.od.cia import CAN_ID_MASK, SYNC_ID
 from smarttac_can.vocabulary.signals import TICK_US
@@ -250,10 +250,9 @@ class Station:
         out: list[Frame] = []
         if not (self.powered and self.connected):
             return out
-        newest = {kind(frame): at for at, frame in enumerate(frames)}
-        for at, frame in enumerate(frames):
-            hear = self._receive if at == newest[kind(frame)] else self.node.overtaken
-            out += self._sent(hear(frame))
+        for at, frame in enumerate(frames, 1):
+            overtaken = is_overtaken(frame, frames[at:])
+            out += self._sent(self.node.overtaken(frame) if overtaken else self._receive(frame))
         return out
 
     def clog(self, until: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
 from smarttac_can.device.frame import Frame
@@ -11,9 +11,14 @@ from smarttac_can.device.port import Clock, Identifiers
 _AT_ONCE: Final = 127
 
 
-def kind(frame: Frame) -> tuple[int, bool, int]:
-    """Return what two frames have in common of which the newer one overtakes the other."""
-    return frame.can_id, frame.rtr, len(frame.data)
+def is_overtaken(frame: Frame, behind: Iterable[Frame]) -> bool:
+    """Tell whether one of the frames behind it has the same identifier, RTR bit and length."""
+    can_id, data, rtr = frame
+    size = len(data)
+    for newer in behind:
+        if newer.can_id == can_id and newer.rtr == rtr and len(newer.data) == size:
+            return True
+    return False
 
 
 class Node(Protocol):
@@ -50,7 +55,7 @@ class HostedNode(Node, Protocol):
         """
 
     def overtaken(self, frame: Frame) -> list[Frame]:
-        """Take a frame that a newer one of its `kind` waits behind; return the answers."""
+        """Take a frame that is overtaken, as `is_overtaken` says; return the answers."""
 
     def overdue(self) -> list[Frame]:
         """Act on deadlines that have passed, before the frames that wait are heard.

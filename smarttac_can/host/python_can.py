@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 from collections import deque
 from time import monotonic
 from typing import Any
@@ -15,14 +14,13 @@ from can.interfaces.virtual import VirtualBus
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.bus_options import configured, kept_here
-from smarttac_can.host.can_socket import open_socket
+from smarttac_can.host.can_socket import QUEUE_FULL, open_socket
 from smarttac_can.host.drivers import opening
 
 _REFUSING_S = 0.1
 """How long a driver that does not say why may take no frame before its bus is lost."""
 _STRAY_S = 0.1
 _READING_S = 0.001
-_QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
 def to_message(frame: Frame) -> can.Message:
@@ -193,7 +191,7 @@ class _Driver:
 
     def _is_queue_full(self, reason: can.CanError | OSError) -> bool:
         number = reason.error_code if isinstance(reason, can.CanError) else reason.errno
-        if number in _QUEUE_FULL:
+        if number in QUEUE_FULL:
             return True
         now = monotonic()
         if self._refusing_since is None:

@@ -18,7 +18,7 @@ from typing import Final, Protocol
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.port import Identifiers
 from smarttac_can.host.bus import Bus, BusError, QueueFullError
-from smarttac_can.host.node import HostedNode
+from smarttac_can.host.node import HostedNode, is_overtaken
 from smarttac_can.host.outbox import Outbox
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.vocabulary.signals import TICK_US
@@ -236,7 +236,7 @@ class _Run:
                 now = self._rest_for(_REST_US - self._waited)
 
     def follow_sync(self, stop: Callable[[], bool]) -> None:
-        """Follow SYNC; the clock is only asked how long to wait for a frame."""
+        """Follow SYNC; the clock is not asked."""
         node, outbox, waiting = self._node, self._outbox, self._waiting
         frames_since = 0
         self._hand_over()
@@ -302,7 +302,7 @@ class _Run:
             self._bus.block(self._blocked)
 
     def _pass_over(self, can_id: int) -> None:
-        """Count a frame that nobody here listens to; have the bus drop those that come often."""
+        """Count a frame that the node does not listen to; have the bus drop the like after 100."""
         self._passed[can_id] += 1
         if self._passed[can_id] == _PASSED_OVER:
             self._blocked |= {can_id}
@@ -391,7 +391,9 @@ class _Run:
                 timers.now = now
                 if timers.next_due <= now:
                     self._transmit(self._node.overdue())
-                self._transmit(self._answers(frame))
+                overtaken = waiting and is_overtaken(frame, waiting)
+                node = self._node
+                self._transmit(node.overtaken(frame) if overtaken else node.receive(frame))
             else:
                 self._pass_over(frame.can_id)
             now = self._now()
@@ -401,14 +403,6 @@ class _Run:
         if not waiting and not self._more:
             self._flooded = False
         return now
-
-    def _answers(self, frame: Frame) -> list[Frame]:
-        """Have the node hear a frame, and know whether a newer one of its kind waits behind."""
-        can_id, data, rtr = frame
-        for newer in self._waiting:
-            if newer.can_id == can_id and newer.rtr == rtr and len(newer.data) == len(data):
-                return self._node.overtaken(frame)
-        return self._node.receive(frame)
 
     def _act(self, now: int) -> int:
         """Have the node act on what is due; return the time."""

@@ -1,7 +1,9 @@
 import errno
+import socket
 import threading
 from collections import deque
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import can
@@ -238,6 +240,17 @@ def test_a_driver_is_read_for_a_millisecond_and_a_frame(bus: PythonCanBus, drive
     assert not bus.read(frames)
     assert [frame.can_id for frame in frames] == [0, 1, 2, 3, 4, 5]
     assert set(driver.waits) == {0.0}, "nothing is waited for"
+
+
+def test_a_datagram_that_is_no_frame_loses_no_bus_that_python_can_reads(
+    multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(python_can, "open_socket", lambda *_: None)
+    mine, other = PythonCanBus(**multicast), PythonCanBus(**multicast)
+    with closing(mine), closing(other), socket.socket(type=socket.SOCK_DGRAM) as foreign:
+        foreign.sendto(b"garbage", (multicast["channel"], multicast["port"]))
+        other.send(Frame(1))
+        assert mine.receive(GUARD_S) == Frame(1)
 
 
 def test_what_ends_a_wait_is_read(bus: PythonCanBus, driver: Driver) -> None:

@@ -25,6 +25,7 @@ from toy_node import (
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, QueueFullError
+from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.host.runner import Nobody, Observer, run_node
 
 PROMISE_US = 20_000
@@ -555,6 +556,73 @@ def test_whatever_an_observer_does_the_node_is_shut_down(lockstep: bool, at: str
         run(ToyNode(), host, lockstep=lockstep, observer=Raising(at))
     assert host.sent[-1][1] == Frame(OFF + 1, bytes(2))
     assert host.closed == 1
+
+
+def test_in_lockstep_the_state_is_followed_at_each_sync() -> None:
+    host = Host(burst(500, 100, SYNC), until=1000)
+    run(ToyNode(), host, lockstep=True, observer=(follower := Follower(host)))
+    assert len(follower.followed) >= 100, "a state may last for no time of the clock"
+
+
+def test_what_was_read_of_a_bus_that_is_lost_is_not_heard() -> None:
+    host = Host([(1000, OTHER)], until=50_000)
+    node = ToyNode()
+    read = host.read
+
+    def fail(frames: deque[Frame]) -> bool:
+        if read(frames):
+            frames.append(REQUESTED)
+            raise BusError("unplugged")
+        return False
+
+    host.read = fail  # type: ignore[method-assign]
+    bus = ReconnectingBus(lambda: host, node, lost=lambda _: None, back=lambda: None)
+    run_node(node, bus, host.at_end, **host.time)
+    assert node.heard == []
+
+
+def test_the_node_knows_the_time_at_which_it_is_shut_down() -> None:
+    times: list[int] = []
+
+    class TimedNode(ToyNode):
+        def shutdown(self) -> list[Frame]:
+            times.append(self.time)
+            return super().shutdown()
+
+    node = TimedNode()
+    node.start = list  # type: ignore[method-assign]  # it has no timer
+    host = Host(until=40_000)
+    run(node, host)
+    assert times == [host.now]
+
+
+def test_many_frames_at_once_do_not_hold_up_time() -> None:
+    class TalkingNode(PunctualNode):
+        def receive(self, frame: Frame) -> list[Frame]:
+            return [Frame(REPLY + 1)] * 20
+
+    host = Host([(10_500, REQUESTED)], until=60_000, send_cost=900)
+    node = TalkingNode(host)
+    run(node, host)
+    assert host.ids_sent().count(REPLY + 1) == 20
+    assert max(node.behind) <= 4000, "20 frames take 18 ms"
+
+
+def test_one_slow_read_does_not_shorten_later_ones() -> None:
+    # The first frame takes the bus 4 ms; those before the tick at 15 ms come at once.
+    host = Host([(6000, OTHER), *burst(14_995, 4)], until=19_000, pauses=((14_995, 100),))
+    read = host.read
+
+    def slow(frames: deque[Frame]) -> bool:
+        more = read(frames)
+        if more and frames[-1] == OTHER:
+            host.now += 4000
+        return more
+
+    host.read = slow  # type: ignore[method-assign]
+    run(ToyNode(), host)
+    ids = order_after(host, 14_000)
+    assert ids.index(TICKER + 1) == 4
 
 
 def test_no_more_is_read_than_is_heard_in_some_milliseconds() -> None:
