@@ -12,7 +12,7 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.master import requests
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.cia import COB_INVALID, LSS_MASTER_ID, UNCONFIGURED, NMTCommand
 from smarttac_can.od.eds import load_eds
 
@@ -69,7 +69,7 @@ def _nmt(command: NMTCommand) -> Frame:
     return requests.nmt(command, NODE_ID)
 
 
-def _enter(client: Client, node: PlainNode, command: NMTCommand, state: NMTState) -> None:
+def _enter(client: Client, node: DeviceNode, command: NMTCommand, state: NMTState) -> None:
     client.send(_nmt(command))
     end = time.monotonic() + GUARD_S
     while node.device.nmt_state is not state and time.monotonic() < end:
@@ -83,19 +83,19 @@ _PRE_OPERATIONAL = _nmt(NMTCommand.ENTER_PRE_OPERATIONAL)
 _RESETS = (_nmt(NMTCommand.RESET_NODE), _nmt(NMTCommand.RESET_COMMUNICATION))
 
 
-def start_and_sdo(client: Client, node: PlainNode) -> None:
+def start_and_sdo(client: Client, node: DeviceNode) -> None:
     for _ in range(ROUNDS):
         _enter(client, node, NMTCommand.STOP, NMTState.STOPPED)
         assert client.value(START) == 0
 
 
-def pre_operational_and_sdo(client: Client, node: PlainNode) -> None:
+def pre_operational_and_sdo(client: Client, node: DeviceNode) -> None:
     for _ in range(ROUNDS):
         _enter(client, node, NMTCommand.STOP, NMTState.STOPPED)
         assert client.value(_PRE_OPERATIONAL) == 0
 
 
-def start_and_rpdo(client: Client, node: PlainNode) -> None:
+def start_and_rpdo(client: Client, node: DeviceNode) -> None:
     for number in range(1, ROUNDS + 1):
         command = (NMTCommand.STOP, NMTCommand.ENTER_PRE_OPERATIONAL)[number % 2]
         state = (NMTState.STOPPED, NMTState.PRE_OPERATIONAL)[number % 2]
@@ -103,7 +103,7 @@ def start_and_rpdo(client: Client, node: PlainNode) -> None:
         assert client.value(START, client.rpdo(_RPDO_ID, number)) == number
 
 
-def another_cob_id_and_rpdo(client: Client, node: PlainNode) -> None:
+def another_cob_id_and_rpdo(client: Client, node: DeviceNode) -> None:
     assert client.value(START) == 0
     for number in range(1, ROUNDS + 1):
         can_id, old = (_OTHER_IDS[(number + other) % 2] for other in range(2))
@@ -111,7 +111,7 @@ def another_cob_id_and_rpdo(client: Client, node: PlainNode) -> None:
         assert client.value(*client.moved(can_id), client.rpdo(old, 9999), own) == number
 
 
-def reset_and_rpdo(client: Client, node: PlainNode) -> None:
+def reset_and_rpdo(client: Client, node: DeviceNode) -> None:
     for number in range(1, ROUNDS + 1):
         assert client.value(*client.moved(_OTHER_IDS[0]), START) >= 0
         reset = _RESETS[number % 2]
@@ -138,9 +138,9 @@ def node_id_and_sdo(client: Client) -> None:
     assert client.value(*lss, START, client.rpdo(_RPDO_ID, 7)) == 7
 
 
-def make_node(node_id: int = NODE_ID) -> PlainNode:
-    return PlainNode(Device(load_eds(_RICH, NODE_ID), node_id=node_id))
+def make_node(node_id: int = NODE_ID) -> DeviceNode:
+    return DeviceNode(Device(load_eds(_RICH, NODE_ID), node_id=node_id))
 
 
-def make_node_without_id() -> PlainNode:
+def make_node_without_id() -> DeviceNode:
     return make_node(UNCONFIGURED)

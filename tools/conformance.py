@@ -36,7 +36,7 @@ from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import CASES, GROUPS, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od import cia
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
@@ -73,7 +73,7 @@ certificate.
 
 def ours(text: str) -> list[Result]:
     """Judge the device of this package in device time."""
-    bus = DeviceTimeBus(PlainNode(Device(load_eds(text, NODE_ID))))
+    bus = DeviceTimeBus(DeviceNode(Device(load_eds(text, NODE_ID))))
     return run_cases(Examiner(bus, DeviceDescription(text, NODE_ID), clock=bus.time), CASES)
 
 

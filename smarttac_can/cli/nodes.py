@@ -44,7 +44,7 @@ from smarttac_can.host.files import (
     reason,
 )
 from smarttac_can.host.front_ends import FrontEndError, opened_front_end
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -411,5 +411,5 @@ def device(
         with naming(eds):
             od = load_eds(read_eds_file(eds), _DEFAULT_ID if node_id is None else node_id)
         warn(eds, od.warnings)
-        node = PlainNode(Device(od, autostart=autostart, storage=storage, node_id=fixed))
+        node = DeviceNode(Device(od, autostart=autostart, storage=storage, node_id=fixed))
         run_in_process("device", node, bus, Pace(lockstep))

@@ -24,7 +24,7 @@ from smarttac_can.host.realtime import (
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.host.runner import run_node
 from smarttac_can.host.terminal import LineWriter
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import UNCONFIGURED
@@ -58,7 +58,7 @@ class StateLines:
         self,
         name: str,
         where: str,
-        node: StimulatorNode | PlateNode | PlainNode,
+        node: DeviceNode,
         say: Callable[[str], None],
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
@@ -69,7 +69,7 @@ class StateLines:
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
         self._diagnosis = _diagnosis(node.od) if isinstance(node, StimulatorNode) else None
         self._plate = node.block if isinstance(node, PlateNode) else None
-        self._shut_down = "stopped" if isinstance(node, PlainNode) else "stopped at 0 V"
+        self._shut_down = "stopped" if type(node) is DeviceNode else "stopped at 0 V"
         self._said = self._now()
         self._bit_rate: int | None = None
         self._collision = 0
@@ -235,9 +235,7 @@ def pace_options(command: Command) -> Command:
     )(called)
 
 
-def run_in_process(
-    name: str, node: StimulatorNode | PlateNode | PlainNode, bus: BusChoice, pace: Pace
-) -> None:
+def run_in_process(name: str, node: DeviceNode, bus: BusChoice, pace: Pace) -> None:
     """Run a node until a signal ends it, with a line on stdout for each change of its state."""
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())

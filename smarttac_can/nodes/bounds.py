@@ -15,10 +15,10 @@ Before an identification nobody knows where the resonance is. The bound from abo
 be where the drive is, and the one from below takes the phase that the pick-up reads.
 
 `follow` steps the bounds with a measurement, `put_out` with the drive that answers it. A drive is
-taken to hold from its measurement to the next one, whatever the dead time is. The comparisons with
-the model take the larger or the lesser of two voltages in turn, so that a drive may take effect
-anywhere in its cycle. Where drives were late, the bounds take the largest and the least of those
-that may be in force.
+taken to be in force from its measurement to the next one, whatever the dead time is. The
+comparisons with the model take the larger or the lesser of two voltages in turn, so that a drive
+may take effect anywhere in its cycle. Where drives were late, the bounds take the largest and the
+least of those that may be in force.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ _FORCE_UNCERTAINTY: Final = 0.05
 _FORCE_TOLERANCE: Final = 0.1
 """The same as a fraction: slope and bow of the gauges."""
 _PHASE_FROM: Final = 20e-9
-"""Vibration in m from which its phase tells the detuning: noise is 1 nm."""
+"""Vibration in m from which its phase shows the detuning: noise is 1 nm."""
 _PHASE_MIN: Final = 0.05
 """Cosine of the phase, at least; at the ends of the frequency range it is 0.13."""
 _HOP: Final = 10.0
 """Change in Hz from one drive to the next after which the vibration turns to a new phase, perhaps
 through 0."""
 _TURNING_CYCLES: Final = 8
-"""How long that takes, in cycles: the phase tells nothing until then."""
+"""How long that takes, in cycles: the phase shows nothing until then."""
 _TWO_PI: Final = 2.0 * pi
 ROUNDING: Final = 1.0 + 1e-9
 """A bound that a voltage was cut to may miss its limit by the last bits."""

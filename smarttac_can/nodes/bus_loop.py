@@ -12,7 +12,7 @@ from typing import Final
 
 from smarttac_can.device.device import GONE_AFTER_US, Device
 from smarttac_can.device.port import Clock
-from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, holds, received_measurement
+from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, is_sound, received_measurement
 from smarttac_can.nodes.loop_time import Deadline
 from smarttac_can.nodes.plate_block import TICK_MASK
 from smarttac_can.od.cia import SYNC_COUNTER
@@ -42,7 +42,7 @@ class Pairing:
     od
         Object dictionary of ``stimulator.eds``.
     unusable
-        Called when a measurement begins after `UNUSABLE_MAX` that were no good.
+        Called when a measurement begins after `UNUSABLE_MAX` unusable ones.
     foreign
         Called with each sound one of another session, or that repeats the tick answered last.
 
@@ -96,7 +96,7 @@ class Pairing:
             return False
         data = b"".join(map(come.__getitem__, MEASUREMENT_RPDOS))
         come.clear()
-        if not holds(data):
+        if not is_sound(data):
             self._corrupt.count()
             return False
         values = self._frames.unpack(data)
@@ -146,17 +146,17 @@ Observe = Callable[[Watchdog, bool], None]
 """Takes a watchdog, and whether its fault comes or goes."""
 BACKLOG: Final = 1000
 """Measurements that may have waited in queues and come late: those of a second."""
-TOLD: Final = 20
-"""Over how many drives it is told how many were late."""
+ANSWERS: Final = 20
+"""Number of the last drives of which the late ones are counted."""
 _HALF: Final = TICK_MASK // 2
-_LAST: Final = (1 << TOLD) - 1
+_LAST: Final = (1 << ANSWERS) - 1
 
 
 class BusLoop:
     """SYNC, the measurements that follow it, and the deadline within which they are answered.
 
-    The deadline is that of the shortest event timer of RPDO 5 to 7, and holds whatever becomes of
-    these PDOs.
+    The deadline is that of the shortest event timer of RPDO 5 to 7, and applies even if these
+    PDOs are switched off.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class BusLoop:
     source
         Watch over who else sends.
     late_answers
-        Watch over what is answered behind the next SYNC.
+        Watch over answers that come after the next SYNC.
     """
 
     def __init__(
@@ -213,7 +213,7 @@ class BusLoop:
         self._observe(Watchdog.MEASUREMENT, False)
 
     def sync(self, device: Device) -> None:
-        """Look at when the SYNC comes, at its counter, and whose it is."""
+        """Check when the SYNC comes, its counter, and who sent it."""
         if device.sync_own:
             self._missed.count(device.sync_missed)
             self._sync.produced()
@@ -225,11 +225,11 @@ class BusLoop:
         self.late_answers.sync()
 
     def take(self, rpdo: int, data: bytes) -> bool:
-        """Take a PDO; tell whether it completes a measurement that is to be answered."""
+        """Take a PDO; return whether it completes a measurement that is to be answered."""
         return self._pairing.take(rpdo, data) and self.source.may_answer()
 
     def answer(self) -> bool:
-        """Take note that the measurement gets its drive; tell whether that is late."""
+        """Record that the measurement gets its drive; return whether that is late."""
         tick = self._pairing.answered()
         self._unanswered.start(self._deadline.ms * TICK_US)
         self._observe(Watchdog.MEASUREMENT, False)
@@ -480,7 +480,7 @@ class SourceWatch:
             self._begin_window()
 
     def may_answer(self) -> bool:
-        """Take a measurement, and tell whether it is that of a SYNC; it is counted if not.
+        """Take a measurement; return whether it belongs to a SYNC. It is counted if not.
 
         On a bus of sockets it may overtake its SYNC: after a first SYNC one answer may be
         ahead.
@@ -498,7 +498,7 @@ class SourceWatch:
         return False
 
     def unexpected(self) -> None:
-        """Take note of a measurement that is not that of a SYNC, or of no one tick."""
+        """Record a measurement that belongs to no SYNC, or to no single tick."""
         self._unexpected += 1
 
     @property
@@ -507,12 +507,12 @@ class SourceWatch:
         return self._unexpected / (self._deadline.tolerance + 1)
 
     def plate_reports_another(self) -> None:
-        """Take note that the plate has noticed another source of its frames."""
+        """Record that the plate reports another source of its frames."""
         self._quiet.start(GONE_AFTER_US)
         self._observe(Watchdog.DOUBLE, True)
 
     def collide(self, heard: bool) -> None:
-        """Take note that an identifier of this node is another one's too, or no more."""
+        """Record that another node uses an identifier of this one, or does so no longer."""
         self._collision = heard
         if heard:
             self._observe(Watchdog.DOUBLE, True)
@@ -542,8 +542,8 @@ class LateAnswers:
     -----
     A SYNC that the plate has not heard makes all answers look late, and so does a loop that never
     is in time, whose voltage the deadline of the plate ends: after as many of them that is the new
-    least. One that overtook its SYNC looks early; two among the last `TOLD` are the new least. What
-    waits in a queue of this node is not seen.
+    least. One that overtook its SYNC looks early; two among the last `ANSWERS` are the new
+    least. What waits in a queue of this node is not seen.
     """
 
     __slots__ = ("_ahead", "_deadline", "_early", "_history", "_in_a_row", "_syncs")
@@ -563,15 +563,15 @@ class LateAnswers:
         self._syncs = self._syncs + 1 & TICK_MASK
 
     def late(self, tick: int) -> bool:
-        """Take the answer to a tick, 0..255, which is about to go out; tell whether it is late."""
+        """Count the answer to a tick, 0..255, that goes out next; return whether it is late."""
         late = self._is_late(self._syncs - tick & TICK_MASK)
         self._history = (self._history << 1 | late) & _LAST
         return late
 
     def summary(self) -> str:
-        """Say how many of the last answers were late; nothing if none was."""
+        """Return how many of the last answers were late; empty if none was."""
         late = self._history.bit_count()
-        return f"{late} of the last {TOLD} drives late" if late else ""
+        return f"{late} of the last {ANSWERS} drives late" if late else ""
 
     def _is_late(self, ahead: int) -> bool:
         if self._ahead is None:

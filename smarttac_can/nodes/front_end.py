@@ -1,4 +1,4 @@
-"""A front end for real hardware behind the objects of the plate: believed as far as checked."""
+"""A front end for real hardware in the place of the simulated plate: every value is checked."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import Drive, Measurement
 
 STAGE_TOLERANCE: Final = 1.0
-"""Largest difference in V between what the power stage was told and what it reads back."""
+"""Largest difference in V between what the power stage was commanded and what it reads back."""
 LATE_US: Final = 500
 """Longest time in us for a call: the other half of a tick is for frames and controllers."""
 SILENT_CYCLES: Final = 2
@@ -32,7 +32,7 @@ _UNHEARD: Final = "has not been heard yet"
 
 
 class FrontEnd:
-    """Asks a front end once a cycle, and says what keeps the stage from a voltage.
+    """Ask a front end once a cycle, and find what keeps the stage from a voltage.
 
     Parameters
     ----------
@@ -106,32 +106,32 @@ class FrontEnd:
         """Do nothing: hardware moves by itself."""
 
     def put_out(self, drive: Drive) -> float:
-        """Tell the stage a drive; return the voltage in V that it reads back, `UNKNOWN` if none."""
-        told = f"put_out() of {drive.voltage:g} V"
+        """Command a drive; return the voltage in V that it reads back, `UNKNOWN` if none."""
+        call = f"put_out() of {drive.voltage:g} V"
         voltage = UNKNOWN
         try:
             read_back = self._plate.put_out(drive)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # noqa: BLE001 (a front end raises what it likes)
-            self._doubt(f"{told} failed: {_shown(error)}")
+            self._doubt(f"{call} failed: {_shown(error)}")
         else:
             number = _finite(read_back, Real)
             if number is not None:
                 voltage = number.real
             if not abs(voltage - drive.voltage) <= STAGE_TOLERANCE:
-                self._doubt(f"{told} returned {_shown(read_back)}")
+                self._doubt(f"{call} returned {_shown(read_back)}")
         self._slowest = max(self._slowest, self._plate.took_us)
         self._commanded = drive.voltage
         self.stage = Drive(voltage, drive.frequency)
         return voltage
 
     def switch_off(self, stage: Drive) -> None:
-        """Tell the stage a drive of 0 V."""
+        """Command a drive of 0 V."""
         self.put_out(stage)
 
-    def insist(self) -> None:
-        """Tell a stage 0 V again that has not obeyed it."""
+    def repeat_zero(self) -> None:
+        """Command 0 V again to a stage that has not obeyed it."""
         if self._at_large:
             self.put_out(Drive(0.0, self.stage.frequency))
 
@@ -174,7 +174,7 @@ class FrontEnd:
             self.trouble = trouble
 
     def _checked(self, measured: Any) -> Measurement:
-        """Return a measurement in Python's own numbers; ValueError says what is wrong with it."""
+        """Return a measurement in Python's own numbers; ValueError for a wrong one."""
         if not isinstance(measured, Measurement):
             raise ValueError(f"{_shown(measured)}, not a Measurement")
         W, gauges, temperature, saturated = measured

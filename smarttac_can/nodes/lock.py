@@ -42,7 +42,7 @@ class Rule(NamedTuple):
     """What is laxer."""
 
     text: str
-    holds: Callable[[int, int], bool]
+    forbids: Callable[[int, int], bool]
     """Whether it is so, by the present and the new raw value."""
 
 
@@ -98,7 +98,7 @@ def _wiring(communication: int, pdos: Sequence[int]) -> Place:
 
 _LAST_RPDO: Final = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[-1] - 1
 _LAST_PUBLIC_RPDO: Final = MEASUREMENT_RPDOS[0] - 1
-"""The mappings behind its own are constant."""
+"""The mappings of the loop's own PDOs are constant."""
 _DRIVE: Final = RPDO_COMMUNICATION + DRIVE_RPDO - 1
 _COMMON: Final = (
     Place(SYNC_COB_ID, SYNC_PERIOD, OTHER),
@@ -171,7 +171,7 @@ class Lock:
     def require(self, entry: Entry, value: Any) -> None:
         """Raise `Abort` with STATE and the reason if a raw value is laxer than the present one."""
         rule = self.rules.get(entry)
-        if rule is not None and rule.holds(entry.value, value):
+        if rule is not None and rule.forbids(entry.value, value):
             raise Abort(
                 AbortCode.STATE,
                 f"{entry.name} stays {entry.value}, as a drive is possible: {rule.text} is refused"

@@ -108,7 +108,7 @@ class CheckedFrames:
         self.unpack: Callable[[bytes], tuple[int, ...]] = Struct(f"{code}B").unpack
 
     def write_check(self, unsent: bytes = b"") -> None:
-        """Set the check sum to that of what the entries hold now.
+        """Set the check sum to that of the present values of the entries.
 
         Parameters
         ----------
@@ -124,8 +124,8 @@ class CheckedFrames:
             entry.value = value
 
 
-def holds(data: bytes) -> bool:
-    """Tell whether the last byte is the check sum of those before, with nothing unsent."""
+def is_sound(data: bytes) -> bool:
+    """Return whether the last byte is the check sum of those before, with nothing unsent."""
     return crc8(data) == _SOUND
 
 
@@ -209,7 +209,7 @@ def plate_serial(entry: Entry, node_id: int) -> int:
 
 
 def expect_plate(od: ObjectDictionary, plate: int, deadline_ms: int | None) -> None:
-    """Have the defaults of a stimulator be those for a plate node.
+    """Set the defaults of a stimulator to those for a plate node.
 
     Parameters
     ----------

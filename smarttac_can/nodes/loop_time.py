@@ -33,7 +33,7 @@ _SLOW: Final = (
 
 
 def set_deadline(od: ObjectDictionary, rpdos: tuple[int, ...], milliseconds: int) -> None:
-    """Have the event timers of RPDOs begin with another default than that of the EDS.
+    """Set another default of the event timers of RPDOs than that of the EDS.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class LoopPeriod:
         self._reported = False
 
     def agrees(self) -> bool:
-        """Tell whether the loop may run; called in every cycle."""
+        """Return whether the loop may run; called in every cycle."""
         if self._entry.value == TICK_US:
             if self._reported:
                 self._reported = False
@@ -151,7 +151,7 @@ class MissedTime:
         self._awake = now
 
     def summary(self) -> str:
-        """Say of the last whole second what was missed, why, and what helps; empty before one."""
+        """Return what the last whole second missed, why, and what helps; empty before one."""
         return self._summary
 
     @property

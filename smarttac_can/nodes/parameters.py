@@ -220,7 +220,7 @@ class TextureSlots:
         self._tables: dict[Entry, TextureTable | None] = dict.fromkeys(self._entries)
 
     def reload(self) -> None:
-        """Take what the objects hold; one that cannot be played is emptied.
+        """Take the values of the objects; one that cannot be played is emptied.
 
         It was stored by a version with other bounds: what is written is looked at before.
         """

@@ -1,4 +1,4 @@
-"""The function block of the plate: an object dictionary and what is behind it, without CAN."""
+"""The function block of the plate: an object dictionary and its plate, without CAN."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class SimulatedPlate:
         self._old = stage
         self.stage = stage
 
-    def insist(self) -> None:
+    def repeat_zero(self) -> None:
         """Do nothing: at 0 V a simulated stage obeys."""
 
     def on_write(self, entry: Entry, value: int) -> None:
@@ -186,7 +186,7 @@ class Taken(Enum):
 
 
 class PlateBlock:
-    """A plate behind the objects of ``plate.eds``: the simulated one, or a front end.
+    """The plate of the objects of ``plate.eds``: the simulated one, or a front end.
 
     The simulated plate moves by calls of `cycle` and by nothing else, so a run gives the same
     numbers at any pace. It knows nothing of the bus: the plate node calls it, and so does a
@@ -211,7 +211,7 @@ class PlateBlock:
     backend
         The simulated plate, or the front end with its checks.
     state
-        State of the power stage, to look at; `bar` and drives change it.
+        State of the power stage, to read only; `inhibit` and drives change it.
     session
         What the second tick of a measurement is ahead of the first, 0..255.
     instant_us
@@ -306,12 +306,12 @@ class PlateBlock:
 
         A late answer is better than a voltage in force, which is older. Anything else, a second
         answer or an overtaken one included, is ignored and counted; a voltage while barred is only
-        ignored. 0 V is always taken, and lifts the bar, unless its sender is in FAULT.
+        ignored. 0 V is always taken, and ends the inhibit, unless its sender is in FAULT.
 
         Parameters
         ----------
         latched
-            Whether 0 V bars: it is from a stimulator in FAULT, or hardware does not enable.
+            Whether 0 V inhibits the stage: its sender is in FAULT, or hardware does not enable.
         """
         in_time = self._drive_tick.value == self.tick.value
         late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
@@ -401,5 +401,5 @@ class PlateBlock:
             If there is a front end instead.
         """
         if isinstance(self.backend, FrontEnd):
-            raise AttributeError("behind a front end no plate is simulated")
+            raise AttributeError("with a front end no plate is simulated")
         return self.backend.plate

@@ -8,9 +8,9 @@ from typing import Any, Final
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.port import Clock, Identifiers
-from smarttac_can.device.service import Application
+from smarttac_can.device.port import Clock
 from smarttac_can.device.storage import Storage
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.nodes.front_end import STAGE_TOLERANCE
 from smarttac_can.nodes.lock import LONGER, OF_PLATE, OTHER, Lock, Rule
 from smarttac_can.nodes.loop_frames import (
@@ -52,9 +52,9 @@ _NEVER: Final = -1
 
 
 class DriveSender:
-    """The stimulator that a plate works with: the first that tells it 0 V.
+    """The stimulator that a plate works with: the first that commands 0 V.
 
-    One drive alone does not name it for good: a check over the session before, or over anything,
+    One drive alone does not settle who it is: a check over the session before, or over anything,
     names some node as well. Until a second one of the same comes, 0 V of another takes its place.
 
     Parameters
@@ -90,11 +90,11 @@ class DriveSender:
 
     @property
     def level(self) -> float:
-        """How near wrong checks are to a bar; 1.0 or more while they bar."""
+        """How near wrong checks are to an inhibit; 1.0 or more while they inhibit."""
         return self._wrong / _FULL_OF_WRONG
 
     def sound(self, data: bytes, session: int, *, off: bool) -> bool:
-        """Take a drive; tell whether it is this sender's. A wrong one is counted.
+        """Take a drive; return whether it is this sender's. A wrong one is counted.
 
         Parameters
         ----------
@@ -237,10 +237,10 @@ class HardwareWatch:
             STATE for another value of an input that is mapped, and while the stage is in use for
             what would be laxer.
         """
-        if entry in self._inputs and OTHER.holds(entry.value, value):
+        if entry in self._inputs and OTHER.forbids(entry.value, value):
             raise Abort(AbortCode.STATE)
         rule = self._rules.get(entry)
-        if in_use and rule is not None and rule.holds(entry.value, value):
+        if in_use and rule is not None and rule.forbids(entry.value, value):
             raise Abort(AbortCode.STATE)
 
     def _of_rpdo(self, number: int) -> list[tuple[Entry, Rule]]:
@@ -256,7 +256,7 @@ class HardwareWatch:
         ]
 
 
-class PlateNode(Application):
+class PlateNode(DeviceNode):
     """Power stage, vibration pick-up and strain gauges, simulated or real; SYNC is the tick.
 
     Parameters
@@ -295,23 +295,23 @@ class PlateNode(Application):
         if deadline_ms is not None:
             set_deadline(od, (DRIVE_RPDO,), deadline_ms)
         (self._deadline,) = deadlines(od, (DRIVE_RPDO,))
-        self.clock = clock = Clock()
+        clock = Clock()
         self._unanswered = clock.timer(self._on_unanswered)
         self._sent = sent_measurement(od)
         self._driven = received_drive(od)
-        self.device = Device(
+        device = Device(
             od, self, storage=storage, node_id=node_id, clock=clock,
             loop_tpdos=MEASUREMENT_TPDOS, loop_rpdos=(DRIVE_RPDO,),
         )  # fmt: skip
-        self.segments = self.device.segments
-        self._period = LoopPeriod(self.device)
+        super().__init__(device)
+        self._period = LoopPeriod(device)
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_time = MissedTime(clock)
         self._overtaken = False
         self._late = od["Cycle.Late drives"]
         self._ticks = od["Cycle.Ticks"]
         self._sender = DriveSender(od)
-        self._hardware = HardwareWatch(self.device)
+        self._hardware = HardwareWatch(device)
         self._reported = False
         self._lock = Lock(od, OF_PLATE)
         self._voltage = od["Drive.Voltage"]
@@ -322,16 +322,6 @@ class PlateNode(Application):
         self._serial = od["Plate serial number"]
         self._next_session = session
         self._protecting: set[FaultCode] = set()
-        self.start = self.device.start
-        self.receive = self.device.receive
-        self.bus_off = self.device.bus_off
-        self.bus_recovered = self.device.bus_recovered
-        self.advance = self.device.advance
-
-    @property
-    def ids(self) -> Identifiers:
-        """CAN-IDs that the node listens to, and those of its urgent frames, now."""
-        return self.device.ids
 
     def overtaken(self, frame: Frame) -> list[Frame]:
         """Take a frame that waited; a SYNC is a tick that is over, and not measured."""
@@ -366,7 +356,7 @@ class PlateNode(Application):
     def shutdown(self) -> list[Frame]:
         """Put the power stage at 0 V."""
         self.block.switch_off()
-        self.block.backend.insist()
+        self.block.backend.repeat_zero()
         return []
 
     def on_state(self, state: NMTState) -> None:
@@ -390,7 +380,7 @@ class PlateNode(Application):
 
     def on_sync(self) -> bool:
         """Step to this tick; without a loop, a measurement, or use for one, nothing goes out."""
-        self.block.backend.insist()
+        self.block.backend.repeat_zero()
         if self.device.nmt_state is not NMTState.OPERATIONAL:
             return False
         if not self._period.agrees():
@@ -404,7 +394,7 @@ class PlateNode(Application):
                 self._protect(FaultCode.STAGE)
         measured = self.block.cycle(overtaken=self._overtaken)
         self._sender.follow()
-        self._heed_front_end()
+        self._follow_front_end()
         if measured:
             self._sent.write_check()
         if self._temperature.value > self._temperature_max.value:
@@ -417,13 +407,14 @@ class PlateNode(Application):
         """Hear hardware that watches the stage."""
         if number in self._hardware.sources:
             self._hardware.hear(number, self.block.commanded)
-            self._heed_hardware()
+            self._follow_hardware()
 
     def on_loop_rpdo(self, _number: int, data: bytes) -> None:
-        """Take a drive if it is sound, its voltage below the limit, the plate cool and alone.
+        """Take a drive if it is sound, its voltage in the limit, the plate cool and no collision.
 
-        A corrupt one, and a stranger's, is a drive that did not come; several of them bar. What
-        hardware keeps from a voltage is reported for each time that one is asked for.
+        A corrupt one, and a stranger's, counts as a drive that did not come; several of them
+        inhibit the stage. If hardware keeps the stage from a voltage, that is reported each time
+        one is asked for.
         """
         self._driven.keep(self._driven.unpack(data))
         hardware, sender = self._hardware, self._sender
@@ -468,15 +459,15 @@ class PlateNode(Application):
         """Go to 0 V when the hardware that watches the stage falls silent."""
         if number in self._hardware.sources:
             self._hardware.look()
-            self._heed_hardware()
+            self._follow_hardware()
 
     def on_parameters(self) -> None:
         """Follow another mapping, COB-ID or event timer of the hardware's inputs."""
         self._hardware.configure()
-        self._heed_hardware()
+        self._follow_hardware()
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
-        """Go to 0 V when a watched node falls silent, whatever the error behaviour says."""
+        """Go to 0 V when a watched node falls silent, whatever the error behaviour is."""
         if lost:
             self.block.inhibit()
 
@@ -501,7 +492,7 @@ class PlateNode(Application):
             self._protecting.add(code)
             self.device.emergency(code, WATCHDOGS[REPORTED_BY_PLATE[code]].register)
 
-    def _heed_hardware(self) -> None:
+    def _follow_hardware(self) -> None:
         """Go to 0 V if hardware does not let the stage drive; report it if it was in use."""
         cause = self._hardware.cause
         if cause is None:
@@ -511,7 +502,7 @@ class PlateNode(Application):
         else:
             self.block.inhibit()
 
-    def _heed_front_end(self) -> None:
+    def _follow_front_end(self) -> None:
         """Go to 0 V if a front end gives reason to; report it if the stage was, or is, live."""
         cause = self.block.backend.cause
         if cause is FaultCode.STAGE or (cause and self.block.state is StageState.IN_USE):

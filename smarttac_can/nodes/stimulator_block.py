@@ -102,7 +102,7 @@ class PlateInside:
         return values
 
     def drive(self) -> None:
-        """Have the plate take the drive."""
+        """Give the drive to the plate."""
         for source, target in self._driven:
             target.value = source.value
         self.plate.take_drive()
@@ -132,7 +132,7 @@ _SETPOINTS: Final = {
 
 
 class StimulatorBlock:
-    """The nested controllers behind the objects of ``stimulator.eds``.
+    """The nested controllers of the objects of ``stimulator.eds``.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ class StimulatorBlock:
         self._follow()
 
     def tick(self) -> None:
-        """Have one cycle with the plate inside: it steps and samples, the controllers answer."""
+        """Step one cycle with the plate inside: it steps and samples, the controllers answer."""
         inside = self._inside
         assert inside is not None
         self.cycle(inside.measure())
@@ -268,7 +268,7 @@ class StimulatorBlock:
         return mode
 
     def _begin_at_zero(self, mode: int, asked: Drive) -> tuple[int, Drive]:
-        """Have the first drive of a run be 0 V, without which a plate takes no voltage.
+        """Make the first drive of a run 0 V, without which a plate takes no voltage.
 
         A mode that asks for one begins with the next cycle.
         """
@@ -293,7 +293,7 @@ class StimulatorBlock:
             self._hint_at_nothing_asked()
 
     def _hint_at_nothing_asked(self) -> None:
-        """Have the Message say what is missing if mode and set-points ask for 0 V."""
+        """Set the Message to what is missing if mode and set-points ask for 0 V."""
         mode = self._mode.value
         name = _SETPOINTS.get(mode)
         if name is not None and not self.od[name].value:
@@ -353,7 +353,7 @@ class StimulatorBlock:
         self._read_back.mark_stale()
 
     def disarm(self) -> None:
-        """Put the drive at 0 V for good, whatever the controlword says."""
+        """Disarm: put the drive at 0 V whatever the controlword asks for."""
         self.supervisor.handle(Event.DISARM)
         self._follow()
         self._switch_off()
@@ -373,7 +373,7 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            As for an SDO write; the value is then unchanged, and the Message says why.
+            As for an SDO write; the value is then unchanged, and the Message gives the reason.
         """
         try:
             self.od.write(name, raw, self.on_write)
@@ -411,7 +411,7 @@ class StimulatorBlock:
         elif entry.name in AUTO_ZERO:
             self._taring.auto_zero(self.cascade, value)
             if self._changed:
-                # Plans that wait for the next cycle have the zero of before.
+                # Plans that wait for the next cycle have the old zero.
                 self._plans = self._built(self.cascade.model, self.cascade.zero)
             self._follow()
         elif record in _DESIGNED_FROM:

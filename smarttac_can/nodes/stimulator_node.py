@@ -8,10 +8,10 @@ from typing import Any, Final
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
-from smarttac_can.device.port import Clock, Identifiers
-from smarttac_can.device.service import Application
+from smarttac_can.device.port import Clock
 from smarttac_can.device.storage import Storage
 from smarttac_can.nodes.bus_loop import BusLoop, Observe
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.nodes.lock import watched_node
 from smarttac_can.nodes.loop_frames import (
     DRIVE_TPDO,
@@ -193,7 +193,7 @@ class Commander:
         )
 
     def advice(self) -> str:
-        """Say what the watches wait for that are set, or how to set one."""
+        """Return what the watches that are set wait for, or how to set one."""
         return ", or ".join(self._set_but_silent()) or (
             f"enter your heartbeat in {_TABLE} and send it, or set Drive unwatched to 1"
         )
@@ -225,14 +225,14 @@ class Publishing:
     """The drive, the public TPDOs, and what was latched as emergency messages.
 
     TPDO 1 goes out when status or mode change, TPDO 2 to 4 in every cycle if their transmission
-    type is 254; else they go out as their type says.
+    type is 254; else they go out by their type.
 
     Parameters
     ----------
     device
         That of the stimulator.
     supervisor
-        Latches what is told.
+        Latches the faults that are reported.
     """
 
     def __init__(self, device: Device, supervisor: Supervisor) -> None:
@@ -280,12 +280,12 @@ class Publishing:
             self._device.emergency(row.code, row.register, bytes((watchdog,)))
             self._device.trigger(_STATUS_TPDO)
 
-    def hold(self) -> None:
-        """Tell nothing of what is latched now: there is no device to tell it, in a reset."""
+    def mark_reported(self) -> None:
+        """Mark what is latched now as reported: in a reset there is no device to send it."""
         self._reported = self._supervisor.latched
 
     def report_all(self) -> None:
-        """Tell all that is latched, also what was so in a reset or before it."""
+        """Report all that is latched, also since before a reset."""
         self._reported = 0
         self.report()
 
@@ -296,7 +296,7 @@ _LINKING: Final = (NMTState.RESET_COMMUNICATION, NMTState.OPERATIONAL)
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
-class StimulatorNode(Application):
+class StimulatorNode(DeviceNode):
     """Nested controllers and tribometer, with the plate inside or as a node on the bus.
 
     With the plate inside, the loop ticks by `advance`. With a plate node, a cycle is computed when
@@ -346,20 +346,21 @@ class StimulatorNode(Application):
         self.block = StimulatorBlock(od, plate)
         if plate_node_id:
             expect_plate(od, plate_node_id, deadline_ms)
-        self.clock = clock = Clock()
+        clock = Clock()
         self._supervisor = self.block.supervisor
         self._loop = BusLoop(od, clock, self.block.deadline, self._observe, self._on_unanswered)
         self._missed_time = MissedTime(clock)
         self._ticker = clock.timer(self._tick)
-        self.device = Device(
+        device = Device(
             od, self, storage=storage, node_id=node_id, clock=clock, loop_tpdos=(DRIVE_TPDO,),
             loop_rpdos=MEASUREMENT_RPDOS, emergencies_of=plate_node_id,
         )  # fmt: skip
-        self._period = LoopPeriod(self.device)
-        self._commander = Commander(self.device, plate_node_id, self._observe, lockstep=lockstep)
+        super().__init__(device)
+        self._period = LoopPeriod(device)
+        self._commander = Commander(device, plate_node_id, self._observe, lockstep=lockstep)
         self._supervisor.advice = self._commander.advice
         self._supervisor.details = self._details
-        self._publishing = Publishing(self.device, self._supervisor)
+        self._publishing = Publishing(device, self._supervisor)
         self._report = self._publishing.report
         self._publish = self._publishing.cycle
         self._unfit = False
@@ -368,15 +369,6 @@ class StimulatorNode(Application):
         self._temperature = od["Plate input.Temperature"]
         self._mode = od["Mode"]
         self._controlword = od["Controlword"]
-        self.start = self.device.start
-        self.receive = self.overtaken = self.device.receive
-        self.advance = self.device.advance
-        self.segments = self.device.segments
-
-    @property
-    def ids(self) -> Identifiers:
-        """CAN-IDs that the node listens to, and those of its urgent frames, now."""
-        return self.device.ids
 
     def overdue(self) -> list[Frame]:
         """Trip if the plate was not answered in time, before frames are heard that waited."""
@@ -384,17 +376,17 @@ class StimulatorNode(Application):
         return self.device.take()
 
     def bus_off(self) -> list[Frame]:
-        """Take note that the CAN controller went bus-off."""
+        """Record that the CAN controller went bus-off."""
         self._observe(Watchdog.BUS_OFF, True)
         return self.device.bus_off()
 
     def bus_recovered(self) -> list[Frame]:
-        """Take note that the bus is there again."""
+        """Record that the CAN controller is on the bus again."""
         self._observe(Watchdog.BUS_OFF, False)
         return self.device.bus_recovered()
 
     def transmit_failed(self) -> list[Frame]:
-        """Take note that a frame could not be sent, the transmit queue being full."""
+        """Record that a frame could not be sent because the transmit queue is full."""
         self._observe(Watchdog.TRANSMIT_QUEUE, True)
         return self.device.take()
 
@@ -414,7 +406,7 @@ class StimulatorNode(Application):
         return tuple([shares[watchdog] for watchdog in COUNTED])
 
     def shutdown(self) -> list[Frame]:
-        """Leave the plate at 0 V, and tell the bus."""
+        """Leave the plate at 0 V, and publish that."""
         self.block.disarm()
         self._publishing.drive(self._loop.session)
         self._publishing.all()
@@ -445,14 +437,14 @@ class StimulatorNode(Application):
         if state in _RESETS:
             self._commander.restart()
             self._loop.source.forget()
-            self._publishing.hold()
+            self._publishing.mark_reported()
         else:
             if self._unfit:
                 self.device.emergency(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
             self._publishing.report_all()
 
     def on_sync(self) -> bool:
-        """Look at when the SYNC comes, at its counter, and whose it is."""
+        """Check when the SYNC comes, its counter, and who sent it."""
         if self._plate_node_id:
             self._missed_time.awake()
             self._loop.sync(self.device)
@@ -471,7 +463,7 @@ class StimulatorNode(Application):
         self._commander.heard(node_id, state)
 
     def on_emergency(self, code: int) -> None:
-        """Stop when the plate has gone to 0 V without being told, or is not alone."""
+        """Trip when the plate has gone to 0 V by itself, or another sends its frames."""
         watchdog = REPORTED_BY_PLATE.get(code)
         if watchdog is Watchdog.DOUBLE:
             self._loop.source.plate_reports_another()
@@ -543,7 +535,7 @@ class StimulatorNode(Application):
             self.block.follow_deadline()
 
     def on_refused(self, name: str, reason: str) -> None:
-        """Have the Message say why."""
+        """Set the Message to the reason."""
         self._supervisor.refuse(name, reason)
 
     def _judge_time(self) -> None:
@@ -556,7 +548,7 @@ class StimulatorNode(Application):
             self.block.observe(Watchdog.MISSED_TIME, True)
 
     def _details(self, watchdog: Watchdog) -> str:
-        """Say what the text of a fault leaves open."""
+        """Return what the text of a fault lacks."""
         if watchdog is Watchdog.MISSED_TIME:
             return self._missed_time.summary()
         return self._loop.late_answers.summary() if watchdog in OF_LATE_DRIVES else ""
@@ -567,7 +559,7 @@ class StimulatorNode(Application):
             self._observe(Watchdog.MEASUREMENT, True)
 
     def _tick(self) -> None:
-        """Have a cycle with the plate inside; those that were slept through are counted."""
+        """Step a cycle with the plate inside; those that were missed are counted."""
         self._missed.count(self._ticker.missed)
         self.block.tick()
         self._judge_time()
@@ -585,7 +577,7 @@ class StimulatorNode(Application):
             self._publishing.drive(self._loop.session)
 
     def _observe(self, watchdog: Watchdog, present: bool) -> None:
-        """Take a fault that comes, or goes, between two cycles: the plate node is told at once."""
+        """Take a fault that comes, or goes, between two cycles: the plate node gets 0 V at once."""
         if not (present or self._supervisor.present >> watchdog & 1):
             return
         before = self.block.state

@@ -31,7 +31,7 @@ _SETPOINTS: Final = ("Voltage", "Frequency", "Amplitude", "COF left", "COF right
 class FaultMemory:
     """A line a fault, the newest first: its code, its cause, the mode and the set-points.
 
-    It only tells. What is latched, and bars a run, is the supervisor's.
+    It is a record only. What is latched, and inhibits a run, is the supervisor's.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ _RUNNING: Final = State.RUNNING
 _ARMED_STATES: Final = (_ARMED, _RUNNING)
 _CONTROLWORD: Final = "Controlword"
 _PRESENT: Final = CYCLIC | sum(1 << w for w, row in WATCHDOGS.items() if row.lasting)
-"""Bits of the faults that are present until it is seen, or told, that they are gone."""
+"""Bits of the faults that stay present until they are observed, or reported, to be gone."""
 _TOLD: Final = sum(1 << watchdog for watchdog, row in WATCHDOGS.items() if row.told)
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
@@ -92,7 +92,7 @@ _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 class Supervisor:
     """Only RUNNING drives; a fault while armed or running is latched until it is reset.
 
-    It turns nothing off and tells nobody: who calls it looks at its state and at what is latched.
+    It switches nothing off and sends nothing: the caller reads its state and what is latched.
 
     Parameters
     ----------
@@ -122,10 +122,11 @@ class Supervisor:
     supervised
         Whether the loss of the commander would be noticed, or need not be; True without CANopen.
     advice
-        Says what to do to be supervised; called when an arming is refused for want of it.
+        Returns what to do to be supervised; called when arming is refused because nothing
+        supervises the commander.
     details
-        Says what the text of a fault leaves open, such as how many drives were late; called when
-        the fault is latched.
+        Returns what the text of a fault lacks, such as how many drives were late; called when the
+        fault is latched.
     present, latched
         Faults as bits, 1 << `Watchdog`.
     """
@@ -226,7 +227,7 @@ class Supervisor:
     def permit(
         self, asked: Drive, measured: Measured, mode: int, cascade: Cascade, *, late: bool
     ) -> Drive:
-        """Look at a cycle, and return the drive that may go out: 0 V unless it is RUNNING.
+        """Supervise a cycle, and return the drive that may go out: 0 V unless it is RUNNING.
 
         Parameters
         ----------
@@ -297,7 +298,7 @@ class Supervisor:
         self._clear_after(before)
 
     def refuse(self, name: str, reason: str) -> None:
-        """Have the Message say why a write to an object was refused, but for a latched fault.
+        """Set the Message to why a write to an object was refused, unless a fault is latched.
 
         It stays until a write to that record is accepted: see `accept`.
         """
@@ -341,7 +342,7 @@ class Supervisor:
         self.prepare()
 
     def prepare(self) -> None:
-        """Change between NOT_READY and READY as the conditions say."""
+        """Change between NOT_READY and READY by the conditions."""
         state = self.machine.state
         if state is State.NOT_READY or state is State.READY:
             prepared = self._holds() & Guard.PREPARED
@@ -370,7 +371,7 @@ class Supervisor:
         return done
 
     def _why_not(self, word: int) -> str:
-        """Say why a controlword is refused in the present state, and what to do."""
+        """Return why a controlword is refused in the present state, and what to do."""
         state = self.machine.state
         if state is State.READY and not self.supervised:
             return f"{UNWATCHED}{self.advice()}"
@@ -421,7 +422,7 @@ class Supervisor:
             self._publish()
 
     def _clear_message(self) -> None:
-        """Have the Message say what somebody has to mend, of the faults that are present."""
+        """Set the Message to the first present fault that somebody has to mend."""
         told = (row.text for w in watchdogs_in(self.present) if (row := WATCHDOGS[w]).told)
         self._message.value = next(told, "")
 

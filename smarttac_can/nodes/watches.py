@@ -9,7 +9,7 @@ forgets in one of two ways:
   fewer than ``(most FORGOTTEN + n)/(FORGOTTEN + 1)`` were faulty.
 * **At once**: only faulty cycles in a row are a fault.
 
-A cycle in which nobody can tell is neither faulty nor sound: the count stays.
+A cycle that cannot be judged is neither faulty nor sound: the count stays.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def watch_plan(
     Parameters
     ----------
     parameters
-        Those of the controllers, whose limits and calibration hold here, too.
+        Those of the controllers, whose limits and calibration apply here, too.
     si
         Returns the value of an object of ``stimulator.eds`` in SI units.
     identified
@@ -367,7 +367,7 @@ def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:
 
 
 def _undecided(vibration: Vibration, in_force: InForce, amplitude: float, mode: int) -> int:
-    """Return the bits of the counts that this cycle says nothing about."""
+    """Return the bits of the counts for which this cycle cannot be judged."""
     # Without a vibration nobody knows: a friction loop that pauses hides nothing.
     held = 0 if amplitude > AMPLITUDE_MIN else _RESONANCE
     # A loop that is led astray hunts: what is lacking comes and goes with the phase.
@@ -396,7 +396,7 @@ def _of_vibration(
 
 
 def _odd(plan: WatchPlan, gauges: Forces, zero: Forces, Fn: float, Ft: float) -> bool:
-    """Tell whether the gauges contradict each other."""
+    """Return whether the gauges contradict each other."""
     _, _, o3, o4, o5, o6 = zero
     _, _, s3, s4, s5, s6 = gauges
     s3 -= o3

@@ -23,7 +23,7 @@ from smarttac_can.device.storage import Memory
 from smarttac_can.host.node import HostedNode
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.cia import DataType
 from smarttac_can.od.eds import load_eds
 
@@ -240,10 +240,10 @@ def rich(
     *,
     autostart: bool = False,
     serial: int = 0x2A,
-) -> PlainNode:
+) -> DeviceNode:
     od = load_eds(RICH.read_text(), 5 if node_id == 255 else node_id)
     od.entry(0x1018, 4).value = serial
-    return PlainNode(Device(od, autostart=autostart, storage=storage, node_id=node_id))
+    return DeviceNode(Device(od, autostart=autostart, storage=storage, node_id=node_id))
 
 
 def run(*arguments: str | Path) -> Result:

@@ -13,7 +13,7 @@ from smarttac_can.conformance.run import CASES, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.eds import load_eds
 
 RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text()
@@ -62,7 +62,7 @@ class LoadedSystem:
     """
 
     def __init__(self, rest: float) -> None:
-        self._bus = DeviceTimeBus(PlainNode(Device(load_eds(RICH, 5))))
+        self._bus = DeviceTimeBus(DeviceNode(Device(load_eds(RICH, 5))))
         self._rest = rest
         self._calls = 0
         self._lost = 0.0

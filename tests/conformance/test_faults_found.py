@@ -13,7 +13,7 @@ from smarttac_can.conformance.run import CASES, failed, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.node import without_queue
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.eds import load_eds
 
 RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text(encoding="latin-1")
@@ -23,7 +23,7 @@ SDO, HEARTBEAT, EMCY, TPDO = 0x5A0, 0x720, 0x0A0, 0x1A0
 Change = Callable[[Frame], Iterator[Frame]]
 
 
-class Altered(PlainNode):
+class Altered(DeviceNode):
     """A device whose frames, to it or from it, are altered on their way."""
 
     def __init__(self, device: Device, *, inwards: Change | None, outwards: Change | None) -> None:

@@ -6,7 +6,7 @@ from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import CASES, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.eds import load_eds
 
 NODE_ID = 3
@@ -22,7 +22,7 @@ MINIMAL = (
 )
 
 
-class WithoutBlockTransfer(PlainNode):
+class WithoutBlockTransfer(DeviceNode):
     def __init__(self, device: Device) -> None:
         super().__init__(device)
         self.receive = self._receive
@@ -34,13 +34,13 @@ class WithoutBlockTransfer(PlainNode):
         return self.device.receive(frame)
 
 
-def judge(node: PlainNode) -> list[Result]:
+def judge(node: DeviceNode) -> list[Result]:
     bus = DeviceTimeBus(node)
     return run_cases(Examiner(bus, DeviceDescription(MINIMAL, NODE_ID), clock=bus.time), CASES)
 
 
 def test_a_minimal_device_has_little_to_be_asked_and_no_fault() -> None:
-    results = judge(PlainNode(Device(load_eds(MINIMAL, NODE_ID))))
+    results = judge(DeviceNode(Device(load_eds(MINIMAL, NODE_ID))))
     reasons = {r.case.number: r.reason for r in results if r.verdict == "not applicable"}
     assert [r for r in results if r.verdict == "fail"] == []
     assert reasons["SYNC-02"] == "the EDS has no 1005h:00"

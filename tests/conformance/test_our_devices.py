@@ -11,7 +11,7 @@ from smarttac_can.conformance.run import CASES, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.host.files import read_eds
 from smarttac_can.host.node import Node
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
@@ -29,11 +29,11 @@ def judge(node: Node, text: str, cases: tuple[Case, ...] = CASES) -> dict[str, t
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.number)
 def test_device_of_a_rich_eds(case: Case) -> None:
-    assert judge(PlainNode(Device(load_eds(RICH, NODE_ID))), RICH, (case,)) == {}
+    assert judge(DeviceNode(Device(load_eds(RICH, NODE_ID))), RICH, (case,)) == {}
 
 
 def test_device_of_a_rich_eds_passes_all_one_after_the_other() -> None:
-    assert judge(PlainNode(Device(load_eds(RICH, NODE_ID))), RICH) == {}
+    assert judge(DeviceNode(Device(load_eds(RICH, NODE_ID))), RICH) == {}
 
 
 def test_plate_node() -> None:

@@ -12,7 +12,7 @@ from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master import requests
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.master.local_master import LocalMaster
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.eds import load_eds
 
@@ -32,7 +32,7 @@ class Bench:
         self.heard: list[Frame] = []
         self.bus = LocalBus(log=lambda _time, frame: self.frames.append(frame))
         self.master = LocalMaster(self.bus, self.heard.append)
-        self.port = self.bus.attach(PlainNode(Device(load_eds(RICH, NODE_ID))))
+        self.port = self.bus.attach(DeviceNode(Device(load_eds(RICH, NODE_ID))))
 
 
 @pytest.fixture

@@ -101,7 +101,7 @@ def test_what_was_latched_in_a_reset_or_before_is_told_after_it() -> None:
     told = Told()
     told.tell(BUS_OFF)
     told.supervisor.latched |= NMT
-    told.publishing.hold()
+    told.publishing.mark_reported()
     told.publishing.report()
     assert [code for code, *_ in told.emergencies] == [BUS_OFF_CODE]
     told.publishing.report_all()

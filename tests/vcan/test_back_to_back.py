@@ -13,11 +13,11 @@ from processes import CHANNEL
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.node_thread import node_in_thread
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.nodes.plain_node import PlainNode
+from smarttac_can.nodes.device_node import DeviceNode
 
 
 @contextmanager
-def client_of(node: PlainNode, *, lockstep: bool) -> Iterator[Client]:
+def client_of(node: DeviceNode, *, lockstep: bool) -> Iterator[Client]:
     """Run a node on vcan0 while the block does."""
 
     def receive() -> Frame:
