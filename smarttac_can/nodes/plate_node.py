@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -256,6 +256,100 @@ class HardwareWatch:
         ]
 
 
+class Protection:
+    """The faults for which a plate stays at 0 V, each reported once by an emergency message.
+
+    Parameters
+    ----------
+    device, block
+        Those of the plate.
+
+    Attributes
+    ----------
+    faults
+        For which it is at 0 V until the controller asks for that.
+    reported
+        Whether one was reported since 0 V was asked for.
+    """
+
+    def __init__(self, device: Device, block: PlateBlock) -> None:
+        self._device = device
+        self._block = block
+        self.faults: set[FaultCode] = set()
+        self.reported = False
+
+    def trip(self, code: FaultCode) -> None:
+        """Inhibit the stage until the controller asks for 0 V, and report the fault once."""
+        self._block.inhibit()
+        if code not in self.faults:
+            self.reported = True
+            self.faults.add(code)
+            self._device.emergency(code, WATCHDOGS[REPORTED_BY_PLATE[code]].register)
+
+    def trip_again(self, code: FaultCode) -> None:
+        """Trip, and report a fault that was reported before once more."""
+        self.faults.discard(code)
+        self._device.clear_emergency(code)
+        self.trip(code)
+
+    def trip_in_use(self, code: FaultCode) -> None:
+        """Inhibit the stage; trip if it is in use."""
+        if self._block.state is StageState.IN_USE:
+            self.trip(code)
+        else:
+            self._block.inhibit()
+
+    def clear(self) -> None:
+        """Report that the faults are gone."""
+        for code in sorted(self.faults):
+            self._device.clear_emergency(code)
+        self.faults.clear()
+
+
+class LateDrives:
+    """Counts the drives that came after the instant of a tick at which they should be in force.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of ``plate.eds``.
+    clock
+        Device time.
+    """
+
+    def __init__(self, od: ObjectDictionary, clock: Clock) -> None:
+        self._clock = clock
+        self._late = od["Cycle.Late drives"]
+        self._ticks = od["Cycle.Ticks"]
+        self._ticked = 0
+
+    def tick(self) -> None:
+        """Begin a tick."""
+        self._ticked = self._clock.now
+
+    def take(self, taken: Taken, instant_us: int) -> None:
+        """Take a drive that should be in force ``instant_us`` after the tick; 0 for at once."""
+        if not (instant_us and self._ticks.value):
+            return
+        overdue = taken is Taken.IN_TIME and self._clock.now - self._ticked > instant_us
+        if overdue or taken is Taken.LATE:
+            self._late.count()
+
+
+class Limited(NamedTuple):
+    """Objects of which two are limited by the other two."""
+
+    voltage: Entry
+    voltage_max: Entry
+    temperature: Entry
+    temperature_max: Entry
+
+
+LIMITED: Final = (
+    "Drive.Voltage", "Limit.Voltage", "Vibration.Temperature", "Limit.Temperature",
+)  # fmt: skip
+
+
 class PlateNode(DeviceNode):
     """Power stage, vibration pick-up and strain gauges, simulated or real; SYNC is the tick.
 
@@ -308,20 +402,15 @@ class PlateNode(DeviceNode):
         self._missed = od["Cycle.Missed deadlines"]
         self._missed_time = MissedTime(clock)
         self._overtaken = False
-        self._late = od["Cycle.Late drives"]
-        self._ticks = od["Cycle.Ticks"]
+        self._late_drives = LateDrives(od, clock)
         self._sender = DriveSender(od)
         self._hardware = HardwareWatch(device)
-        self._reported = False
+        self._protection = Protection(device, self.block)
         self._lock = Lock(od, OF_PLATE)
-        self._voltage = od["Drive.Voltage"]
-        self._temperature = od["Vibration.Temperature"]
+        self._limited = Limited(*map(od.__getitem__, LIMITED))
         self._stage_voltage = od["Stage.Voltage"]
-        self._voltage_max = od["Limit.Voltage"]
-        self._temperature_max = od["Limit.Temperature"]
         self._serial = od["Plate serial number"]
         self._next_session = session
-        self._protecting: set[FaultCode] = set()
 
     def overtaken(self, frame: Frame) -> list[Frame]:
         """Take a frame that waited; a SYNC is a tick that is over, and not measured."""
@@ -341,16 +430,17 @@ class PlateNode(DeviceNode):
         """Go to 0 V, the transmit queue being full: the controller lacks what was measured."""
         self.block.inhibit()
         if self.block.state is StageState.TRIPPED:
-            self._protect(FaultCode.DRIVE_LOST)
+            self._protection.trip(FaultCode.DRIVE_LOST)
         return self.device.take()
 
     def levels(self) -> tuple[float, ...]:
         """How near each watch of `PLATE_COUNTED` is to 0 V, 1.0, at the end of this tick."""
+        limited = self._limited
         return (
             self.clock.share((self._unanswered,), TICK_US),
             self._sender.level,
-            level(self._temperature.value, self._temperature_max.value),
-            level(self._voltage.value, self._voltage_max.value),
+            level(limited.temperature.value, limited.temperature_max.value),
+            level(limited.voltage.value, limited.voltage_max.value),
         )
 
     def shutdown(self) -> list[Frame]:
@@ -369,7 +459,7 @@ class PlateNode(DeviceNode):
             self.block.inhibit()
         self._missed_time.restart()
         if state is NMTState.RESET_COMMUNICATION:
-            self._protecting.clear()
+            self._protection.faults.clear()
             self._serial.value = plate_serial(self._serial, self.device.node_id)
             self._sender.forget()
         if state is NMTState.OPERATIONAL:
@@ -386,21 +476,22 @@ class PlateNode(DeviceNode):
         if not self._period.agrees():
             self.block.inhibit()
             return False
-        self._ticked = self.clock.now
+        self._late_drives.tick()
         self._missed.count(self._missed_time.cycle())
         if self._hardware.reads_back:
             self._hardware.cycle(self.block.commanded)
             if self._hardware.cause is FaultCode.STAGE:
-                self._protect(FaultCode.STAGE)
+                self._protection.trip(FaultCode.STAGE)
         measured = self.block.cycle(overtaken=self._overtaken)
         self._sender.follow()
         self._follow_front_end()
         if measured:
             self._sent.write_check()
-        if self._temperature.value > self._temperature_max.value:
-            self._protect(FaultCode.TEMPERATURE)
-        elif self.block.state is StageState.TRIPPED and not self._protecting:
-            self._protect(FaultCode.DRIVE_LOST)
+        limited = self._limited
+        if limited.temperature.value > limited.temperature_max.value:
+            self._protection.trip(FaultCode.TEMPERATURE)
+        elif self.block.state is StageState.TRIPPED and not self._protection.faults:
+            self._protection.trip(FaultCode.DRIVE_LOST)
         return measured
 
     def on_rpdo(self, number: int) -> None:
@@ -417,43 +508,32 @@ class PlateNode(DeviceNode):
         one is asked for.
         """
         self._driven.keep(self._driven.unpack(data))
-        hardware, sender = self._hardware, self._sender
-        if not sender.sound(data, self.block.session, off=not self._voltage.value):
+        hardware, sender, protection = self._hardware, self._sender, self._protection
+        limited = self._limited
+        voltage = limited.voltage.value
+        if not sender.sound(data, self.block.session, off=not voltage):
             if sender.disturbed:
                 self.block.inhibit()
             return
-        if self._voltage.value > self._voltage_max.value:
-            self._protect(FaultCode.VOLTAGE)
+        if voltage > limited.voltage_max.value:
+            protection.trip(FaultCode.VOLTAGE)
             return
         cause = hardware.cause or self.block.backend.cause
-        if not self._voltage.value:
-            self._reported = False
-        elif cause is not None and not self._reported:
-            self._protecting.discard(cause)
-            self.device.clear_emergency(cause)
-            self._protect(cause)
-        hot = self._temperature.value > self._temperature_max.value
-        if (hot or self.device.collision or sender.disturbed) and self._voltage.value:
+        if not voltage:
+            protection.reported = False
+        elif cause is not None and not protection.reported:
+            protection.trip_again(cause)
+        hot = limited.temperature.value > limited.temperature_max.value
+        if (hot or self.device.collision or sender.disturbed) and voltage:
             return
         taken = self.block.take_drive(latched=sender.latched or cause is not None)
-        self._count_late(taken)
+        self._late_drives.take(taken, self.block.instant_us)
         if taken is Taken.IN_TIME:
             self._unanswered.start(self._deadline.value * TICK_US)
         elif taken is Taken.DISOBEYED:
-            self._protect(FaultCode.STAGE)
-        if self._protecting and not (self.block.inhibited or hot or self.device.collision):
-            for code in sorted(self._protecting):
-                self.device.clear_emergency(code)
-            self._protecting.clear()
-
-    def _count_late(self, taken: Taken) -> None:
-        """Count a drive that came after the instant of a tick at which it should be in force."""
-        instant = self.block.instant_us
-        if not (instant and self._ticks.value):
-            return
-        overdue = taken is Taken.IN_TIME and self.clock.now - self._ticked > instant
-        if overdue or taken is Taken.LATE:
-            self._late.count()
+            protection.trip(FaultCode.STAGE)
+        if protection.faults and not (self.block.inhibited or hot or self.device.collision):
+            protection.clear()
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
         """Go to 0 V when the hardware that watches the stage falls silent."""
@@ -474,7 +554,7 @@ class PlateNode(DeviceNode):
     def on_collision(self, heard: bool) -> None:
         """Go to 0 V, and stay there, while another node sends with an identifier of the plate."""
         if heard:
-            self._protect(FaultCode.DOUBLE)
+            self._protection.trip(FaultCode.DOUBLE)
 
     def _on_unanswered(self) -> None:
         """Go to 0 V, as no drive was taken for the time of the deadline.
@@ -484,31 +564,19 @@ class PlateNode(DeviceNode):
         """
         self.block.inhibit()
 
-    def _protect(self, code: FaultCode) -> None:
-        """Go to 0 V, report it once, and stay there until the controller asks for 0 V."""
-        self.block.inhibit()
-        if code not in self._protecting:
-            self._reported = True
-            self._protecting.add(code)
-            self.device.emergency(code, WATCHDOGS[REPORTED_BY_PLATE[code]].register)
-
     def _follow_hardware(self) -> None:
-        """Go to 0 V if hardware does not let the stage drive; report it if it was in use."""
+        """Go to 0 V if hardware keeps the stage from a voltage; report it if it was in use."""
         cause = self._hardware.cause
-        if cause is None:
-            return
-        if self.block.state is StageState.IN_USE:
-            self._protect(cause)
-        else:
-            self.block.inhibit()
+        if cause is not None:
+            self._protection.trip_in_use(cause)
 
     def _follow_front_end(self) -> None:
         """Go to 0 V if a front end gives reason to; report it if the stage was, or is, live."""
         cause = self.block.backend.cause
-        if cause is FaultCode.STAGE or (cause and self.block.state is StageState.IN_USE):
-            self._protect(cause)
+        if cause is FaultCode.STAGE:
+            self._protection.trip(cause)
         elif cause:
-            self.block.inhibit()
+            self._protection.trip_in_use(cause)
 
     def on_store(self) -> None:
         """Refuse to store while it drives: a file may take longer than a cycle.
