@@ -321,7 +321,6 @@ class LateDrives:
         self._clock = clock
         self._late = od["Cycle.Late drives"]
         self._ticks = od["Cycle.Ticks"]
-        self._ticked = 0
 
     def tick(self) -> None:
         """Begin a tick."""

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 from driven import MASTER, STATE, driven_within, reset_fault
-from line import START, Line, measurement, plate_alone, plate_inside
+from line import PREOP, START, Line, measurement, plate_alone, plate_inside
 
 from smarttac_can.bench.simulation import PLATE_ID, stimulator_od
 from smarttac_can.device.frame import Frame
@@ -157,6 +157,17 @@ def test_the_plate_counts_the_ticks_without_sync() -> None:
         if count % 5:
             plate.receive(requests.sync())
     assert 195 <= plate.od["Cycle.Missed deadlines"].value <= 200
+
+
+def test_ticks_out_of_operational_are_not_missed() -> None:
+    _, plate = plate_alone()
+    for command in (START, PREOP, START):
+        plate.receive(requests.nmt(command))
+        for _ in range(600):
+            plate.advance(1000)
+            if command == START:
+                plate.receive(requests.sync())
+    assert plate.od["Cycle.Missed deadlines"].value == 0
 
 
 def test_a_stimulator_counts_the_ticks_of_another_producer() -> None:

@@ -90,6 +90,17 @@ def test_hardware_is_not_asked_by_default_and_its_frame_is_not_heard() -> None:
     }  # fmt: skip
 
 
+def test_hardware_that_stops_a_free_stage_for_an_instant_makes_it_wait_for_0_v() -> None:
+    line, plate = ready_plate()
+    map_inputs(line, plate)
+    assert cycle(line, plate, 0, says()) == 0
+    assert cycle(line, plate, 20, says(enable=0), says()) == 0
+    assert not emergencies(line), "the stage was not in use"
+    for volts in (20, 0):
+        assert cycle(line, plate, volts, says()) == 0
+    assert cycle(line, plate, 20, says()) == 20
+
+
 @pytest.mark.parametrize("mapped", [(), (ENABLE,), (READ_BACK,)])
 def test_before_it_is_heard_the_stage_is_barred(mapped: tuple[int, ...]) -> None:
     line, plate = ready_plate()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from line import DRIVE, PREOP, START, Line, drive, ready_plate
+from line import DRIVE, PREOP, RESET_COMMUNICATION, START, Line, drive, ready_plate
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
@@ -77,6 +77,16 @@ def test_plate_asked_for_more_than_its_limit() -> None:
     assert emergencies(line) == [FaultCode.VOLTAGE]
     assert plate.od["Error register"].value & 4
     assert_barred_until_0_v(line, plate)
+
+
+def test_a_plate_that_was_reset_says_again_that_it_waits_for_0_v() -> None:
+    line, plate = driven_plate()
+    line.sync()
+    line.send(drive(15_001, tick_of(plate)))
+    line.nmt(RESET_COMMUNICATION)
+    line.nmt(START)
+    line.sync()
+    assert emergencies(line) == [FaultCode.VOLTAGE, FaultCode.DRIVE_LOST]
 
 
 def test_plate_too_hot() -> None:
