@@ -32,7 +32,7 @@ _NOISE: Final = 1e-9
 _UNMODELLED: Final = 1e-3
 """That of a prediction of W, as a fraction: what a finger does within a tick."""
 _JITTER: Final = 60e-6
-"""That of the instant in s at which a drive takes force. It keeps a dead time that was told wrongly
+"""That of the instant in s at which a drive takes force. It keeps a wrong dead time
 from being taken for another plate."""
 _FARTHEST: Final = 1.0
 """Bound of the two logarithms: a factor of 2.7."""
@@ -160,7 +160,7 @@ def learn(
         predicted, late, by_kappa, by_rate, by_w0, variance = _predict(
             at, model, dead_time, W, span
         )
-        # Seen along the axis on which an instant is told wrongly, and across, where phase is.
+        # Seen along the axis of a wrong instant, and across, where phase is.
         size = abs(late)
         if size > 0.0:
             along = late.conjugate() / size
@@ -258,8 +258,8 @@ def _update(
 def _sound(belief: Belief) -> bool:
     """Whether it is numbers, with variances above 0; NaN fails every comparison."""
     kappa, rate, w0, kk, _, _, rr, _, ww = belief
-    told = abs(kappa) + abs(rate) < _ABSURD and abs(w0) < _FARTHEST_W0
-    return told and kk > 0.0 and rr > 0.0 and ww > 0.0
+    sane = abs(kappa) + abs(rate) < _ABSURD and abs(w0) < _FARTHEST_W0
+    return sane and kk > 0.0 and rr > 0.0 and ww > 0.0
 
 
 def _bounded(belief: Belief) -> Belief:

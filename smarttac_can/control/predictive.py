@@ -31,7 +31,7 @@ from smarttac_can.vocabulary.model import F0_SLOPE, PlateModel, contact_load, de
 from smarttac_can.vocabulary.signals import TICK, Drive
 
 LEAST_POLE: Final = 0.1
-"""Share of an error that is left on purpose: margin for a dead time that was told wrongly."""
+"""Share of an error that is left on purpose: margin for a wrong dead time."""
 CAUTION: Final = 1.0
 """Standard uncertainties of what a volt does by which a step is held back."""
 LEARN_MIN: Final = 20e-9
@@ -112,7 +112,7 @@ class Prior(NamedTuple):
     f0: float
     """In Hz."""
     temperature: float
-    """In degC at which f0 holds."""
+    """In degC at which f0 applies."""
     dead_time: float
     """Time from the tick until the new drive is in force in s, 0 or more, below 1 ms."""
 

@@ -157,7 +157,7 @@ class MapState(NamedTuple):
     path: Path
     gathered: Gathered
     known: Known
-    felt: FrictionSample
+    sample: FrictionSample
     """The last tick."""
 
 
@@ -198,47 +198,47 @@ def gathered(so_far: Gathered, ln_mu: float, W: float, ln_ref: float, m0: float)
 
 
 def tells(before: Plateau, after: Plateau) -> bool:
-    """Tell whether two plateaus differ because they were asked to."""
+    """Return whether two plateaus differ because they were asked to."""
     asked = abs(after.ln_ref - before.ln_ref) > PAIR_MIN
     return asked and abs(after.W - before.W) > PAIR_MIN_W
 
 
-def begin_map(felt: FrictionSample, known: Known) -> MapState:
+def begin_map(sample: FrictionSample, known: Known) -> MapState:
     """Return the state at the begin of a touch, or of the mode: it asks for the amplitude there is.
 
     Parameters
     ----------
-    felt
+    sample
         The first tick.
     known
         What was learned before.
     """
-    h = value(known.nodes, felt.W)
-    ln_mu = log(felt.mu if felt.mu > MU_MIN else felt.mu_ref)
+    h = value(known.nodes, sample.W)
+    ln_mu = log(sample.mu if sample.mu > MU_MIN else sample.mu_ref)
     path = Path(exp(h), 0.0)
     # It is not known to slide yet.
-    return MapState(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, NOTHING, known, felt)
+    return MapState(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, NOTHING, known, sample)
 
 
-def follow_map(touch: MapState, felt: FrictionSample) -> MapState:
+def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
     """Return the state a tick later; `amplitude_asked` is what it asks for."""
-    before, known, m0, ln_aim = touch.felt, touch.known, touch.m0, touch.ln_aim
-    ln_ref = log(felt.mu_ref)
+    before, known, m0, ln_aim = touch.sample, touch.known, touch.m0, touch.ln_aim
+    ln_ref = log(sample.mu_ref)
     pole = POLE if known.pairs else POLE_UNKNOWN
     stepped = abs(ln_ref - log(before.mu_ref)) > STEP_MIN
-    turned = felt.Fx * before.Fx + felt.Fy * before.Fy < 0.0
+    turned = sample.Fx * before.Fx + sample.Fy * before.Fy < 0.0
     since_step = 0 if stepped else touch.since_step + 1
     since_turn = 0 if turned else touch.since_turn + 1
     gain = GAIN_FIRST if turned and touch.gain < GAIN_UNKNOWN else touch.gain
-    path = _through_path(touch.path, known.nodes, before.W, felt.W)
+    path = _through_path(touch.path, known.nodes, before.W, sample.W)
     plateaus = touch.gathered
     if turned and plateaus.made:
         # What m0 took in since was a finger that stopped, of which less friction is felt.
         m0 = plateaus.last.ln_mu - value(known.nodes, plateaus.last.W)
     if stepped or turned:
         plateaus = cut_short(plateaus, turned)
-    if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN and path.y >= MU_MIN:
-        error = log(felt.mu) - m0 - log(path.y)
+    if since_turn >= FROZEN_TICKS and sample.mu >= MU_MIN and path.y >= MU_MIN:
+        error = log(sample.mu) - m0 - log(path.y)
         if gain < GAIN_UNKNOWN:
             quiet = known.pairs and since_step < QUIET_TICKS
             m0 += (QUIET * gain if quiet else gain) * _bounded(error)
@@ -250,16 +250,16 @@ def follow_map(touch: MapState, felt: FrictionSample) -> MapState:
             gain = GAIN_FIRST
         if since_step >= SETTLED_TICKS:
             so_far = plateaus
-            plateaus = gathered(so_far, log(felt.mu), felt.W, ln_ref, m0)
+            plateaus = gathered(so_far, log(sample.mu), sample.W, ln_ref, m0)
             if plateaus.made > so_far.made > 0 and tells(so_far.last, plateaus.last):
-                known = _taught(known, so_far.last, plateaus.last, felt)
+                known = _taught(known, so_far.last, plateaus.last, sample)
                 # What is expected at this amplitude stays.
-                rise = value(known.nodes, felt.W) - value(touch.known.nodes, felt.W)
+                rise = value(known.nodes, sample.W) - value(touch.known.nodes, sample.W)
                 m0 -= rise
                 path = Path(path.y * exp(rise), path.rate * exp(rise))
     if gain < GAIN_UNKNOWN:
         ln_aim = ln_ref + pole * (ln_aim - ln_ref)
-    return MapState(m0, gain, ln_aim, since_step, since_turn, path, plateaus, known, felt)
+    return MapState(m0, gain, ln_aim, since_step, since_turn, path, plateaus, known, sample)
 
 
 def amplitude_asked(touch: MapState) -> float:
@@ -281,9 +281,9 @@ def _bounded(error: float) -> float:
     return ERROR_MAX if error > ERROR_MAX else -ERROR_MAX if error < -ERROR_MAX else error
 
 
-def _taught(known: Known, before: Plateau, after: Plateau, felt: FrictionSample) -> Known:
+def _taught(known: Known, before: Plateau, after: Plateau, sample: FrictionSample) -> Known:
     """Learn from two plateaus of one pass."""
-    relative = felt.u_mu / felt.mu
+    relative = sample.u_mu / sample.mu
     variance = SPEED_VARIANCE + 2.0 * relative * relative / PLATEAU_TICKS
     weights = learned(known.weights, before, after, variance)
     return Known(weights, shape(weights), known.pairs + 1)

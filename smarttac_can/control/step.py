@@ -112,7 +112,10 @@ _SCHEDULED: Final = int(VibrationLaw.SCHEDULED)
 _PREDICTIVE: Final = int(VibrationLaw.PREDICTIVE)
 
 _ABSURD: Final = 1e6
-"""Bound of the squares of a measurement: 1 km, 1 kN. NaN and infinity do not pass either."""
+"""Bound of the squares of a measurement, 1 km or 1 kN, and of a COF reference. NaN and infinity do
+not pass either."""
+_COF_MIN: Final = 1e-6
+"""A COF reference has to be above this, so that the error relative to it is a number."""
 FREQUENCY_STEP: Final = 5.0
 """Largest change in Hz of the frequency in a tick of mode AMPLITUDE, 3 % of half the width of the
 resonance: a hop would meet the resonance with the voltage that the plate needed beside it."""
@@ -390,8 +393,10 @@ def control_step(
         if mode == _FRICTION:
             right = is_right(right, contact[5], setpoint.boundary, plan.half)
             mu_ref = setpoint.mu_right if right else setpoint.mu_left
-            felt = FrictionSample(contact[3], contact[4], contact[0], contact[1], amplitude, mu_ref)
-            slides, sliding, E, W_ref = _for_level(plan, state, contact[7], felt, setpoint)
+            sample = FrictionSample(
+                contact[3], contact[4], contact[0], contact[1], amplitude, mu_ref
+            )
+            slides, sliding, E, W_ref = _for_level(plan, state, contact[7], sample, setpoint)
         elif mode == _TEXTURE:
             playing, mu_ref, E, W_ref = _for_texture(
                 plan, playing, contact, centre, amplitude, setpoint.amplitude
@@ -420,7 +425,8 @@ def _fault(plan: ControlPlan, mode: int, W: complex, gauges: Forces, setpoint: S
     voltage, frequency, amplitude, mu_left, mu_right, boundary = setpoint
     if not isfinite(voltage + frequency + amplitude + mu_left + mu_right + boundary):
         return _NO_SETPOINT
-    if mode == _FRICTION and (mu_left <= 0.0 or mu_right <= 0.0):
+    references = _COF_MIN < mu_left < _ABSURD and _COF_MIN < mu_right < _ABSURD
+    if mode == _FRICTION and not references:
         return _NO_REFERENCE
     if mode == _TEXTURE and len(plan.texture.values) == 0:
         return _NO_TABLE
@@ -475,20 +481,24 @@ def _open_loop(plan: ControlPlan, mode: int, setpoint: Setpoint) -> tuple[Drive,
 
 
 def _for_level(
-    plan: ControlPlan, state: ControlState, touching: bool, felt: FrictionSample, setpoint: Setpoint
+    plan: ControlPlan,
+    state: ControlState,
+    touching: bool,
+    sample: FrictionSample,
+    setpoint: Setpoint,
 ) -> tuple[bool, MapState, float, float]:
     """Step C_mu of mode FRICTION: return its touch, E in % and W_ref in m, before its limits."""
     sliding = state.sliding
     if not touching:
         return False, sliding, 0.0, setpoint.amplitude
-    E = relative_error(felt.mu, felt.mu_ref)
+    E = relative_error(sample.mu, sample.mu_ref)
     if plan.law != _MAPPED:
         dW = limited_step(plan.slope, plan.step_max, E)
-        W_ref = asked_amplitude(plan.law, dW, felt.W, state.W_ref, setpoint.amplitude)
+        W_ref = asked_amplitude(plan.law, dW, sample.W, state.W_ref, setpoint.amplitude)
         return state.slides, sliding, E, W_ref
     if not state.slides:
-        return True, begin_map(felt, sliding.known), E, felt.W
-    sliding = follow_map(sliding, felt)
+        return True, begin_map(sample, sliding.known), E, sample.W
+    sliding = follow_map(sliding, sample)
     return True, sliding, E, amplitude_asked(sliding)
 
 
@@ -511,9 +521,9 @@ def _for_texture(
     else:
         line = line_from(centre)
     mu_ref = cof_ahead(plan.texture, ticks, line.position, line.speed, plan.ahead)
-    felt = FrictionSample(mu, u_mu, Fx, Fy, amplitude, mu_ref)
+    sample = FrictionSample(mu, u_mu, Fx, Fy, amplitude, mu_ref)
     known = touch.known
-    touch = follow_texture(touch, felt, plan.W_max) if touches else begin_texture(felt, known)
+    touch = follow_texture(touch, sample, plan.W_max) if touches else begin_texture(sample, known)
     playing = Playing(ticks + 1, True, line, touch)
     return playing, mu_ref, relative_error(mu, mu_ref), touch.W_ref
 

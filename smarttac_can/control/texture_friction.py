@@ -3,7 +3,7 @@
 ``ln mu = m0 + s h(W)``, with h of `smarttac_can.control.friction_map` as it is in the mean over
 fingers. The step that an edge asks for is made at once, ``W_ref = h^-1((ln mu_ref - m0)/s)``; a law
 that waits for an error comes too late for the next edge. A texture moves W all the time, and what
-is felt is h of that W behind the force path: a Kalman filter learns m0 and s from each tick, by an
+is felt is h of that W after the force path: a Kalman filter learns m0 and s from each tick, by an
 h that has gone through a model of that path.
 
 The functions are plain ones of floats and named tuples.
@@ -83,7 +83,7 @@ class TextureState(NamedTuple):
     since_turn: int
     """Ticks since the touch began, or the finger turned."""
     path: Path
-    """h behind the force path."""
+    """h after the force path."""
     lasting: float
     """Filtered error of ln mu."""
     bump: float
@@ -97,7 +97,7 @@ class TextureState(NamedTuple):
     W_ref: float
     """Amplitude in m that is asked for: the same, or, where the plate does not follow by a lack of
     voltage or a pick-up that reads too little, as by the law ``measured``."""
-    felt: FrictionSample
+    sample: FrictionSample
     """The last tick."""
 
 
@@ -105,67 +105,68 @@ ANYBODY: Final = Known(0.0, 1.0, LEVEL_VARIANCE, 0.0, STEEPNESS_VARIANCE)
 """Any finger."""
 
 
-def begin_texture(felt: FrictionSample, known: Known) -> TextureState:
+def begin_texture(sample: FrictionSample, known: Known) -> TextureState:
     """Return the state when a touch or the mode begins: it asks for the amplitude there is.
 
     Parameters
     ----------
-    felt
+    sample
         The first tick.
     known
         What was learned before.
     """
-    return TextureState(
-        known, False, 0, Path(value(MEAN, felt.W), 0.0), 0.0, 0.0, 0.0, 0, felt.W, felt.W, felt
-    )
+    W = sample.W
+    return TextureState(known, False, 0, Path(value(MEAN, W), 0.0), 0.0, 0.0, 0.0, 0, W, W, sample)
 
 
-def follow_texture(touch: TextureState, felt: FrictionSample, W_max: float) -> TextureState:
+def follow_texture(touch: TextureState, sample: FrictionSample, W_max: float) -> TextureState:
     """Return the state a tick later; W_max is the limit of the amplitude in m."""
     known, slides, since_turn, path, lasting, bump, risen, lag_ticks, W_before, W_ref, last = touch
     W_map = W_before
-    path = _through_path(path, 0.5 * (value(MEAN, last.W) + value(MEAN, felt.W)))
+    path = _through_path(path, 0.5 * (value(MEAN, last.W) + value(MEAN, sample.W)))
     since_turn += 1
-    if felt.Fx * last.Fx + felt.Fy * last.Fy < 0.0:
+    if sample.Fx * last.Fx + sample.Fy * last.Fy < 0.0:
         since_turn, lasting = 0, 0.0
     starts = False
-    if since_turn >= FROZEN_TICKS and felt.mu >= MU_MIN:
+    if since_turn >= FROZEN_TICKS and sample.mu >= MU_MIN:
         if slides and 0 < lag_ticks <= BEHIND_TICKS:
             lasting = 0.0
         elif slides:
-            error = log(felt.mu) - known.m0 - known.s * path.y
+            error = log(sample.mu) - known.m0 - known.s * path.y
             lasting += LASTING_SHARE * (error - lasting)
             lost = abs(lasting) > LASTING_MAX
-            known = learned(known, path.y, error, felt.u_mu / felt.mu, lost)
+            known = learned(known, path.y, error, sample.u_mu / sample.mu, lost)
         else:
             slides = starts = True
-            m0 = log(felt.mu) - known.s * path.y
+            m0 = log(sample.mu) - known.s * path.y
             known = Known(m0, known.s, LEVEL_VARIANCE, 0.0, known.ss)
     if slides:
-        asked = amplitude_for(MEAN, (log(felt.mu_ref) - known.m0) / known.s)
+        asked = amplitude_for(MEAN, (log(sample.mu_ref) - known.m0) / known.s)
         bump = W_before - asked if starts else BUMP_KEPT * bump
         W_map = asked + bump
         W_map = 0.0 if W_map < 0.0 else W_max if W_map > W_max else W_map
         risen = LAG_KEPT * risen + W_map - W_before
         risen = risen if risen > 0.0 else 0.0
         W_ref = W_map
-        lag_ticks = lag_ticks + 1 if W_map - felt.W - risen > BEHIND else 0
+        lag_ticks = lag_ticks + 1 if W_map - sample.W - risen > BEHIND else 0
         if lag_ticks:
-            W_ref = felt.W + limited_step(SLOPE, STEP_MAX, relative_error(felt.mu, felt.mu_ref))
+            W_ref = sample.W + limited_step(
+                SLOPE, STEP_MAX, relative_error(sample.mu, sample.mu_ref)
+            )
     return TextureState(
-        known, slides, since_turn, path, lasting, bump, risen, lag_ticks, W_map, W_ref, felt
+        known, slides, since_turn, path, lasting, bump, risen, lag_ticks, W_map, W_ref, sample
     )
 
 
 def learned(known: Known, h: float, error: float, relative: float, lost: bool) -> Known:
-    """Return what is known once a tick was felt.
+    """Return what is known after a tick of sliding.
 
     Parameters
     ----------
     known
         Before it.
     h
-        Behind the force path.
+        After the force path.
     error
         By how much ln mu is above what was expected.
     relative

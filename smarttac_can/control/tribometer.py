@@ -14,7 +14,7 @@ Forces = tuple[float, float, float, float, float, float]
 RELEASE = 0.7
 """A touch ends below this fraction of the contact force, so that noise does not chop it up."""
 DETERMINANT_MIN = 0.1
-"""Smallest determinant of the cross-talk, or of its inverse, by which two loads are told apart."""
+"""Smallest determinant of the cross-talk, or of its inverse, for which two loads are separable."""
 MEMORY = 0.95
 """Fading memory of the position filter: a sample counts half after 14 ms."""
 
@@ -30,7 +30,7 @@ def calibration(crosstalk: Matrix) -> Matrix:
     Raises
     ------
     ValueError
-        If the two loads cannot be told apart: the determinant is below 0.1.
+        If the two loads cannot be separated: the determinant is below 0.1.
     """
     (xx, xy), (yx, yy) = crosstalk
     determinant = xx * yy - xy * yx

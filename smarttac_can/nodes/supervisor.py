@@ -85,7 +85,7 @@ _ARMED_STATES: Final = (_ARMED, _RUNNING)
 _CONTROLWORD: Final = "Controlword"
 _PRESENT: Final = CYCLIC | sum(1 << w for w, row in WATCHDOGS.items() if row.lasting)
 """Bits of the faults that stay present until they are observed, or reported, to be gone."""
-_TOLD: Final = sum(1 << watchdog for watchdog, row in WATCHDOGS.items() if row.told)
+_SHOWN: Final = sum(1 << watchdog for watchdog, row in WATCHDOGS.items() if row.shown)
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
@@ -273,9 +273,9 @@ class Supervisor:
         between = watchdogs != CYCLIC
         self.present = present = before & ~watchdogs | faults & _PRESENT
         state = self.machine.state
-        if faults & _TOLD and not self.latched:
+        if faults & _SHOWN and not self.latched:
             self._message.value = next(
-                WATCHDOGS[w].text for w in watchdogs_in(faults) if WATCHDOGS[w].told
+                WATCHDOGS[w].text for w in watchdogs_in(faults) if WATCHDOGS[w].shown
             )
         if faults and state in _ARMED_STATES:
             self._fault(faults)
@@ -285,7 +285,7 @@ class Supervisor:
             self.prepare()
         if present != before:
             self._present_entry.value = present
-            gone = before & ~present & _TOLD
+            gone = before & ~present & _SHOWN
             if gone and not self.latched:
                 texts = [WATCHDOGS[watchdog].text for watchdog in watchdogs_in(gone)]
                 if self._message.value in texts:
@@ -423,8 +423,8 @@ class Supervisor:
 
     def _clear_message(self) -> None:
         """Set the Message to the first present fault that somebody has to mend."""
-        told = (row.text for w in watchdogs_in(self.present) if (row := WATCHDOGS[w]).told)
-        self._message.value = next(told, "")
+        texts = (row.text for w in watchdogs_in(self.present) if (row := WATCHDOGS[w]).shown)
+        self._message.value = next(texts, "")
 
     def _publish(self) -> None:
         self._present_entry.value = self.present

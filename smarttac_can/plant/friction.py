@@ -111,7 +111,7 @@ def check_reach(
     """Refuse a subject whose friction cannot be brought to both references.
 
     Over all forces, speeds and degrees of occlusion, ``mu(W_max) < 0.95 mu_low`` and
-    ``mu(0) > 1.05 mu_high`` must hold.
+    ``mu(0) > 1.05 mu_high`` must be true.
 
     Parameters
     ----------

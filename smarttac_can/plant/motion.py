@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from smarttac_can.plant.felt import film, film_share, shape_at
+from smarttac_can.plant.film import film, film_share, shape_at
 from smarttac_can.plant.force_path import Propagator, follow, propagator
 from smarttac_can.plant.friction import (
     FrictionMap,
@@ -93,14 +93,14 @@ class Motion(NamedTuple):
     omega: float
     """Angular frequency of the frame in rad/s."""
     film: float
-    """Vibration behind the film in m."""
+    """Vibration after the film in m."""
     v: float
     stretch: float
     z: float
     Ft: float
     """Friction force on the plate in N."""
     Fx: float
-    """The same behind the force path."""
+    """The same after the force path."""
     Fx_rate: float
 
 
@@ -112,7 +112,7 @@ class PlatePlan(NamedTuple):
 
 
 class PlateState(NamedTuple):
-    """The plate at a tick; forces and moment are those behind the force path."""
+    """The plate at a tick; forces and moment are those after the force path."""
 
     motion: Motion
     Fn: float

@@ -49,7 +49,7 @@ class ResonatorParameters:
     f0_slope: float = -14.0
     """Change of the resonance frequency in Hz/K [P]: 43250 Hz at 30 degC."""
     reference_temperature: float = 20.0
-    """Temperature in degC at which :attr:`f0` holds [P]."""
+    """Temperature in degC at which :attr:`f0` applies [P]."""
     tau: float = math.sqrt(1.30**2 - 1.0) / (TWO_PI * 140.0)
     """Time constant 2m/d_s in s [D]: 30 % more voltage at 140 Hz of detuning, 0.944 ms."""
     gain: float = 50e-9

@@ -20,8 +20,8 @@ FREQUENCY_MAX = 1e6
 class Plate:
     """One run of the plate, from rest at ambient temperature at tick 0.
 
-    Each tick is ``sample`` (once or more), then ``step``. The attributes hold the true values
-    behind the sensors at the present tick, for tests and reports.
+    Each tick is ``sample`` (once or more), then ``step``. The attributes are the true values
+    before the sensors at the present tick, for tests and reports.
 
     Parameters
     ----------

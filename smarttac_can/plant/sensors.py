@@ -153,7 +153,7 @@ def readings(
     temperature
         Plate temperature in degC.
     forces
-        Behind the force path: Fx and Fn in N, and the moment in N m, which is Fn times the finger's
+        After the force path: Fx and Fn in N, and the moment in N m, which is Fn times the finger's
         position along x.
     """
     Fx, Fn, moment = forces

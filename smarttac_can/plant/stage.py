@@ -1,4 +1,4 @@
-"""The power stage: what it puts out, which need not be what it is told."""
+"""The power stage: its output, which may differ from the commanded voltage."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ class PowerStage:
     def __init__(self) -> None:
         self._stuck = 0.0
 
-    def put_out(self, told: float) -> float:
+    def put_out(self, commanded: float) -> float:
         """Return the voltage at its output in V, as hardware there reads it back.
 
         At 0 V the output is disconnected, so that much a stuck stage obeys.
 
         Parameters
         ----------
-        told
-            What it is told, in V, 0 or more.
+        commanded
+            Commanded voltage in V, 0 or more.
         """
-        return self._stuck if told and self._stuck else told
+        return self._stuck if commanded and self._stuck else commanded
 
     def stick(self, voltage: float) -> None:
-        """Put out a voltage in V, whatever it is told above 0 V; 0 mends it."""
+        """Put out a voltage in V for each command above 0 V; 0 ends the fault."""
         self._stuck = voltage

@@ -89,7 +89,7 @@ def run(
     asked
         Mode and set-point.
     noise
-        A row of 9 for each tick, and for the one behind the last.
+        A row of 9 for each tick, and for the one after the last.
     traces
         Filled, a row for each tick: true COF, measured COF, 1.0 right of the boundary.
 

@@ -53,7 +53,7 @@ EMERGENCIES: Final[Mapping[int, str]] = _names(EmergencyCode) | _names(FaultCode
 
 
 def emergency_text(code: int) -> str:
-    """Say what an emergency error code of stimulator or plate tells."""
+    """Return what an emergency error code of stimulator or plate means."""
     for row in WATCHDOGS.values():
         if row.code == code:
             return row.text.partition(":")[0]

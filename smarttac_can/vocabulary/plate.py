@@ -29,7 +29,7 @@ class Plate(Protocol):
         Returns
         -------
         float
-            The voltage in V that is at the output now, as it is read back; the one that was told
+            The voltage in V that is at the output now, as it is read back; the commanded one
             where nothing can read it.
         """
         ...

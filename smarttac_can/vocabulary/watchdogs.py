@@ -129,7 +129,7 @@ class WatchdogRow(NamedTuple):
     """Why that many."""
     way: Way
     rule: str = ""
-    """What differs from that way, and why so; it goes on behind its text."""
+    """What differs from that way, and why so; it follows its text."""
     limit: str = ""
     """Object that holds the limit."""
     looks_at: str = ""
@@ -137,8 +137,8 @@ class WatchdogRow(NamedTuple):
     counts: tuple[Count, ...] = ()
     """Those that are stepped in every cycle."""
     lasting: bool = True
-    """Whether the fault stays present until something better comes, and bars the reset."""
-    told: bool = False
+    """Whether the fault stays present until something better comes, and blocks the reset."""
+    shown: bool = False
     """Whether the Message says so while nothing is latched, too: somebody has to mend it."""
 
     @property
@@ -360,7 +360,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "measurement that a window lets pass is not answered",
         _DEADLINE,
         looks_at="identifiers of this node, emergency messages of the plate, measurements a SYNC",
-        told=True,
+        shown=True,
     ),
     Watchdog.UNSEEN: WatchdogRow(
         "late drives may make more vibration than their limit",
@@ -470,9 +470,9 @@ COUNTED: Final = (
     Watchdog.UNSEEN,
     Watchdog.MISSED_TIME,
 )
-"""Those that measure or count, so that it can be told how near a fault is; others are events."""
+"""Those that measure or count, so that one can see how near a fault is; others are events."""
 PLATE_COUNTED: Final = ("deadline", "wrong checks", "temperature", "voltage")
-"""What the plate watches itself, where the same holds."""
+"""What the plate watches itself, in the same way."""
 
 
 def level(value: float, limit: float) -> float:

@@ -112,8 +112,8 @@ def test_a_bad_setpoint_turns_the_drive_off(where):
 
 
 @pytest.mark.parametrize("side", ["mu_left", "mu_right"])
-@pytest.mark.parametrize("wrong", [0.0, -0.3])
-def test_a_friction_reference_of_zero_turns_the_drive_off(side, wrong):
+@pytest.mark.parametrize("wrong", [0.0, -0.3, 5e-324, 1e-6, 1e6, 1e306])
+def test_a_friction_reference_of_zero_or_beyond_sense_turns_the_drive_off(side, wrong):
     cascade, plate = Cascade(), FirstOrderPlate()
     assert not any(cascade.contact)
     cascade.set_mode(Mode.FRICTION)
@@ -188,8 +188,8 @@ def test_the_friction_law_feels_what_is_published():
     cascade.set_mode(Mode.FRICTION)
     run(cascade, plate, setpoint(), 30, lambda W: gauges(0.2, 0.1, 0.5))
     contact = cascade.contact
-    felt = (contact.mu, contact.u_mu, contact.Fx, contact.Fy, cascade.amplitude, cascade.mu_ref)
-    assert cascade.state.sliding.felt == felt
+    sample = (contact.mu, contact.u_mu, contact.Fx, contact.Fy, cascade.amplitude, cascade.mu_ref)
+    assert cascade.state.sliding.sample == sample
     run(cascade, plate, setpoint(mu_left=0.0), 1, finger.touch)
     assert cascade.mode is Mode.OFF
     # A reference that no law follows is no fault.
@@ -580,6 +580,15 @@ def test_on_entering_the_mode_a_finger_inside_the_band_is_on_the_side_it_is_on()
     cascade.configure(CascadeParameters(hysteresis=2e-3))
     run(cascade, plate, setpoint(), 1, lambda W: gauges(Fn=0.5, x=-0.4e-3))
     assert cascade.mu_ref == 0.4
+
+
+@pytest.mark.parametrize(("x", "mu_ref"), [(1e-3, 0.4), (-1e-3, 0.3)])
+def test_within_the_hysteresis_the_side_is_that_of_the_finger_when_the_mode_begins(x, mu_ref):
+    cascade, plate = Cascade(CascadeParameters(hysteresis=4e-3)), FirstOrderPlate()
+    run(cascade, plate, setpoint(), 300, lambda _: gauges(0.2, 0.0, 0.5, x))
+    cascade.set_mode(Mode.FRICTION)
+    run(cascade, plate, setpoint(), 1, lambda _: gauges(0.2, 0.0, 0.5, x))
+    assert cascade.mu_ref == mu_ref
 
 
 @pytest.mark.parametrize("hysteresis", [1e-3, 4e-3])

@@ -49,13 +49,13 @@ class Bench:
         self.step = propagator(1e-3, 100.0, 0.7)
         self.y, self.rate = math.exp(value(self.nodes, self.W)), 0.0
         self.random = random.Random(5)
-        self.touch = begin_map(self.felt(LOW), known)
+        self.touch = begin_map(self.sample(LOW), known)
 
     @property
     def mu(self):
         return math.exp(self.ln_mu0 + value(self.nodes, self.W))
 
-    def felt(self, mu_ref):
+    def sample(self, mu_ref):
         mu = math.exp(self.ln_mu0) * self.y + self.random.gauss(0.0, self.noise)
         return FrictionSample(mu, self.noise, self.push * mu * 0.5, 0.0, self.W, mu_ref)
 
@@ -65,7 +65,7 @@ class Bench:
         for tick in range(ticks):
             found.append(self.mu)
             self.touch = follow_map(
-                self.touch, self.felt(mu_ref(tick) if callable(mu_ref) else mu_ref)
+                self.touch, self.sample(mu_ref(tick) if callable(mu_ref) else mu_ref)
             )
             before, self.W = self.W, min(max(amplitude_asked(self.touch), 0.0), 3e-6)
             ends = [math.exp(value(self.nodes, W)) for W in (before, self.W)]
@@ -102,7 +102,7 @@ def test_it_begins_with_the_amplitude_there_is():
 def test_a_touch_begins_settled_and_learns_once_it_was_felt_for_a_while():
     bench = Bench()
     begun = bench.touch
-    assert follow_map(begun, begun.felt).path == pytest.approx(begun.path)
+    assert follow_map(begun, begun.sample).path == pytest.approx(begun.path)
     gains = []
     for _ in range(FROZEN_TICKS + 1):
         bench.run(1, LOW)
@@ -114,7 +114,7 @@ def test_a_model_of_the_path_that_rings_below_0_teaches_nothing():
     bench = Bench().passes(1)
     bench.run(60, LOW)
     touch = bench.touch._replace(path=Path(-0.9, 0.0))
-    assert follow_map(touch, bench.felt(LOW)).m0 == touch.m0
+    assert follow_map(touch, bench.sample(LOW)).m0 == touch.m0
 
 
 def test_a_plateau_is_the_mean_of_its_ticks_and_the_next_begins_from_nothing():
@@ -162,21 +162,21 @@ def test_a_step_and_a_turn_cut_a_plateau_short_and_are_counted_from():
     bench = Bench().passes(1)
     bench.run(60, LOW)
     for event, counted in ((HIGH, "since_step"), (None, "since_turn")):
-        bench.run(SETTLED_TICKS + 5, bench.touch.felt.mu_ref)
+        bench.run(SETTLED_TICKS + 5, bench.touch.sample.mu_ref)
         assert bench.touch.gathered.ticks > 0
         if event is None:
             bench.turn()
-        bench.run(1, event or bench.touch.felt.mu_ref)
+        bench.run(1, event or bench.touch.sample.mu_ref)
         assert bench.touch.gathered.ticks == 0
         for number in range(5):
             assert getattr(bench.touch, counted) == number
-            bench.run(1, bench.touch.felt.mu_ref)
+            bench.run(1, bench.touch.sample.mu_ref)
 
 
 def test_a_finger_that_pulls_by_nothing_has_not_turned():
     bench = Bench()
     bench.run(5, LOW)
-    still = follow_map(bench.touch, bench.felt(LOW)._replace(Fx=0.0))
+    still = follow_map(bench.touch, bench.sample(LOW)._replace(Fx=0.0))
     assert still.since_turn == bench.touch.since_turn + 1
 
 
@@ -188,11 +188,11 @@ def test_levels_differ_because_they_were_asked_to():
 
 
 def test_two_levels_are_as_unsure_as_the_means_of_their_ticks():
-    felt = FrictionSample(0.4, 0.02, 0.2, 0.0, 1e-6, 0.4)
+    sample = FrictionSample(0.4, 0.02, 0.2, 0.0, 1e-6, 0.4)
     before, after = Plateau(-1.0, 1e-6, -0.9), Plateau(-0.7, 0.7e-6, -0.6)
     of_means = 2.0 * (0.02 / 0.4) ** 2 / PLATEAU_TICKS
     expected = learned(PRIOR, before, after, SPEED_VARIANCE + of_means)
-    found = _taught(ANYBODY, before, after, felt)
+    found = _taught(ANYBODY, before, after, sample)
     assert found.weights == pytest.approx(expected)
     assert (found.nodes, found.pairs) == (shape(found.weights), 1)
 
@@ -205,7 +205,7 @@ def test_a_finger_that_is_not_known_is_not_quiet_after_a_step():
         touch = bench.touch
         known = touch.known._replace(pairs=pairs)
         touch = touch._replace(m0=touch.m0 + 0.01, known=known)
-        return abs(follow_map(touch, bench.felt(HIGH)).m0 - touch.m0)
+        return abs(follow_map(touch, bench.sample(HIGH)).m0 - touch.m0)
 
     assert answer(0) > 2.0 * answer(1)
 
@@ -395,8 +395,8 @@ def test_what_no_amplitude_reaches_is_below_0():
 def test_absurd_friction_leaves_numbers(mu):
     bench = Bench().passes(1)
     for tick in range(500):
-        felt = FrictionSample(mu, 0.01, (-1.0) ** (tick // 200), 0.0, 1e-6, LOW)
-        bench.touch = follow_map(bench.touch, felt)
+        sample = FrictionSample(mu, 0.01, (-1.0) ** (tick // 200), 0.0, 1e-6, LOW)
+        bench.touch = follow_map(bench.touch, sample)
         assert math.isfinite(amplitude_asked(bench.touch))
 
 
@@ -404,17 +404,17 @@ def test_what_was_learned_outlives_the_touch_and_nothing_else():
     cascade = Cascade(CascadeParameters(law=Law.PREDICTIVE))
     cascade.set_mode(Mode.FRICTION)
 
-    def felt(Fn):
+    def sample(Fn):
         forces = (0.4 * Fn, 0.0, *(0.25 * Fn,) * 4)
         target = setpoint(mu_left=LOW, mu_right=LOW)
         cascade.update(Measurement(1.2e-6 + 0j, forces, 20.0, 0), target)
         return cascade.state
 
-    sliding = felt(0.5).sliding
+    sliding = sample(0.5).sliding
     known = Known(STEEP, shape(STEEP), 7)
     cascade._state = cascade.state._replace(sliding=sliding._replace(known=known, m0=-9.0))
-    assert not felt(0.0).slides
-    state = felt(0.5)
+    assert not sample(0.0).slides
+    state = sample(0.5)
     assert (state.slides, state.W_ref) == (True, pytest.approx(1.2e-6))
     assert state.sliding.known.pairs == 7
     assert state.sliding.m0 == pytest.approx(math.log(0.4) - value(shape(STEEP), 1.2e-6))
@@ -433,7 +433,7 @@ def test_a_finger_of_another_slope_than_was_learned_does_not_ring(steepness):
 def test_until_it_slides_the_amplitude_stays_and_then_the_friction_is_believed_at_once():
     bench = Bench()
     bench.ln_mu0 -= 3.0  # It rests, and hardly pulls.
-    bench.touch = begin_map(bench.felt(LOW), ANYBODY)
+    bench.touch = begin_map(bench.sample(LOW), ANYBODY)
     for _ in range(100):
         bench.push = -bench.push
         bench.run(1, LOW)

@@ -65,9 +65,9 @@ def played(finger, references, known=ANYBODY):
     """Return the states of the law in a touch, and the COF in steady state."""
     touches, cofs = [], []
     for mu_ref in references:
-        felt = finger.feel(mu_ref)
+        sample = finger.feel(mu_ref)
         touches.append(
-            follow_texture(touches[-1], felt, W_MAX) if touches else begin_texture(felt, known)
+            follow_texture(touches[-1], sample, W_MAX) if touches else begin_texture(sample, known)
         )
         finger.vibrate(touches[-1].W_ref)
         cofs.append(finger.mu)
@@ -103,13 +103,13 @@ def test_the_amplitude_is_held_until_the_finger_is_known_to_slide_and_then_moves
 def test_a_touch_begins_settled_and_without_an_error():
     begun = begin_texture(Finger(1.0).feel(0.5), ANYBODY)
     assert (begun.lasting, begun.bump, begun.risen, begun.lag_ticks) == (0.0, 0.0, 0.0, 0)
-    later = follow_texture(begun, begun.felt, W_MAX)
+    later = follow_texture(begun, begun.sample, W_MAX)
     assert later.path == begun.path
 
 
 def test_a_finger_that_pulls_by_nothing_has_not_turned():
     touches, _ = played(Finger(1.0), [0.5] * 10)
-    resting = touches[-1].felt._replace(Fx=0.0)
+    resting = touches[-1].sample._replace(Fx=0.0)
     assert follow_texture(touches[-1], resting, W_MAX).since_turn == touches[-1].since_turn + 1
 
 
@@ -130,12 +130,12 @@ def test_nothing_is_learned_where_the_finger_turns():
     finger.way = -1.0
     last = touches[-1]
     for tick in range(FROZEN_TICKS):
-        felt = finger.feel(0.45)
-        last = follow_texture(last, felt._replace(mu=0.05), W_MAX)
+        sample = finger.feel(0.45)
+        last = follow_texture(last, sample._replace(mu=0.05), W_MAX)
         finger.vibrate(last.W_ref)
         assert last.known == touches[-1].known, tick
         assert last.lasting == 0.0
-    last = follow_texture(last, felt._replace(mu=0.05), W_MAX)
+    last = follow_texture(last, sample._replace(mu=0.05), W_MAX)
     assert last.known != touches[-1].known
 
 
@@ -197,9 +197,11 @@ def test_what_was_learned_outlives_a_touch_but_not_the_level():
     def touched(known, ticks):
         touch = None
         for mu_ref in grating(ticks):
-            felt = finger.feel(mu_ref)
+            sample = finger.feel(mu_ref)
             touch = (
-                begin_texture(felt, known) if touch is None else follow_texture(touch, felt, W_MAX)
+                begin_texture(sample, known)
+                if touch is None
+                else follow_texture(touch, sample, W_MAX)
             )
             finger.vibrate(touch.W_ref)
         return touch.known
@@ -219,8 +221,8 @@ def test_a_plate_that_does_not_follow_is_driven_by_the_error_and_teaches_nothing
     behind_before, known = 0, last.known
     for tick in range(BEHIND_TICKS + 20):
         # A pick-up that reads 0.4 of the vibration, whose friction is as asked for.
-        felt = FrictionSample(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
-        last = follow_texture(last, felt, W_MAX)
+        sample = FrictionSample(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
+        last = follow_texture(last, sample, W_MAX)
         if 1 <= behind_before <= BEHIND_TICKS:
             assert last.known == known
             assert last.lasting == 0.0
@@ -230,5 +232,5 @@ def test_a_plate_that_does_not_follow_is_driven_by_the_error_and_teaches_nothing
             assert last.known == known
         behind_before, known = last.lag_ticks, last.known
     assert last.known != touches[-1].known
-    last = follow_texture(last, felt._replace(W=last.W_map), W_MAX)
+    last = follow_texture(last, sample._replace(W=last.W_map), W_MAX)
     assert (last.lag_ticks, last.W_ref) == (0, last.W_map)

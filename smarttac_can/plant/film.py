@@ -24,6 +24,6 @@ def film_share(duration: float, lag: float) -> float:
     return -math.expm1(-duration / lag) if lag else 1.0
 
 
-def film(felt: float, W: float, shape: float, share: float) -> float:
-    """Return what is felt in m after a step, of what was felt before and ``|W|`` in m."""
-    return felt + (shape * W - felt) * share
+def film(before: float, W: float, shape: float, share: float) -> float:
+    """Return the amplitude in m that acts on the skin after a step, from that before it."""
+    return before + (shape * W - before) * share
