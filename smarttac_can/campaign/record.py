@@ -215,7 +215,7 @@ def _chunk(said: Any, compiled: bool) -> _Chunk:
     said
         The line.
     compiled
-        What holds for a chunk that does not say: older files have it in the header alone.
+        What applies to a chunk without it: older files have it in the header only.
     """
     try:
         compiled = said.get("compiled", compiled)

@@ -331,7 +331,7 @@ class Device:
 
     @property
     def storage_torn(self) -> bool:
-        """Whether what is stored was not understood, so that the defaults hold."""
+        """Whether what is stored was not understood, so that the defaults apply."""
         return self._storage.torn
 
     @property
@@ -413,7 +413,7 @@ class Device:
         return self._port.take()
 
     def carries(self, rpdo: int, entry: Entry) -> bool:
-        """Tell whether an RPDO, from 1, is valid and has the entry in its mapping."""
+        """Return whether an RPDO, from 1, is valid and has the entry in its mapping."""
         pdo = self._rpdos[rpdo]
         return pdo.valid and pdo.mapping is not None and entry in pdo.mapping.entries
 
@@ -448,7 +448,7 @@ class Device:
         self._access.put(entry, value)
 
     def trigger(self, tpdo: int) -> None:
-        """Tell a TPDO, from 1, of an event: see `TPDO` for what each type makes of it."""
+        """Trigger a TPDO, from 1; see `TPDO` for what each type does then."""
         self._tpdos[tpdo].trigger()
 
     def emergency(self, code: int, register: int, vendor: bytes = b"") -> None:
@@ -481,7 +481,7 @@ class Device:
         return self._port.take()
 
     def bus_off(self) -> list[Frame]:
-        """Take note that the CAN controller went bus-off, a communication error."""
+        """Record that the CAN controller went bus-off, a communication error."""
         self._error_behaviour.react()
         return self._port.take()
 

@@ -51,7 +51,7 @@ class Emergency(Service):
         self._history = [entry for subindex, entry in sorted(members.items()) if subindex]
 
     def report(self, code: int, register: int, vendor: bytes = b"", source: int = 0) -> None:
-        """Tell of an error; nothing happens if it is known already.
+        """Report an error; nothing happens if it is known already.
 
         Parameters
         ----------
@@ -62,7 +62,7 @@ class Emergency(Service):
         vendor
             Up to 5 manufacturer-specific bytes; the first two also go into the history.
         source
-            Tells apart errors of one code, such as the RPDO number.
+            Separates errors of one code, such as the RPDO number.
         """
         if (code, source) in self._active:
             return

@@ -186,7 +186,7 @@ def compile_mapping(
 def check_mapping(
     od: ObjectDictionary, entry: Entry, value: int, direction: Direction, *, valid: bool
 ) -> None:
-    """Hold the writer of a mapping record to the procedure.
+    """Enforce the procedure for writing a mapping record.
 
     The PDO is disabled, the number of objects set to 0, objects entered, their number set, the PDO
     enabled. A number of objects that changes nothing is let through, and so is an object where the

@@ -126,7 +126,7 @@ class RPDO(PDO):
     ----------
     as_bytes
         Whether the application takes the bytes, by `on_loop_rpdo`; else their values are put into
-        the object dictionary, and it is told by `on_rpdo`.
+        the object dictionary, and `on_rpdo` is called.
 
     Attributes
     ----------

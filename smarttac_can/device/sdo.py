@@ -134,7 +134,7 @@ class LateSegments:
         self._aborted = aborted
 
     def include(self, command: int) -> bool:
-        """Tell whether a frame is the next of them; after one that is not, none is."""
+        """Return whether a frame is the next of them; after one that is not, none is."""
         number = command & _SEQUENCE
         late = number > 0 and (number == self._number or (self._aborted and number == 1))
         self.follows = (number + 1) & _SEQUENCE if late and not command & _LAST else 0
@@ -145,7 +145,7 @@ class LateSegments:
 class LateRequest:
     """The one request that a client of any other transfer may have sent before the abort.
 
-    A client that sends a second one has not looked at the abort, and has to be told again.
+    A client that sends a second one has not looked at the abort, and gets it again.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class LateRequest:
         self._came = False
 
     def include(self, command: int) -> bool:
-        """Tell whether a frame is that request: it goes on with a transfer, as the first."""
+        """Return whether a frame is that request: it goes on with a transfer, as the first."""
         specifier = command >> 5
         goes_on = (
             specifier in _SEGMENTS
@@ -396,7 +396,7 @@ def _checked(block_size: int) -> int:
 TIME_OUT: Final = 1_000_000
 """Device time in us after which a client that does not go on is aborted, where no object says."""
 TIME_OUT_NAME: Final = "SDO server time-out"
-"""Name of the manufacturer object that holds it in ms."""
+"""Name of the manufacturer object with its value in ms."""
 
 _ABORT: Final = 0x80
 # Steps of a block upload, as the client's sub-command.
@@ -407,7 +407,7 @@ _NO_TRANSFER: Final = bytes(3)
 
 
 class SDOServer(Service):
-    """One server, with one transfer at a time; a new one takes the place of one left behind."""
+    """One server, with one transfer at a time; a new one takes the place of an abandoned one."""
 
     states: ClassVar = CONFIGURABLE
 

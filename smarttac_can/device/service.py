@@ -281,7 +281,7 @@ class Access:
         self._put(entry, value, owners)
 
     def put(self, entry: Entry, value: Any) -> None:
-        """Have the services take a value from the application, without the checks of a write."""
+        """Give the services a value of the application, without the checks of a write."""
         self._put(entry, value, self._owners.get(entry.index, ()))
 
     def _put(self, entry: Entry, value: Any, owners: Sequence[Service]) -> None:
@@ -292,7 +292,7 @@ class Access:
             self._on_change()
 
     def _report(self, index: int, subindex: int, abort: Abort) -> None:
-        """Tell the application why a write was refused."""
+        """Report to the application why a write was refused."""
         entry = self._od.get(index, subindex)
         name = f"{index:04X}h sub-index {subindex}" if entry is None else entry.name
         self._application.on_refused(name, abort.explain(name))

@@ -214,7 +214,7 @@ class ParameterStorage(Service):
 
     @property
     def torn(self) -> bool:
-        """Whether what is stored was not understood, so that the defaults hold."""
+        """Whether what is stored was not understood, so that the defaults apply."""
         return self._torn
 
     def load(self) -> None:

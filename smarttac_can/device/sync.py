@@ -194,7 +194,7 @@ _DAY_MS: Final = 86_400_000
 
 
 class TimeStamp(Service):
-    """Knows the time of day since it was told, by device time."""
+    """Counts the time of day by device time, from the last TIME message on."""
 
     states: ClassVar = CONFIGURABLE
 

@@ -151,11 +151,11 @@ class _Multicast:
 
     def _remember(self, frame: Frame, data: bytes) -> None:
         """Keep what stands in front of the data, where python-can writes it."""
-        behind = frame.data + self._TAIL
-        if data.startswith(self._BEGIN) and data.endswith(behind):
+        suffix = frame.data + self._TAIL
+        if data.startswith(self._BEGIN) and data.endswith(suffix):
             if len(self._known) >= self._MOST_HEADS:
                 self._known.clear()
-            self._known[data[self._AFTER_TIME : -len(behind)]] = frame.can_id
+            self._known[data[self._AFTER_TIME : -len(suffix)]] = frame.can_id
 
     def _unpacked(self, data: bytes) -> Frame | None:
         try:
@@ -228,7 +228,7 @@ class CanSocket:
         return True
 
     def block(self, can_ids: frozenset[int]) -> None:
-        """Have the kernel drop frames with these identifiers."""
+        """Make the kernel drop frames with these identifiers."""
         drop(self._bus, can_ids, self._codec.mark)
 
     def close(self) -> None:

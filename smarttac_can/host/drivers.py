@@ -111,7 +111,7 @@ def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
 
 
 def _perhaps(name: str, known: Iterable[object], listed: list[str]) -> str:
-    """Return what a name may be meant for, or else what there is, to be put behind a refusal."""
+    """Return what a name may mean, or else what there is, as a text after a refusal."""
     words = [text for text in known if isinstance(text, str) and text.isidentifier()]
     if near := get_close_matches(name, words, 1):
         return f"; perhaps {near[0]!r}"
@@ -139,7 +139,7 @@ def opening(
 
 
 def _close_half_made(error: BaseException) -> None:
-    """Close a bus whose making has failed: only what is being raised still knows it."""
+    """Close a bus whose constructor has failed: only the exception still refers to it."""
     from can import BusABC  # noqa: PLC0415 - the bench asks for a cure without a bus
 
     for frame, _ in walk_tb(error.__traceback__):
@@ -155,7 +155,7 @@ def _is_taken(system: BaseException) -> bool:
 
 
 def _port(error: BaseException) -> object:
-    """Return the port of a bus whose making has failed."""
+    """Return the port of a bus whose constructor has failed."""
     for frame, _ in walk_tb(error.__traceback__):
         if (port := getattr(frame.f_locals.get("self"), "port", None)) is not None:
             return port
@@ -184,14 +184,14 @@ def _configured_channel(interface: str) -> object:
     """Return what python-can's configuration has for an interface; None for no channel."""
     from can.util import load_config  # noqa: PLC0415 - the bench asks for a cure without a bus
 
-    # What is wrong with the configuration, or with the interface, is what is being told.
+    # The error about the configuration or the interface is what the user has to see.
     with suppress(Exception):
         return load_config(config={"interface": interface})["channel"]
     return None
 
 
 def cure(interface: str | None, error: BaseException) -> str:
-    """Say what may be missing when an interface of python-can could not be opened.
+    """Return what may be missing when an interface of python-can could not be opened.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def cure(interface: str | None, error: BaseException) -> str:
     Returns
     -------
     str
-        To be put behind the error; empty if nothing is known to be missing.
+        A text that follows the error; empty if nothing is known to be missing.
     """
     from can.interfaces import BACKENDS  # noqa: PLC0415 - slow, and the bench needs no bus
 

@@ -97,7 +97,7 @@ class Transmitter:
         return due
 
     def _disturb(self, frame: Frame) -> list[Frame] | None:
-        """Return the frames sent now in place of one, None if it goes behind the next."""
+        """Return the frames sent now in place of one, None if it goes after the next."""
         bus = self.bus
         for disturbance in bus.disturbances:
             if disturbance.can_ids and frame.can_id not in disturbance.can_ids:
@@ -246,7 +246,7 @@ class Station:
         return out
 
     def _hear_what_waits(self, frames: list[Frame]) -> list[Frame]:
-        """Take frames of which it is known what newer ones wait behind them."""
+        """Take frames together with the newer ones that wait after them."""
         out: list[Frame] = []
         if not (self.powered and self.connected):
             return out
@@ -441,7 +441,7 @@ class FaultyBus(LocalBus):
         self._add(self._babbler)
 
     def has_room(self, frame: Frame) -> bool:
-        """Tell whether a frame still fits into this cycle; it is then taken into account."""
+        """Return whether a frame still fits into this cycle; it is then counted."""
         if self._babbler is None or frame.can_id in (self._sync_id, self._babble.can_id):
             return True
         if frame.can_id < self._babble.can_id:

@@ -199,11 +199,11 @@ class StorageFile:
     Attributes
     ----------
     path
-        The file, behind all links.
+        The file, after all links are followed.
     """
 
     def __init__(self, path: Path) -> None:
-        # A link is followed now: replacing it would leave the file behind it as it was.
+        # A link is followed now: replacing it would leave the file it points to unchanged.
         self.path = Path(os.path.realpath(path))
         self._new = self.path.with_name(self.path.name + ".new")
 

@@ -136,7 +136,7 @@ class FrameLog(Background):
 
 
 def is_frame_log(path: Path) -> bool:
-    """Tell whether a file begins as a log does.
+    """Return whether a file begins as a log does.
 
     Raises
     ------
@@ -204,7 +204,7 @@ class FrameLogReader:
 
 
 def _whole(records: Records) -> npt.NDArray[np.bool_]:
-    """Tell which records are as they were written."""
+    """Return which records are as they were written."""
     view, size, checked = memoryview(records.tobytes()), RECORD.itemsize, _CHECKED.size
     found = [crc32(view[at : at + checked]) for at in range(0, len(view), size)]
     whole: npt.NDArray[np.bool_] = np.array(found, np.uint32) == records["crc"]

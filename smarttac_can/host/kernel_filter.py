@@ -1,4 +1,4 @@
-"""Which frames the kernel drops before they cost anything, and how many it holds."""
+"""Which frames the kernel drops before they cost anything, and how many it keeps."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from smarttac_can.od.cia import CAN_ID_MASK
 _ID_KEY: Final = b"\xaearbitration_id"
 """Key of the identifier in a frame of udp_multicast, a map in MessagePack."""
 _ID_AT: Final = 20
-"""Its place behind a time stamp of 8 bytes, as python-can writes it."""
+"""Its place after a time stamp of 8 bytes, as python-can writes it."""
 _UINT8, _UINT16, _PLAIN_END = 0xCC, 0xCD, 0x80
 """What MessagePack puts before an integer of one byte, and of two; one below the last is plain."""
 _ID_BYTES: Final = 3
 """Bytes of an identifier of 11 bits, at most."""
 _CHANNEL_AT: Final = 58
-"""Place of the text of the channel behind the identifier: four keys, and three truth values."""
+"""Place of the text of the channel after the identifier: four keys, and three truth values."""
 
 _MOST_IDS: Final = 200
 """A jump in such a program goes no farther than 255 instructions."""
@@ -45,7 +45,7 @@ _OF_11_BITS: Final = _EXTENDED | CAN_ID_MASK
 
 
 def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
-    """Have the kernel drop frames with other identifiers on their way to a bus of python-can.
+    """Make the kernel drop frames with other identifiers on their way to a bus of python-can.
 
     What comes before the process has changed its mind is lost. Of udp_multicast frames in another
     layout than python-can's pass. All pass on other interfaces, and where the system cannot: the
@@ -67,7 +67,7 @@ def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
 
 
 def drop(bus: can.BusABC, can_ids: Iterable[int], own: bytes = b"") -> None:
-    """Have the kernel drop frames with these identifiers, and let all others in.
+    """Make the kernel drop frames with these identifiers, and let all others in.
 
     Parameters
     ----------
@@ -93,10 +93,10 @@ def _has_programs(bus: can.BusABC) -> bool:
 
 
 def hold_more(bus: can.BusABC) -> None:
-    """Have the kernel hold as many frames for a bus of python-can as it allows.
+    """Make the kernel keep as many frames for a bus of python-can as it allows.
 
     What a process does not take in time, as on a machine that is busy, is lost beyond that; the
-    default holds some 70 ms of a loop on udp_multicast. Privileged processes may have more.
+    default keeps some 70 ms of a loop on udp_multicast. Privileged processes may have more.
     """
     if isinstance(bus, SocketcanBus | UdpMulticastBus) and sys.platform == "linux":
         for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):
@@ -137,17 +137,17 @@ def _program(can_ids: list[int], *, kept: bool, own: bytes = b"") -> list[_Row]:
 
 
 def _is_own(channel: int, own: bytes) -> list[_Row]:
-    """Compare the channel, the index being the width of the identifier; drop, or jump behind."""
+    """Compare the channel, the index being the width of the identifier; drop or jump past them."""
     words = struct.unpack(f">{len(own) // 4}I", own)
-    behind = 3 + 2 * len(words)
+    past = 3 + 2 * len(words)
     rows = [
         # A load beyond the end would drop the frame.
         (_LOAD_LENGTH, 0, 0, 0),
-        (_JUMP_IF_NOT_BELOW, 0, behind - 2, channel + _ID_BYTES + len(own)),
+        (_JUMP_IF_NOT_BELOW, 0, past - 2, channel + _ID_BYTES + len(own)),
     ]
     for number, word in enumerate(words):
         rows.append((_LOAD_WORD_FROM_INDEX, 0, 0, channel + 4 * number))
-        rows.append((_JUMP_IF_EQUAL, 0, behind - len(rows) - 1, word))
+        rows.append((_JUMP_IF_EQUAL, 0, past - len(rows) - 1, word))
     return [*rows, _DROP]
 
 
@@ -166,6 +166,6 @@ def _set_option(bus: can.BusABC, level: int, option: int, value: bytes) -> None:
     """Set an option of the bus's socket where the system can.
 
     It is set by the descriptor. A second socket object of it would stay open if a signal came
-    between its making and the block that closes it.
+    between its constructor and the block that closes it.
     """
     ctypes.CDLL(None).setsockopt(bus.fileno(), level, option, value, len(value))

@@ -172,7 +172,7 @@ class _Lines(TextIOWrapper):
         return line
 
     def refusal(self, kind: str) -> str:
-        """Say that the line that was read last is none of a log of a kind."""
+        """Return the error for the last line read, which is no line of such a log."""
         where = f"{self._path}, line {self._number}"
         line = self._line
         if not line:

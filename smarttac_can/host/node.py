@@ -11,12 +11,12 @@ from smarttac_can.device.port import Clock, Identifiers
 _AT_ONCE: Final = 127
 
 
-def is_overtaken(frame: Frame, behind: Iterable[Frame]) -> bool:
-    """Tell whether one of the frames behind it has the same identifier, RTR bit and length."""
+def is_overtaken(frame: Frame, newer: Iterable[Frame]) -> bool:
+    """Return whether a newer frame has the same identifier, RTR bit and length."""
     can_id, data, rtr = frame
     size = len(data)
-    for newer in behind:
-        if newer.can_id == can_id and newer.rtr == rtr and len(newer.data) == size:
+    for other in newer:
+        if other.can_id == can_id and other.rtr == rtr and len(other.data) == size:
             return True
     return False
 
@@ -64,17 +64,17 @@ class HostedNode(Node, Protocol):
         """
 
     def transmit_failed(self) -> list[Frame]:
-        """Take note that an urgent frame could not be handed over in its cycle."""
+        """Record that an urgent frame could not be handed over in its cycle."""
 
 
 class Connected(Protocol):
     """Somebody whose connection to the bus may fail, and come back."""
 
     def bus_off(self) -> list[Frame]:
-        """Take note that there is no bus; what is returned reaches nobody."""
+        """Record that there is no bus; what is returned reaches nobody."""
 
     def bus_recovered(self) -> list[Frame]:
-        """Take note that the bus is there again; return what the node sends for it."""
+        """Record that the bus is there again; return what the node sends for it."""
 
 
 class ConnectedNode(Node, Connected, Protocol):

@@ -21,7 +21,7 @@ _END_S: Final = 10.0
 
 @contextmanager
 def node_in_thread(node: HostedNode, bus: Bus, *, lockstep: bool = False) -> Iterator[None]:
-    """Run a node until the block ends, and have the threads of this process switch more often.
+    """Run a node until the block ends, and let the threads of this process switch more often.
 
     Parameters
     ----------

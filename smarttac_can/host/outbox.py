@@ -40,7 +40,7 @@ class Outbox:
     bus
         Never asked to wait.
     full
-        Told when a fault begins, with the word of the bus; it ends when all was handed over.
+        Called when a fault begins, with the text of the bus; it ends when all was handed over.
     """
 
     def __init__(

@@ -17,7 +17,7 @@ from typing import Final
 
 _LOCK_NOW_AND_LATER: Final = 1 | 2
 _WITHOUT_SLEEP_S: Final = 1.0
-"""Processor time without one wait after which a real-time process is told to end. The runner rests
+"""Processor time without one wait after which the kernel ends a real-time process. The runner rests
 far more often: who gets there hangs."""
 _KILLED_S: Final = 3.0
 _COLLECT_S: Final = 1.0
@@ -164,7 +164,7 @@ def keep_processors_awake() -> list[str]:
         except OSError:
             os.close(request)
             raise
-        # The request holds for as long as the file is open, which nobody closes.
+        # The request lasts for as long as the file is open, which nobody closes.
     except OSError as error:
         return [
             f"real time: processors that sleep are woken late, and {_LATENCY_REQUEST} is refused "

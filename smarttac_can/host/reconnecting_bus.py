@@ -31,7 +31,7 @@ class ReconnectingBus:
     open_bus
         Opens the bus; raises BusError. Called at once, and then must not fail.
     node
-        Told when there is no bus any more, and when it is back, of which it tells the others.
+        Called when the bus is lost and when it is back; the latter returns frames to send.
     lost
         Called then with the reason, for people.
     back

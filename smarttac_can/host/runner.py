@@ -109,7 +109,7 @@ def run_node(
     clock: Callable[[], int] = monotonic_ns,
     rest: Callable[[float], None] = sleep,
 ) -> None:
-    """Start a node, run it until told to stop, shut it down and close the bus.
+    """Start a node, run it until it has to stop, shut it down and close the bus.
 
     In real time, device time is the clock's, in us: when a timer is due, and before each frame. In
     lockstep the node advances by 1000 us just before each SYNC it receives, and by nothing else.
@@ -302,15 +302,15 @@ class _Run:
             self._bus.block(self._blocked)
 
     def _pass_over(self, can_id: int) -> None:
-        """Count a frame that the node does not listen to; have the bus drop the like after 100."""
+        """Count a frame that the node ignores; make the bus drop its identifier after 100."""
         self._passed[can_id] += 1
         if self._passed[can_id] == _PASSED_OVER:
             self._blocked |= {can_id}
             self._bus.block(self._blocked)
 
     def _transmit(self, frames: list[Frame]) -> None:
-        """Send frames of the node, behind those that wait for the bus."""
-        # Before the answer: who is told that it is watched may send its first heartbeat at once.
+        """Send frames of the node, after those that wait for the bus."""
+        # Before the answer: a commander that is watched now may send its first heartbeat at once.
         if self._node.ids is not self._ids:
             self._listen()
         if not frames:
@@ -405,7 +405,7 @@ class _Run:
         return now
 
     def _act(self, now: int) -> int:
-        """Have the node act on what is due; return the time."""
+        """Make the node act on what is due; return the time."""
         timers = self._node.clock
         timers.now = now
         self._transmit(self._node.advance(0))
@@ -441,7 +441,7 @@ class _Run:
         return now
 
     def _follow(self) -> int:
-        """Have the state of the node followed; return the time."""
+        """Call the observer with the state of the node; return the time."""
         self._observer.follow()
         self._followed = now = self._now()
         return now

@@ -80,7 +80,7 @@ def progress_bar(label: str, after: float = 0.0) -> Iterator[Callable[[float], N
 
 
 def _bar(label: str) -> _Bar | None:
-    """Return a bar for who looks on, None if nobody does."""
+    """Return a bar if somebody can see it, else None."""
     if parent_process() is not None:
         return None
     if _in_notebook():
@@ -92,7 +92,7 @@ def _bar(label: str) -> _Bar | None:
 
 
 def _in_notebook() -> bool:
-    """Tell whether a Jupyter kernel runs this; a terminal's IPython has none."""
+    """Return whether a Jupyter kernel runs this; a terminal's IPython has none."""
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     return getattr(shell, "kernel", None) is not None

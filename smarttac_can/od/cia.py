@@ -283,5 +283,5 @@ _RESTRICTED_IDS: Final = (
 
 
 def restricted(can_id: int) -> bool:
-    """Tell whether no configurable object may have an 11-bit CAN-ID (CiA 301, table 39)."""
+    """Return whether no configurable object may have an 11-bit CAN-ID (CiA 301, table 39)."""
     return any(first <= can_id <= last for first, last in _RESTRICTED_IDS)

@@ -124,7 +124,7 @@ class Entry:
         return self.read if self.source is None else self.source
 
     def compute(self, source: Callable[[], Any]) -> None:
-        """Have the raw value computed whenever it is read.
+        """Compute the raw value whenever it is read.
 
         `value` is gone then: who forgets to `read` finds nothing, rather than what is out of date.
         """

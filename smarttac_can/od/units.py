@@ -105,7 +105,7 @@ def split_name(parameter_name: str) -> tuple[str, Quantity]:
     Raises
     ------
     ValueError
-        The brackets hold something that is no unit.
+        What the brackets contain is no unit.
     """
     name, opened, brackets = parameter_name.rpartition("[")
     inside = brackets.removesuffix("]")
