@@ -185,6 +185,9 @@ class Taken(Enum):
     DISOBEYED = "the power stage does not obey it"
 
 
+_COUNTS: Final = ("Cycle.Ticks", "Cycle.Lost drives", "Cycle.Foreign ticks", "Cycle.Late drives")
+
+
 class PlateBlock:
     """The plate of the objects of ``plate.eds``: the simulated one, or a front end.
 
@@ -249,7 +252,6 @@ class PlateBlock:
         self._ticks = od["Cycle.Ticks"]
         self._lost = od["Cycle.Lost drives"]
         self._foreign = od["Cycle.Foreign ticks"]
-        self._late = od["Cycle.Late drives"]
         self.start_run()
 
     def start_run(self) -> None:
@@ -263,8 +265,8 @@ class PlateBlock:
         self._moving = False
         self._answered = self._answered_before = False
         self.tick.value = TICK_MASK
-        for count in (self._ticks, self._lost, self._foreign, self._late):
-            count.value = 0
+        for name in _COUNTS:
+            self.od[name].value = 0
         self._stage_shown.row = stage
 
     def cycle(self, *, overtaken: bool = False) -> bool:

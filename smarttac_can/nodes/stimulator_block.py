@@ -167,8 +167,6 @@ class StimulatorBlock:
         self._outbox = DriveOutput(od)
         self._read_back = ReadBack(od)
         self._mode = od["Mode"]
-        self._controlword = od["Controlword"]
-        self._unwatched = od["Drive unwatched"]
         self._message = od["Message"]
         self._model_sheet = ModelSheet(od)
         self._lock = Lock(od, OF_STIMULATOR)
@@ -360,7 +358,7 @@ class StimulatorBlock:
 
     def note_supervision(self, supervised: bool) -> None:
         """Record whether the loss of the commander would be noticed; before each controlword."""
-        self.supervisor.supervised = supervised or bool(self._unwatched.value)
+        self.supervisor.supervised = supervised or bool(self.od["Drive unwatched"].value)
 
     def take_controlword(self) -> None:
         """Obey the controlword that an RPDO has brought."""
@@ -396,7 +394,7 @@ class StimulatorBlock:
             self._lock.require(entry, value)
         self._textures.on_write(entry, value)
         record = entry.name.partition(".")[0]
-        if entry is self._controlword:
+        if entry.name == "Controlword":
             try:
                 self.supervisor.command(value)
             finally:
