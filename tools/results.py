@@ -20,13 +20,11 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.paper.dead_time import loop_dead_time
-from smarttac_can.paper.experiments import Conditions, experiments
+from smarttac_can.paper.experiments import Conditions, experiments, loop_dead_time
 from smarttac_can.paper.figures import BAND, CURVES
 from smarttac_can.paper.metrics import align_at_switch, find, from_switch_on
 from smarttac_can.paper.references import PUBLISHED
-from smarttac_can.paper.reproduce import reproduce
-from smarttac_can.paper.summary import summary
+from smarttac_can.paper.reproduce import reproduce, summary
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS

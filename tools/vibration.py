@@ -18,8 +18,7 @@ from pages import EXPLANATION, Pages, columns, filled, made
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.paper.dead_time import loop_dead_time
-from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.experiments import Conditions, loop_dead_time
 from smarttac_can.paper.reproduce import reproduce
 from smarttac_can.plant import motion
 from smarttac_can.plant.finger import FingerState

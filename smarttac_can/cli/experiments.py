@@ -35,13 +35,24 @@ from smarttac_can.cli.shared import (
 )
 from smarttac_can.host.files import read_bounded
 from smarttac_can.host.terminal import progress_bar
-from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
-from smarttac_can.paper.experiments import LOAD_MAX, LOAD_MIN, Conditions, SubjectSet
+from smarttac_can.paper.experiments import (
+    LOAD_MAX,
+    LOAD_MIN,
+    Conditions,
+    SubjectSet,
+    loop_dead_time,
+)
 from smarttac_can.paper.provenance import EMERGES, fitted
-from smarttac_can.paper.report import FILES, INDEX, table_text, write_report
+from smarttac_can.paper.report import (
+    FILES,
+    INDEX,
+    dead_time_table,
+    table_text,
+    vibration_table,
+    write_report,
+)
 from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, friction_step
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
-from smarttac_can.paper.vibration_table import vibration_table
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.fingers import CASES
 from smarttac_can.population.trial import Campaign

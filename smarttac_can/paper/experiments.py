@@ -8,8 +8,12 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
+from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import SYNC_ID
+from smarttac_can.od.timing import cycle_seconds, cyclic_frames
 from smarttac_can.paper.references import STEP_UM
 from smarttac_can.plant.fitted import FITTED
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
@@ -227,3 +231,21 @@ def _begin(
     )
     bench.start_run()
     bench.tare()
+
+
+def loop_dead_time(bit_rate: int) -> float:
+    """Return the longest time in us from the plate's tick to the new drive, over the bus.
+
+    Sum of the plate's measurement TPDOs and the drive, from the EDS files; the tick is the end of
+    SYNC, and computing time is left out.
+
+    Parameters
+    ----------
+    bit_rate
+        In bit/s, above 0.
+    """
+    stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
+    stimulator.start()
+    frames = cyclic_frames([plate_od(), stimulator.od], TICK)
+    loop = [frame for frame in frames if frame.period <= TICK and frame.can_id != SYNC_ID]
+    return 1e6 * cycle_seconds(loop, bit_rate)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -16,7 +16,7 @@ from string import Template
 from typing import Any, NamedTuple
 
 from smarttac_can.bench.traces import Trace
-from smarttac_can.paper.pictures import CAPTIONS, pictures
+from smarttac_can.paper.metrics import LOOPS
 from smarttac_can.paper.references import PUBLISHED, TITLE, Published
 from smarttac_can.paper.reproduce import CANDUMP, RESULTS, TRACES
 from smarttac_can.population.steps import UndefinedError
@@ -26,11 +26,25 @@ _NUMBERS_OF = {"fig7": "table1"}
 """Under which key the numbers of a figure stand, where that is not its name."""
 _WHOLE_FROM = 1000
 INDEX = "index.html"
+CAPTIONS = {
+    "fig2": "Friction that a vibration leaves of the friction without one, at five regulated "
+    "amplitudes. Points: subjects, set a little aside of each other. Red: their mean.",
+    "fig3": "Increment of the vibration amplitude that the friction law asks for at a friction "
+    "error E. This is the law itself, not a measurement.",
+    "fig5": "Switch-on at the resonance of 30 °C while the plate is at 20 °C, 140 Hz off. Dotted: "
+    "where the amplitude enters the 5 % band for good. One point a tick of 1 ms.",
+    "fig6": "The voltage behind the runs of Fig. 5, held over each tick. The difference is between "
+    "the means over the last 20 ms, in % of the voltage with both loops.",
+    "fig7": "Coefficient of friction around the switch of the reference, which follows the "
+    "position of the finger. Rise or fall from 10 to 90 % and overshoot are those of the mean "
+    "curve, in % of the step between its own levels before the switch and from 40 ms on.",
+}
 FILES = (
     *(TRACES, RESULTS, CANDUMP, INDEX),
     *(f"{name}.{form}" for name in CAPTIONS for form in ("png", "svg")),
 )
 """All files that a run of the experiments and its report may have."""
+_NAMES = dict(zip(LOOPS, ("amplitude loop alone", "both loops"), strict=True))
 STEP_COLUMNS = {
     "rise_time_ms": "Rise or fall (ms)",
     "overshoot_percent": "Overshoot (%)",
@@ -59,7 +73,7 @@ class Comparison(NamedTuple):
 
 
 def compare(summary: Mapping[str, Any]) -> list[Comparison]:
-    """Lay the paper's figures beside the results, from `smarttac_can.paper.summary.summary`."""
+    """Lay the paper's figures beside the results, from `smarttac_can.paper.reproduce.summary`."""
     comparisons = []
     for published in PUBLISHED:
         value = _look_up(summary, published.key)
@@ -95,6 +109,49 @@ def table_text(summary: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "", parameters, *missing]) + "\n"
 
 
+def dead_time_table(without: Mapping[str, Any], with_it: Mapping[str, Any]) -> str:
+    """Lay the vibration results without and with dead time side by side, as plain text.
+
+    Parameters
+    ----------
+    without, with_it
+        Results as from `smarttac_can.paper.reproduce.summary`.
+    """
+    heads = [f"dead time {results['dead_time_us']:.0f} us" for results in (without, with_it)]
+    lines = [f"{'':<40}" + "".join(f"{head:>20}" for head in heads) + f"{'paper':>10}"]
+    others = {item.published.key: item for item in compare(with_it)}
+    for one in compare(without):
+        published = one.published
+        other = others.get(published.key)
+        if other is None or not published.key.startswith(("fig5", "fig6")):
+            continue
+        cells = "".join(
+            f"{'-' if item.value is None else f'{item.value:.2f} {published.unit}':>20}"
+            for item in (one, other)
+        )
+        lines.append(f"{published.name:<40}{cells}{published.value:>10g}")
+    return "\n".join(lines) + "\n"
+
+
+def vibration_table(results: Mapping[str, Any]) -> str:
+    """Show overshoot, and settling after a step if there was one, as plain text.
+
+    Parameters
+    ----------
+    results
+        As from `smarttac_can.paper.reproduce.summary`, with Fig. 5.
+    """
+    lines = []
+    for loops, name in _NAMES.items():
+        run = results["fig5"][loops]
+        lines.append(f"0 to 1 um, {name}: overshoot {_percent(run)}")
+        step = run["step"]
+        if step["settling_time_ms"] is not None:
+            settled = f"settles in {step['settling_time_ms']:.2f} ms, overshoot {_percent(step)}"
+            lines.append(f"1 to 1.5 um, {name}: {settled}")
+    return "\n".join(lines) + "\n"
+
+
 def write_report(
     directory: Path,
     traces: Iterable[Trace],
@@ -111,7 +168,7 @@ def write_report(
     directory
         Made if it does not exist; files of the same names are replaced.
     traces, summary
-        The runs and their `smarttac_can.paper.summary.summary`.
+        The runs and their `smarttac_can.paper.reproduce.summary`.
     law
         Eq. (9) for Fig. 3: E in % to dW in m.
     fitted, emerges
@@ -125,7 +182,7 @@ def write_report(
     directory.mkdir(parents=True, exist_ok=True)
     traces = list(traces)
     sections = []
-    for name, picture in pictures(traces, law, summary["law"]):
+    for name, picture in _pictures(traces, law, summary["law"]):
         if isinstance(picture, UndefinedError):
             sections.append(f"<p>Fig. {name[3:]}: {escape(str(picture))}.</p>")
             continue
@@ -150,6 +207,32 @@ def write_report(
     index = directory / INDEX
     index.write_text(page, encoding="utf-8", newline="\n")
     return index
+
+
+def _pictures(
+    traces: list[Trace], law: Callable[[float], float], law_name: str
+) -> Iterator[tuple[str, dict[str, bytes] | UndefinedError]]:
+    """Yield the name of each figure and its picture by format, or why there is none."""
+    from smarttac_can.bench.drawing import rendered  # noqa: PLC0415  matplotlib is an extra
+    from smarttac_can.paper import figures  # noqa: PLC0415
+
+    draw: dict[str, Callable[[], Any]] = {
+        "fig2": lambda: figures.fig2(traces),
+        "fig3": lambda: figures.fig3(law),
+        "fig5": lambda: figures.fig5(traces),
+        "fig6": lambda: figures.fig6(traces),
+        "fig7": lambda: figures.fig7(traces, law_name),
+    }
+    for name, figure in draw.items():
+        try:
+            yield name, rendered(figure())
+        except UndefinedError as reason:
+            yield name, reason
+
+
+def _percent(run: Mapping[str, Any]) -> str:
+    overshoot = run["overshoot_percent"]
+    return "-" if overshoot is None else f"{overshoot:.1f} %"
 
 
 def _page() -> str:

@@ -1,14 +1,17 @@
-"""Run the paper's experiments and keep what they gave in a folder."""
+"""Run the paper's experiments; keep what they gave in a folder, their results as plain data."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+import numpy as np
+
+from smarttac_can import __version__
 from smarttac_can.bench.open_link import LinkName
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace, sha256, write_csv
@@ -16,7 +19,23 @@ from smarttac_can.control.friction import limited_step
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.host.log_file import CandumpWriter
 from smarttac_can.paper.experiments import Conditions, experiments
-from smarttac_can.paper.summary import summary
+from smarttac_can.paper.metrics import (
+    LOOPS,
+    NotRunError,
+    align_at_switch,
+    final_mean,
+    find,
+    friction_amplitudes,
+    friction_ratio_percent,
+    from_switch_on,
+    overshoot_above,
+    response_time,
+    subjects_of,
+    voltage_difference_percent,
+)
+from smarttac_can.paper.provenance import provenance
+from smarttac_can.paper.references import AMPLITUDE_UM, RESPONSE_BAND, STEP_UM
+from smarttac_can.population.steps import STEP_METRICS, UndefinedError
 
 FIGURES: Final = ("fig2", "fig3", "fig5", "fig6", "fig7", "table1")
 TRACES: Final = "traces.csv"
@@ -63,7 +82,7 @@ def reproduce(
     traces : list of Trace
         Every run.
     results : dict
-        As from `smarttac_can.paper.summary.summary`.
+        As from `smarttac_can.paper.reproduce.summary`.
     """
     with ExitStack() as stack:
         if folder is None:
@@ -105,3 +124,172 @@ def _log(folder: Path, link: LinkName) -> Iterator[Callable[..., None] | None]:
         return
     with (folder / CANDUMP).open("w", encoding="ascii") as file:
         yield CandumpWriter(file).write
+
+
+class _Section(dict[str, Any]):
+    """A part of the summary that knows its own key, to say which values are missing and why."""
+
+    def __init__(self, key: str, reasons: dict[str, str]) -> None:
+        super().__init__()
+        self.key, self.reasons = key, reasons
+
+    def part(self, name: str) -> _Section:
+        self[name] = part = _Section(f"{self.key}{name}.", self.reasons)
+        return part
+
+    def row(self, name: str) -> _Section:
+        rows = self.setdefault(name, [])
+        rows.append(row := _Section(f"{self.key}{name}[{len(rows)}].", self.reasons))
+        return row
+
+    def measure(self, name: str, metric: Callable[..., float], *data: Any) -> float | None:
+        try:
+            return metric(*data)
+        except NotRunError:
+            return None
+        except UndefinedError as error:
+            self.reasons[self.key + name] = str(error)
+            return None
+
+    def enter(self, name: str, metric: Callable[..., float], *data: Any) -> None:
+        self[name] = self.measure(name, metric, *data)
+
+
+def summary(
+    traces: Iterable[Trace], conditions: Conditions, *, link: str, trace_sha256: str
+) -> dict[str, Any]:
+    """Gather all results of the paper's experiments as plain data for JSON.
+
+    Parameters
+    ----------
+    traces
+        The runs, labelled ``fig2.<amplitude>``, ``fig5.amplitude_only``,
+        ``fig5.amplitude_and_frequency``, ``fig5.step.<the same>`` and ``table1``. What was not run
+        is None.
+    conditions
+        Of the runs.
+    link
+        Over which they went.
+    trace_sha256
+        SHA-256 of the file of traces.
+
+    Returns
+    -------
+    dict
+        Keys as in `smarttac_can.paper.references`. None is what was not run or does not exist:
+        then ``unavailable`` maps its key to the reason. ``table1`` holds up-steps of the mean
+        curve; ``table1.down`` the same for down-steps; ``touches`` in both the means over single
+        touches, with their spread. ``provenance`` tells what was fitted from what emerges.
+    """
+    traces = list(traces)
+    reasons: dict[str, str] = {}
+    root = _Section("", reasons)
+    root |= {"seed": conditions.seed, "law": conditions.law.name.lower(), "link": link}
+    root |= {"dead_time_us": conditions.dead_time}
+    root |= {"vibration_law": conditions.vibration_law.name.lower(), "load_n": conditions.load}
+    root |= {"version": __version__, "trace_sha256": trace_sha256}
+    root |= {"subjects": conditions.subjects, "provenance": provenance(conditions.subjects)}
+    _enter_fig2(root.part("fig2"), traces)
+    _enter_fig5_and_fig6(root.part("fig5"), root.part("fig6"), traces)
+    table = root.part("table1")
+    _enter_table(table, traces, up=True)
+    _enter_table(table.part("down"), traces, up=False)
+    root["unavailable"] = reasons
+    return root
+
+
+def _enter_fig2(fig2: _Section, traces: list[Trace]) -> None:
+    amplitudes, subjects = friction_amplitudes(traces), subjects_of(traces, "fig2")
+    fig2 |= {"amplitudes_um": amplitudes, "subjects": []}
+    for subject in subjects:
+        row = fig2.row("subjects")
+        row["subject"] = subject
+        row["ratio_percent"] = [
+            row.measure(f"ratio_percent[{k}]", friction_ratio_percent, traces, subject, amplitude)
+            for k, amplitude in enumerate(amplitudes)
+        ]
+    columns = zip(*(row["ratio_percent"] for row in fig2["subjects"]), strict=True)
+    fig2["mean_ratio_percent"] = [
+        fig2.measure(f"mean_ratio_percent[{k}]", _mean, column) for k, column in enumerate(columns)
+    ]
+
+
+def _enter_fig5_and_fig6(fig5: _Section, fig6: _Section, traces: list[Trace]) -> None:
+    def response(run: str) -> float:
+        trace = find(traces, run)
+        return response_time(from_switch_on(trace, trace.amplitude_um), AMPLITUDE_UM)
+
+    def overshoot(run: str) -> float:
+        trace = find(traces, run)
+        W = from_switch_on(trace, trace.amplitude_um)
+        return overshoot_above(W, AMPLITUDE_UM, AMPLITUDE_UM)
+
+    def settling(run: str) -> float:
+        band = RESPONSE_BAND * (STEP_UM - AMPLITUDE_UM) / STEP_UM
+        return response_time(find(traces, run).amplitude_um, STEP_UM, band)
+
+    def step_overshoot(run: str) -> float:
+        W = find(traces, run).amplitude_um
+        return overshoot_above(W, STEP_UM, STEP_UM - AMPLITUDE_UM)
+
+    def final(run: str, column: str) -> float:
+        trace = find(traces, run)
+        return final_mean(trace, getattr(trace, column))
+
+    def difference() -> float:
+        return voltage_difference_percent(*(find(traces, f"fig5.{loops}") for loops in LOOPS))
+
+    for loops in LOOPS:
+        run, vibration = f"fig5.{loops}", fig5.part(loops)
+        vibration.enter("response_time_ms", response, run)
+        vibration.enter("overshoot_percent", overshoot, run)
+        vibration.enter("steady_amplitude_um", final, run, "amplitude_um")
+        vibration.enter("final_frequency_hz", final, run, "frequency_hz")
+        step = vibration.part("step")
+        step.enter("settling_time_ms", settling, f"fig5.step.{loops}")
+        step.enter("overshoot_percent", step_overshoot, f"fig5.step.{loops}")
+        fig6.part(loops).enter("voltage_v", final, run, "voltage_v")
+    fig6.enter("voltage_difference_percent", difference)
+
+
+def _enter_table(table: _Section, traces: list[Trace], *, up: bool) -> None:
+    single = table.part("touches")
+    table["subjects"], single["subjects"] = [], []
+    for subject in subjects_of(traces, "table1"):
+        touches = align_at_switch([find(traces, "table1", subject)], up=up)
+        curve_row, row = table.row("subjects"), single.row("subjects")
+        curve_row["subject"] = row["subject"] = subject
+        row |= {"whole": len(touches.steps), "dropped": touches.dropped}
+        count, std = row.part("count"), row.part("std")
+        for name, metric in STEP_METRICS.items():
+            curve_row.enter(name, touches.of_mean_curve, metric)
+            values = touches.of_each(metric)
+            count[name] = len(values)
+            row.enter(name, _mean, values)
+            std.enter(name, _sample_std, values)
+    for section in (table, single):
+        mean, std = section.part("mean"), section.part("std")
+        for name in STEP_METRICS:
+            column = [row[name] for row in section["subjects"]]
+            if not column:
+                mean[name] = std[name] = None
+                continue
+            mean.enter(name, _mean, column)
+            std.enter(name, _sample_std, column)
+
+
+def _mean(values: Sequence[float | None]) -> float:
+    return float(np.mean(_complete(values, at_least=1)))
+
+
+def _sample_std(values: Sequence[float | None]) -> float:
+    return float(np.std(_complete(values, at_least=2), ddof=1))
+
+
+def _complete(values: Sequence[float | None], *, at_least: int) -> list[float]:
+    """Refuse to average over what is there when something is missing."""
+    present = [value for value in values if value is not None]
+    if len(present) < len(values) or len(present) < at_least:
+        needed = max(len(values), at_least)
+        raise UndefinedError(f"{len(present)} of {needed} values")
+    return present

@@ -17,7 +17,7 @@ from smarttac_can import __version__
 from smarttac_can.bench.traces import read_csv, sha256
 from smarttac_can.cli import main
 from smarttac_can.paper.experiments import Conditions
-from smarttac_can.paper.summary import summary
+from smarttac_can.paper.reproduce import summary
 
 COMMANDS = sorted(main.list_commands(click.Context(main)))
 FIRST_RUN = Path(__file__).parents[2] / "docs" / "tutorial" / "first-run.md"

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from smarttac_can.bench.traces import sha256
-from smarttac_can.paper.dead_time import dead_time_table, loop_dead_time
-from smarttac_can.paper.experiments import Conditions
+from smarttac_can.paper.experiments import Conditions, loop_dead_time
 from smarttac_can.paper.references import PUBLISHED
+from smarttac_can.paper.report import dead_time_table
 from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, friction_step, reproduce
 from smarttac_can.vocabulary.modes import Law, VibrationLaw
 

@@ -19,7 +19,7 @@ from smarttac_can.bench.traces import Trace, read_csv, sha256, write_csv
 from smarttac_can.paper import metrics
 from smarttac_can.paper import references as paper
 from smarttac_can.paper.experiments import Conditions
-from smarttac_can.paper.summary import summary
+from smarttac_can.paper.reproduce import summary
 from smarttac_can.population import steps
 from smarttac_can.population.steps import Step, UndefinedError
 

@@ -13,7 +13,7 @@ from smarttac_can import __version__
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.report import compare, table_text, write_report
-from smarttac_can.paper.summary import summary
+from smarttac_can.paper.reproduce import summary
 
 VOID = {"meta", "img", "link", "br"}
 
