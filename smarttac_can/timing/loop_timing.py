@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from math import ceil, exp, log
 from typing import Any, Final, NamedTuple
 
@@ -139,14 +141,16 @@ class Delays:
         }
 
 
+@dataclass(slots=True)
 class _Cycle:
-    """A SYNC and whether its drive has come."""
+    """A SYNC and what has come since."""
 
-    __slots__ = ("driven", "sync")
-
-    def __init__(self, sync: float) -> None:
-        self.sync = sync
-        self.driven = False
+    sync: float
+    driven: bool = False
+    measurements: int = 0
+    """How many ended before the next SYNC, whatever SYNC they answer."""
+    unheard: bool = False
+    """Whether the listener has not heard the SYNC of one of these."""
 
 
 class LoopTiming:
@@ -180,21 +184,22 @@ class LoopTiming:
         self.lost = 0
         measurement = TPDO_COMMUNICATION + _LAST_MEASUREMENT - 1
         drive = RPDO_COMMUNICATION + _DRIVE - 1
-        self._handlers = {
-            SYNC_ID: self._on_sync,
-            plate.number(TPDO_COMMUNICATION, PDO_COB_ID) & CAN_ID_MASK: self._on_first,
-            plate.number(measurement, PDO_COB_ID) & CAN_ID_MASK: self._on_measurement,
-            plate.number(drive, PDO_COB_ID) & CAN_ID_MASK: self._on_drive,
-        }
-        self._first_at = _place(plate, TPDO_MAPPING, Direction.TRANSMIT, "Vibration.Tick")
-        self._measured_at = _place(
+        first_at = _place(plate, TPDO_MAPPING, Direction.TRANSMIT, "Vibration.Tick")
+        measured_at = _place(
             plate, TPDO_MAPPING + _LAST_MEASUREMENT - 1, Direction.TRANSMIT, "Gauge tick"
         )
-        self._driven_at = _place(plate, RPDO_MAPPING + _DRIVE - 1, Direction.RECEIVE, "Drive.Tick")
+        driven_at = _place(plate, RPDO_MAPPING + _DRIVE - 1, Direction.RECEIVE, "Drive.Tick")
+        self._ticks_of: dict[int, tuple[Callable[[float, int], None], int]] = {
+            plate.number(TPDO_COMMUNICATION, PDO_COB_ID) & CAN_ID_MASK: (self._on_first, first_at),
+            plate.number(measurement, PDO_COB_ID) & CAN_ID_MASK: (
+                self._on_measurement,
+                measured_at,
+            ),
+            plate.number(drive, PDO_COB_ID) & CAN_ID_MASK: (self._on_drive, driven_at),
+        }
         self._cycle: _Cycle | None = None
         self._begun = 0.0
-        self._intervals = 0
-        self._undriven = 0
+        self._driven = 0
         self._doubtful: deque[float] = deque(maxlen=_WAITING_MAX)
         self._unmeasured: deque[_Cycle] = deque(maxlen=_WAITING_MAX)
         self._unanswered: dict[int, _Cycle] = {}
@@ -203,8 +208,6 @@ class LoopTiming:
         self._session = 0
         self._tick: int | None = None
         self._tick_time = 0.0
-        self._measured = 0
-        self._unheard_sync = False
         self._in_turn = 0
         self._drive_time: float | None = None
         self._gap_s = 0.0
@@ -217,7 +220,7 @@ class LoopTiming:
     @property
     def missed(self) -> int:
         """Those without a SYNC, and those whose drive did not come before the next SYNC."""
-        return max(0, self._span - self._intervals + self._undriven - self.lost)
+        return max(0, self._span - self._driven - self.lost)
 
     @property
     def gap_s(self) -> float:
@@ -249,60 +252,62 @@ class LoopTiming:
     @property
     def can_ids(self) -> frozenset[int]:
         """Identifiers of the frames that it is made from."""
-        return frozenset(self._handlers)
+        return frozenset({SYNC_ID, *self._ticks_of})
 
     def feed(self, time: float, frame: Frame) -> None:
         """Take a frame with its time stamp in s, in the order of the bus; others are ignored."""
-        handler = self._handlers.get(frame.can_id)
-        if handler is not None and not frame.rtr:
-            handler(time, frame.data)
+        if frame.rtr:
+            return
+        if frame.can_id == SYNC_ID:
+            self._on_sync(time)
+        elif frame.can_id in self._ticks_of:
+            handler, at = self._ticks_of[frame.can_id]
+            if len(frame.data) > at:
+                handler(time, frame.data[at])
 
     @property
     def _span(self) -> int:
         return 0 if self._cycle is None else round((self._cycle.sync - self._begun) / TICK)
 
-    def _on_sync(self, time: float, _data: bytes) -> None:
+    def _on_sync(self, time: float) -> None:
+        in_turn = False
         if self._cycle is None:
             self._begun = time
         else:
-            self._intervals += 1
-            self._undriven += not self._cycle.driven
-            self._note_delay(max(0.0, time - self._cycle.sync - TICK))
-        # Who lags behind catches up soon: with one measurement to each SYNC, and a SYNC left over,
-        # that one gets none any more.
-        self._in_turn = self._in_turn + 1 if self._measured == 1 and self._unmeasured else 0
+            self._driven += self._cycle.driven
+            in_turn = self._cycle.measurements == 1 and bool(self._unmeasured)
+            self._note_delay(self._cycle, max(0.0, time - self._cycle.sync - TICK))
+        # Who lags catches up soon: with one measurement to each SYNC, and a SYNC left over, that
+        # one gets none any more.
+        self._in_turn = self._in_turn + 1 if in_turn else 0
         if self._in_turn == _IN_TURN:
             self._unmeasured.clear()
-        self._measured = 0
-        self._unheard_sync = False
         self._cycle = _Cycle(time)
         self._unmeasured.append(self._cycle)
 
-    def _note_delay(self, late: float) -> None:
+    def _note_delay(self, last: _Cycle, late: float) -> None:
         """Count the delay of a SYNC, later on if there may be one between that was not heard."""
         if late < 0.5 * TICK:
             self.sync.add(late)
-        elif not self._unheard_sync:
+        elif not last.unheard:
             self._doubtful.append(late)
 
-    def _on_first(self, _time: float, data: bytes) -> None:
-        if len(data) > self._first_at:
-            self._first_tick = data[self._first_at]
+    def _on_first(self, _time: float, tick: int) -> None:
+        self._first_tick = tick
 
-    def _on_measurement(self, time: float, data: bytes) -> None:
-        if self._cycle is None or len(data) <= self._measured_at:
+    def _on_measurement(self, time: float, ahead: int) -> None:
+        if self._cycle is None:
             return
         # The last tick of a measurement is ahead of the first by the number of the session.
-        ahead, first = data[self._measured_at], self._first_tick
-        if first is not None:
-            self._session, self._first_tick = (ahead - first) % _TICKS, None
+        if self._first_tick is not None:
+            self._session, self._first_tick = (ahead - self._first_tick) % _TICKS, None
         tick = (ahead - self._session) % _TICKS
         self._forget_unheard(tick)
         self._tick = tick
-        self._measured += 1
+        self._cycle.measurements += 1
         if not self._unmeasured:
             self.lost += 1
-            self._unheard_sync = True
+            self._cycle.unheard = True
             self._drive_time = None
             return
         cycle = self._unanswered[tick] = self._unmeasured.popleft()
@@ -335,10 +340,8 @@ class LoopTiming:
         self._doubtful.clear()
         self._unmatched = 0
 
-    def _on_drive(self, time: float, data: bytes) -> None:
-        if len(data) <= self._driven_at:
-            return
-        cycle = self._unanswered.pop(data[self._driven_at], None)
+    def _on_drive(self, time: float, tick: int) -> None:
+        cycle = self._unanswered.pop(tick, None)
         # What was never answered had the same count 256 ticks ago.
         if cycle is None or time - cycle.sync > 0.5 * _TICKS * TICK:
             self._unmatched += 1
