@@ -215,31 +215,32 @@ def _peer(peer: Peer) -> str:
 
 def _contact(view: View, width: int) -> Iterator[Line]:
     room = width - _EDGE - 2
-    yield Line(f"{'COF':<6}{_number(view.cof, 3):>7} {_bar(view.cof, view.cof_reference, room)}")
-    reference = _number(view.cof_reference, 3)
-    yield Line(f"{'asked':<6}{reference:>7}  0 to {_COF_MAX:g}; | is the reference", "faint")
-    yield Line(f"{'course':<14}{_course(view.history, room)}")
-    yield Line(f"{'finger':<6}{_number(view.position_mm, 1):>7} {_finger(view, room)}")
+    cof, asked = (view.values.get(f"Contact.{name}") for name in ("COF", "COF reference"))
+    yield Line(f"{'COF':<6}{_number(cof, 3):>7} {_bar(cof, asked, room)}")
     yield Line(
-        f"normal {_number(view.normal_n, 3)} N   tangential {_number(view.tangential_n, 3)} N"
+        f"{'asked':<6}{_number(asked, 3):>7}  0 to {_COF_MAX:g}; | is the reference", "faint"
     )
+    yield Line(f"{'course':<14}{_course(view.history, room)}")
+    yield Line(f"{'finger':<6}{_value(view, 'Contact.Position', 1):>7} {_finger(view, room)}")
+    normal, tangential = (
+        _value(view, f"Contact.{name} force", 3) for name in ("Normal", "Tangential")
+    )
+    yield Line(f"normal {normal} N   tangential {tangential} N")
 
 
 def _drive(view: View) -> Iterator[Line]:
-    amplitude, voltage = _number(view.amplitude_um, 3), _number(view.voltage_v, 2)
-    frequency, warmth = _number(view.frequency_hz, 2), _number(view.temperature_degc, 1)
     yield Line(
-        f"amplitude {amplitude} um   voltage {voltage} V   frequency {frequency} Hz   {warmth} degC"
+        f"amplitude {_value(view, 'Vibration.Amplitude', 3)} um   "
+        f"voltage {_value(view, 'Vibration.Voltage', 2)} V   "
+        f"frequency {_value(view, 'Vibration.Frequency', 2)} Hz   "
+        f"{_value(view, 'Plate temperature', 1)} degC"
     )
-    volts, left, right, boundary = (
-        view.read.get(f"Setpoint.{name}")
-        for name in ("Voltage", "COF left", "COF right", "Boundary")
-    )
-    nanometres = view.read.get("Setpoint.Amplitude")
     yield Line(
-        f"set to    {_number(_thousandth(nanometres), 3)} um           "
-        f"{_number(_thousandth(volts), 2)} V   COF {_number(left, 3)} left, "
-        f"{_number(right, 3)} right of {_number(_thousandth(boundary), 1)} mm",
+        f"set to    {_value(view, 'Setpoint.Amplitude', 3)} um           "
+        f"{_value(view, 'Setpoint.Voltage', 2)} V   "
+        f"COF {_value(view, 'Setpoint.COF left', 3)} left, "
+        f"{_value(view, 'Setpoint.COF right', 3)} right of "
+        f"{_value(view, 'Setpoint.Boundary', 1)} mm",
         "faint",
     )
 
@@ -252,11 +253,9 @@ def _counts(view: View) -> Iterator[Line]:
         ("corrupt", "Corrupt measurements"),
         ("surplus", "Surplus measurements"),
     )
-    counts = "   ".join(
-        f"{_number(view.read.get(f'Cycle.{name}'), 0)} {what}" for what, name in named
-    )
+    counts = "   ".join(f"{_value(view, f'Cycle.{name}', 0)} {what}" for what, name in named)
     rate = _number(view.cycle_rate, 0)
-    cycles = _number(view.read.get("Cycle.Cycles"), 0)
+    cycles = _value(view, "Cycle.Cycles", 0)
     yield Line(f"cycles {cycles} ({rate}/s)   {counts}")
 
 
@@ -284,8 +283,8 @@ def _number(value: float | None, decimals: int) -> str:
     return _NOTHING if value is None else f"{value:.{decimals}f}"
 
 
-def _thousandth(value: float | None) -> float | None:
-    return None if value is None else value * 1e-3
+def _value(view: View, name: str, decimals: int) -> str:
+    return _number(view.values.get(name), decimals)
 
 
 def _bar(value: float | None, reference: float | None, width: int) -> str:
@@ -315,11 +314,9 @@ def _course(history: Sequence[tuple[float | None, float | None]], width: int) ->
 def _finger(view: View, width: int) -> str:
     """Draw the plate from above, with the boundary and the finger on it."""
     cells = ["_"] * width
-    boundary = _thousandth(view.read.get("Setpoint.Boundary"))
-    if boundary is not None:
-        cells[_place(boundary, width)] = ":"
-    if view.position_mm is not None:
-        cells[_place(view.position_mm, width)] = "O"
+    for name, mark in (("Setpoint.Boundary", ":"), ("Contact.Position", "O")):
+        if name in view.values:
+            cells[_place(view.values[name], width)] = mark
     return "".join(cells)
 
 

@@ -32,21 +32,33 @@ from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.states import State, Status, known_state
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
-READ: Final = (
-    "Cycle.Cycles",
-    "Diagnosis.Latched",
-    "Setpoint.Voltage",
-    "Setpoint.Amplitude",
-    "Setpoint.COF left",
-    "Setpoint.COF right",
-    "Setpoint.Boundary",
-    "Cycle.Lost cycles",
-    "Cycle.Missed deadlines",
-    "Cycle.Foreign ticks",
-    "Cycle.Corrupt measurements",
-    "Cycle.Surplus measurements",
-)
-"""What no TPDO carries by default, read by SDO in turn."""
+PUBLISHED: Final = {
+    "Contact.COF": "",
+    "Contact.COF reference": "",
+    "Contact.Tangential force": "N",
+    "Contact.Normal force": "N",
+    "Contact.Position": "mm",
+    "Vibration.Amplitude": "um",
+    "Vibration.Voltage": "V",
+    "Vibration.Frequency": "Hz",
+    "Plate temperature": "degC",
+}
+"""What TPDOs carry by default, with the unit in which it is shown."""
+READ: Final = {
+    "Cycle.Cycles": "",
+    "Diagnosis.Latched": "",
+    "Setpoint.Voltage": "V",
+    "Setpoint.Amplitude": "um",
+    "Setpoint.COF left": "",
+    "Setpoint.COF right": "",
+    "Setpoint.Boundary": "mm",
+    "Cycle.Lost cycles": "",
+    "Cycle.Missed deadlines": "",
+    "Cycle.Foreign ticks": "",
+    "Cycle.Corrupt measurements": "",
+    "Cycle.Surplus measurements": "",
+}
+"""What no TPDO carries by default, read by SDO in turn, with the unit in which it is shown."""
 FORGOTTEN_S: Final = 5.0
 """A value read by SDO is shown for so long."""
 _EMERGENCIES: Final = 6
@@ -138,8 +150,8 @@ class Watcher:
             self._published.remap({}, now)
         if now >= self._next_sample:
             self._next_sample = now + _SAMPLE_S
-            seen = self._published.at(now)
-            self._history.append((self._cof(seen, "COF"), self._cof(seen, "COF reference")))
+            values = self._values(self._published.at(now), PUBLISHED)
+            self._history.append((values.get("Contact.COF"), values.get("Contact.COF reference")))
         shown = self._published.last("Statusword")
         frames = self._stop.frames(now, shown, self._nodes[0].rested)
         request = None if self._reader is None or self.lost else self._reader.request(now)
@@ -164,7 +176,7 @@ class Watcher:
     def view(self, now: float) -> View:
         """Return what there is to see at a time in s."""
         seen = self._published.at(now)
-        touching = bool(seen.get("Statusword", 0) & Status.TOUCHING)
+        read = self._raw_read(now)
         load, rate = self._load.at(now)
         return View(
             peers=tuple(node.at(now) for node in self._nodes),
@@ -172,18 +184,12 @@ class Watcher:
             state=_state(seen),
             mode=_mode(seen),
             flags=tuple(spoken(flag) for flag in Status if seen.get("Statusword", 0) & flag),
-            cof=self._cof(seen, "COF"),
-            cof_reference=self._cof(seen, "COF reference"),
-            tangential_n=self._value(seen, "Contact.Tangential force", "N"),
-            normal_n=self._value(seen, "Contact.Normal force", "N"),
-            amplitude_um=self._value(seen, "Vibration.Amplitude", "um"),
-            voltage_v=self._value(seen, "Vibration.Voltage", "V"),
-            frequency_hz=self._value(seen, "Vibration.Frequency", "Hz"),
-            temperature_degc=self._value(seen, "Plate temperature", "degC"),
-            position_mm=self._value(seen, "Contact.Position", "mm") if touching else None,
-            read=self._read_values(now),
-            cycle_rate=self._cycle_rate if "Cycle.Cycles" in self._read_values(now) else None,
-            latched=self._latched(now),
+            values=self._values(seen, PUBLISHED) | self._values(read, READ),
+            cycle_rate=self._cycle_rate if "Cycle.Cycles" in read else None,
+            latched=tuple(
+                WATCHDOGS[watchdog].text.partition(":")[0]
+                for watchdog in watchdogs_in(read.get("Diagnosis.Latched", 0))
+            ),
             emergencies=tuple(
                 Emergency(now - at, node_id, code, emergency_text(code))
                 for at, node_id, code in self._emergencies
@@ -213,13 +219,19 @@ class Watcher:
         if self._reader is not None and self._reader.silent:
             yield f"node {peer.node_id} does not answer SDO: set-points and counts are missing"
 
-    def _value(self, seen: Mapping[str, int], name: str, unit: str) -> float | None:
-        raw = seen.get(name)
-        return None if raw is None else raw * self._od[name].unit.in_unit(unit)
-
-    def _cof(self, seen: Mapping[str, int], what: str) -> float | None:
-        """Return a COF; 0 stands for none."""
-        return self._value(seen, f"Contact.{what}", "") or None
+    def _values(self, raw: Mapping[str, int], units: Mapping[str, str]) -> dict[str, float]:
+        values = {
+            name: raw[name] * self._od[name].unit.in_unit(unit)
+            for name, unit in units.items()
+            if name in raw
+        }
+        for cof in ("Contact.COF", "Contact.COF reference"):
+            if not values.get(cof):
+                # 0 stands for none.
+                values.pop(cof, None)
+        if not raw.get("Statusword", 0) & Status.TOUCHING:
+            values.pop("Contact.Position", None)
+        return values
 
     def _raw_read(self, now: float) -> dict[str, int]:
         reader = self._reader
@@ -230,18 +242,6 @@ class Watcher:
             for entry, at in reader.read_at.items()
             if entry in reader.values and now - at <= FORGOTTEN_S
         }
-
-    def _read_values(self, now: float) -> dict[str, float]:
-        raw = self._raw_read(now)
-        return {
-            name: raw[name] * self._od[name].unit.in_unit(self._od[name].unit.symbol)
-            for name in READ
-            if name in raw
-        }
-
-    def _latched(self, now: float) -> tuple[str, ...]:
-        bits = self._raw_read(now).get("Diagnosis.Latched", 0)
-        return tuple(WATCHDOGS[watchdog].text.partition(":")[0] for watchdog in watchdogs_in(bits))
 
     def _follow(self, reader: SdoReader, now: float) -> None:
         """Take over the mapping once it is known, and how fast cycles are counted."""
@@ -315,10 +315,7 @@ class Emergency(NamedTuple):
 
 
 class View(NamedTuple):
-    """A stimulator and its bus at one instant; what is not known is None, an empty text or absent.
-
-    Lengths are in mm, the amplitude in um peak-to-peak, all else in the unit of its name.
-    """
+    """A stimulator and its bus at one instant; what is not known is None, empty or absent."""
 
     peers: tuple[Peer, ...]
     notes: tuple[str, ...]
@@ -327,19 +324,11 @@ class View(NamedTuple):
     mode: str
     flags: tuple[str, ...]
     """Bits of the statusword that are set."""
-    cof: float | None
-    """None while no finger touches, too."""
-    cof_reference: float | None
-    tangential_n: float | None
-    normal_n: float | None
-    amplitude_um: float | None
-    voltage_v: float | None
-    frequency_hz: float | None
-    temperature_degc: float | None
-    position_mm: float | None
-    """Of the finger, from the middle of the plate; None while none touches."""
-    read: Mapping[str, float]
-    """Values read by SDO, by the name of the object, in its displayed unit."""
+    values: Mapping[str, float]
+    """By the name of the object, in the units of `PUBLISHED` and `READ`.
+
+    A position, from the middle of the plate, and a COF are absent while no finger touches.
+    """
     cycle_rate: float | None
     """Cycles a second."""
     latched: tuple[str, ...]

@@ -14,7 +14,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import NMTCommand
 from smarttac_can.watch.screen import LEAST_COLUMNS, LEAST_LINES, lines
-from smarttac_can.watch.watcher import PublishedValues, View, Watcher
+from smarttac_can.watch.watcher import PUBLISHED, READ, PublishedValues, View, Watcher
 
 OD = stimulator_od()
 SDO_REQUESTS = 0x620
@@ -87,16 +87,23 @@ def test_what_is_shown_is_what_the_node_has(scene: Scene) -> None:
     view = scene.watch(4.0)
     assert (view.state, view.mode, view.latched, view.notes) == ("running", "friction", (), ())
     assert view.flags == ("live", "driving", "touching")
-    assert view.cof_reference == 0.25
-    assert view.cof == pytest.approx(0.25, abs=0.05)
+    assert view.values["Contact.COF reference"] == 0.25
+    assert view.values["Contact.COF"] == pytest.approx(0.25, abs=0.05)
     # The TPDOs are up to an event time of 0.1 s old.
-    assert view.normal_n == pytest.approx(scene.value("Contact.Normal force", "N"), abs=0.05)
-    assert view.voltage_v == pytest.approx(scene.value("Vibration.Voltage", "V"), rel=0.3)
-    assert view.frequency_hz == pytest.approx(scene.value("Vibration.Frequency", "Hz"), abs=5)
-    assert view.position_mm is not None
-    assert view.position_mm == pytest.approx(scene.value("Contact.Position", "mm"), abs=6.0)
-    assert view.read["Setpoint.COF left"] == 0.25
-    assert view.read["Cycle.Lost cycles"] == 0
+    assert view.values["Contact.Normal force"] == pytest.approx(
+        scene.value("Contact.Normal force", "N"), abs=0.05
+    )
+    assert view.values["Vibration.Voltage"] == pytest.approx(
+        scene.value("Vibration.Voltage", "V"), rel=0.3
+    )
+    assert view.values["Vibration.Frequency"] == pytest.approx(
+        scene.value("Vibration.Frequency", "Hz"), abs=5
+    )
+    assert view.values["Contact.Position"] == pytest.approx(
+        scene.value("Contact.Position", "mm"), abs=6.0
+    )
+    assert view.values["Setpoint.COF left"] == 0.25
+    assert view.values["Cycle.Lost cycles"] == 0
     assert view.cycle_rate == pytest.approx(1000, abs=30)
     assert view.peers[0].nmt == "operational"
     shown = [cof for cof, _ in view.history if cof is not None]
@@ -117,8 +124,10 @@ def test_without_sdo_it_sends_nothing_and_shows_the_rest() -> None:
     view = scene.watch(3.0)
     assert scene.sent == []
     assert view.state == "ready"
-    assert view.normal_n is not None
-    assert (view.read, view.cycle_rate) == ({}, None)
+    assert "Contact.Normal force" in view.values
+    assert not view.values.keys() & READ.keys()
+    assert not view.values.keys() & {"Contact.COF", "Contact.Position"}  # no finger
+    assert view.cycle_rate is None
     scene.bus.shutdown()
 
 
@@ -140,8 +149,8 @@ def test_another_mapping_is_found_out(scene: Scene) -> None:
     assert "TPDO 3 is not as long as its mapping: it is not decoded" in at_once.notes
     later = scene.watch(4.0)
     assert later.notes == ()
-    assert later.cof_reference is None  # in no TPDO any more
-    assert later.normal_n is not None
+    assert "Contact.COF reference" not in later.values  # in no TPDO any more
+    assert "Contact.Normal force" in later.values
 
 
 def test_an_emergency_has_its_text_and_the_fault_stays(scene: Scene) -> None:
@@ -201,7 +210,7 @@ def test_a_node_that_falls_silent_and_comes_back(scene: Scene) -> None:
     assert view.notes == (
         "node 32 (stimulator) has been silent for 4 s: it has stopped or left the bus",
     )
-    assert (view.state, view.cof, view.normal_n) == ("", None, None)
+    assert (view.state, view.values.keys() & PUBLISHED.keys()) == ("", set())
     scene.plug = scene.bus.attach(scene.node, lockstep=False)
     assert not any("silent" in note for note in scene.watch(0.5).notes)
 
@@ -295,7 +304,7 @@ def test_a_view_fits_a_terminal_of_80_by_24(scene: Scene) -> None:
     assert max(len(line.text) for line in laid) <= 80
     text = "\n".join(line.text for line in laid)
     assert "state running      mode friction" in text
-    assert f"COF     {view.cof:.3f} #" in text
+    assert f"COF     {view.values['Contact.COF']:.3f} #" in text
     assert laid[6].text.count("O") + laid[7].text.count("O") == 1
 
 
