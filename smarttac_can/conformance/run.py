@@ -13,10 +13,8 @@ from smarttac_can.conformance import (
     general,
     nmt,
     pdo,
-    rpdo,
     sdo,
     sync,
-    tpdo,
 )
 from smarttac_can.conformance.case import Case, Failure, NotApplicable, Result
 from smarttac_can.conformance.examiner import Examiner
@@ -38,7 +36,7 @@ GROUPS: Final = {
 }
 """What the first part of a case's number stands for."""
 
-_MODULES = (sdo, tpdo, rpdo, pdo, dictionary, emcy, sync, error_control, general, nmt)
+_MODULES = (sdo, pdo, dictionary, emcy, sync, error_control, general, nmt)
 _ORDER = list(GROUPS)
 
 CASES: Final = tuple(
