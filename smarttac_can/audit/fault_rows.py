@@ -183,7 +183,7 @@ class _Shown:
             )
         if all(frame.can_id != SYNC_ID for _, frame in self._before):
             raise claim.differs("the log has no SYNC before the fault")
-        self._require_told()
+        self._require_stage()
 
     def fields(self) -> dict[str, object]:
         """Return the fields of the row by name."""
@@ -223,13 +223,13 @@ class _Shown:
             and bool(signs.last(signs.stage, frames))
         )
 
-    def _require_told(self) -> None:
+    def _require_stage(self) -> None:
         """Refuse a log without the stage in each cycle that has to show it."""
         signs = self._signs
         drive: int | None = None
-        told = True
+        shown = True
         for time, frame in self._before:
-            told = self._follow_sync(time, frame, told)
+            shown = self._follow_sync(time, frame, shown)
             voltage = signs.stage.read(frame)
             if None not in (voltage, drive) and voltage != drive and not signs.inside:
                 raise self._claim.differs(
@@ -243,13 +243,13 @@ class _Shown:
         for time, frame in self._after:
             if signs.gone(frame):
                 return
-            told = self._follow_sync(time, frame, told)
+            shown = self._follow_sync(time, frame, shown)
 
-    def _follow_sync(self, time: int, frame: Frame, told: bool) -> bool:
+    def _follow_sync(self, time: int, frame: Frame, shown: bool) -> bool:
         """Return whether the stage was shown since the last SYNC."""
         if frame.can_id != SYNC_ID:
-            return told or self._signs.stage.read(frame) is not None
-        if not told:
+            return shown or self._signs.stage.read(frame) is not None
+        if not shown:
             raise self._claim.differs(
                 f"the log does not show the stage in the cycle before {time * 1e-6:.6f} s"
             )
@@ -406,7 +406,7 @@ def _in_cycles(
 
     SYNC is sent in the middle of a cycle, after what its beginning has caused. What is caused
     follows at once: a frame before which the bus was idle is one of the next cycle, and so is the
-    stage of a plate inside, which is told at the beginning.
+    stage of a plate inside, which is sent at the beginning of a cycle.
     """
     sync = max(time for time, frame in before if frame.can_id == SYNC_ID)
     end = before[-1][0]

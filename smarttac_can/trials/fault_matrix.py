@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any, Final
 from zlib import crc32
 
@@ -15,7 +16,7 @@ from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.object_reference import table
 from smarttac_can.trials.fault_cases import CASES, PREDICTED, FaultCase, Row
 from smarttac_can.trials.rig import PLATE_HEARTBEAT_MS, MasterTraffic, Rig
-from smarttac_can.trials.workers import sharing
+from smarttac_can.trials.workers import in_order
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.states import State
 
@@ -203,19 +204,14 @@ _Result = tuple[FaultRow, list[tuple[int, Frame]], int]
 
 def _results(chosen: Sequence[Row], hold: int, jobs: int, channel: str | None) -> Iterator[_Result]:
     if jobs == 1:
-        for case, mode in chosen:
-            yield _row(case, mode, hold, channel)
-        return
-    with sharing(jobs) as submit:
-        rows = [
-            submit(_row_by_name, case.name, case.predictive, mode, hold) for case, mode in chosen
-        ]
-        rows.reverse()
-        while rows:
-            yield rows.pop().result()
+        return (_row(case, mode, hold, channel) for case, mode in chosen)
+    named = [(case.name, case.predictive, mode) for case, mode in chosen]
+    return in_order(partial(_row_by_name, hold), named, jobs)
 
 
-def _row_by_name(name: str, predictive: bool, mode: Mode, hold: int) -> _Result:
+def _row_by_name(hold: int, row: tuple[str, bool, Mode]) -> _Result:
+    """Run a row in another process, which no case can be sent to: its acts are closures."""
+    name, predictive, mode = row
     return _row(_BY_NAME[name, predictive], mode, hold, None)
 
 

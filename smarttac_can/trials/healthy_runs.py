@@ -175,16 +175,16 @@ def healthy_run(seed: int) -> HealthyRun:
         block.write(name, raw)
     block.write(START_RUN, 1)
     finger, ambient = _Finger(draw), draw.choice((20.0, draw.uniform(15.0, 30.0)))
-    behind = bench.plate_block.backend
-    assert isinstance(behind, SimulatedPlate)
-    plate = behind.plate = Plate(
+    backend = bench.plate_block.backend
+    assert isinstance(backend, SimulatedPlate)
+    plate = backend.plate = Plate(
         PlateParameters(), _subject(draw), finger, seed=seed, ambient=ambient,
         dead_time=dead_time * 1e-6,
     )  # fmt: skip
     identifies = not draw.randrange(4)
     if identifies:
         # The finger waits: it is at rest as long as the run is that of the identification.
-        behind.plate = Plate(
+        backend.plate = Plate(
             PlateParameters(), SUBJECTS[0], _Still(), seed=seed, ambient=ambient,
             dead_time=dead_time * 1e-6,
         )  # fmt: skip
@@ -196,7 +196,7 @@ def healthy_run(seed: int) -> HealthyRun:
                 break
         block.write("Controlword", 0)
         block.write(START_RUN, 1)
-        behind.plate = plate
+        backend.plate = plate
     _tare(block)
     return _driven(seed, draw, bench, f"{law.name} {friction.name} {dead_time} us, {finger}")
 
@@ -222,7 +222,7 @@ def _arm(block: StimulatorBlock, mode: Mode) -> None:
 
 
 def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> HealthyRun:
-    """Drive with set-points that jump, and say what came of it."""
+    """Drive with set-points that jump, and return what came of it."""
     block, od, plate = bench.block, bench.od, bench.plate_block.plate
     low = od["Limit.Lowest frequency"].value
     high = od["Limit.Highest frequency"].value

@@ -430,7 +430,7 @@ class Hostile:
         self._node = HostileNode(rig, draw)
         self._sent: Counter[str] = Counter()
         self._faults: Counter[str] = Counter()
-        self._running = self._driven = self._barred = 0
+        self._running = self._driven = self._doubled = 0
         self._latched = False
         self._last = "nothing"
 
@@ -494,7 +494,7 @@ class Hostile:
         supervisor = rig.stimulator.block.supervisor
         self._running += supervisor.state is State.RUNNING
         self._driven += volts > 0.0
-        self._barred += bool(supervisor.present >> Watchdog.DOUBLE & 1)
+        self._doubled += bool(supervisor.present >> Watchdog.DOUBLE & 1)
         latched = bool(supervisor.latched)
         if latched and not self._latched:
             first = watchdogs_in(supervisor.latched)[0]
@@ -504,7 +504,7 @@ class Hostile:
     def _sum_up(self) -> None:
         report = self._report
         report.running_share = round(self._running / report.cycles, 4)
-        alone = report.cycles - self._barred
+        alone = report.cycles - self._doubled
         report.running_share_alone = round(self._running / max(1, alone), 4)
         # A short attack has its burst all the same, whose 3 s may be most of it.
         if self._actions >= ACTIONS_PER_BURST and report.running_share < RUNNING_MIN:

@@ -15,13 +15,13 @@ from __future__ import annotations
 import random
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from hashlib import sha256
 from math import cos, floor, pi, sin
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.nodes.parameters import GAUGE_ZERO, MODEL
@@ -34,7 +34,7 @@ from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, 
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.sensors import PICKUP_SATURATED
 from smarttac_can.plant.subjects import SUBJECTS, Subject
-from smarttac_can.trials.workers import sharing
+from smarttac_can.trials.workers import Item, Outcome, in_order
 from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Measurement
@@ -406,7 +406,7 @@ _SLIDING: Final = 0.5
 
 
 class CellFinger:
-    """A finger that slides to and fro, lands once, and lifts if told.
+    """A finger that slides to and fro, lands once, and may lift.
 
     Parameters
     ----------
@@ -441,7 +441,7 @@ def _subject(damping: float) -> Subject:
 
 
 _STORED: Final = (MODEL, GAUGE_ZERO)
-"""Records that hold what an identification, and the tare before it, leave behind."""
+"""Records that hold what an identification, and the tare before it, store."""
 
 
 class _Bench:
@@ -490,16 +490,16 @@ class _Bench:
         ):
             write(name, raw)
         write(START_RUN, 1)
-        behind = self.plate.backend
-        assert isinstance(behind, SimulatedPlate)
-        behind.plate = Plate(
+        backend = self.plate.backend
+        assert isinstance(backend, SimulatedPlate)
+        backend.plate = Plate(
             PlateParameters(), _subject(cell.damping), finger, ambient=cell.ambient,
             dead_time=cell.dead_time * 1e-6, seed=cell.seed,
             failing=FailingSensors(failure, onset, cell.seed),
         )  # fmt: skip
         for _ in range(_TARE_CYCLES):
             block.tick()
-        with suppress(Abort):  # a gauge that has failed bars its tare
+        with suppress(Abort):  # a gauge that has failed prevents its tare
             write(AUTO_ZERO[0], ZERO)
         for _ in range(_FIRST_DRIVE - _TARE_CYCLES - 1):
             block.tick()
@@ -515,11 +515,11 @@ class _Bench:
             block.write("Controlword", 0)
 
     def arm(self) -> bool:
-        """Arm and run; say whether that was taken."""
+        """Arm and run; return whether that was accepted."""
         try:
             for word in (Control.ARM, Control.ARM | Control.RUN):
                 self.block.write("Controlword", word)
-        except Abort:  # a sensor that has failed bars it
+        except Abort:  # a sensor that has failed prevents it
             return False
         return True
 
@@ -805,8 +805,6 @@ def _random_cell(draw: random.Random) -> Cell:
 # --- Running many ------------------------------------------------------------------------------
 
 Progress = Callable[[float], None]
-Item = TypeVar("Item")
-Outcome = TypeVar("Outcome")
 _FEW: Final = 8
 """Fewer items than this are done sooner than a process has begun."""
 
@@ -832,22 +830,10 @@ def run_all(
         Called with the share that is done, 0..1.
     """
     tell = progress or (lambda _share: None)
-    for n, outcome in enumerate(_mapped(run, items, workers), 1):
+    jobs = workers if len(items) >= _FEW else 1
+    for n, outcome in enumerate(in_order(run, items, jobs), 1):
         tell(n / len(items))
         yield outcome
-
-
-def _mapped(
-    run: Callable[[Item], Outcome], items: Sequence[Item], workers: int
-) -> Iterable[Outcome]:
-    if workers == 1 or len(items) < _FEW:
-        yield from map(run, items)
-        return
-    with sharing(workers) as submit:
-        outcomes = [submit(run, item) for item in items]
-        outcomes.reverse()
-        while outcomes:
-            yield outcomes.pop().result()
 
 
 # --- What came of it ---------------------------------------------------------------------------

@@ -1,23 +1,25 @@
-"""Processes that share work: they end when they are told."""
+"""Processes that share work, and end with the process that started them."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context
-from typing import Any
+from typing import Any, TypeVar
 
 from smarttac_can.host.process_signals import end_with_parent
 
 Submit = Callable[..., "Future[Any]"]
 """Gives a function of a module, and its arguments, to one of the processes."""
+Item = TypeVar("Item")
+Outcome = TypeVar("Outcome")
 
 
 @contextmanager
 def sharing(jobs: int, begin: Callable[..., None] | None = None, *args: Any) -> Iterator[Submit]:
-    """Have processes share work in a block.
+    """Share work between processes in a block.
 
     They are killed when the block ends early, by Ctrl-C or by an error, and when this process is.
     What they do must bear that: it opens no files.
@@ -63,7 +65,7 @@ def _begin(begin: Callable[..., None] | None, args: tuple[Any, ...]) -> None:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold SIGINT back, and have processes begun meanwhile never get it."""
+    """Block SIGINT, also in the processes that are started meanwhile."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -72,3 +74,25 @@ def _interrupts_held() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def in_order(run: Callable[[Item], Outcome], items: Sequence[Item], jobs: int) -> Iterator[Outcome]:
+    """Run items in this process or in several, and yield what they return, in their order.
+
+    Parameters
+    ----------
+    run
+        What to do with each; a function of a module, or a `partial` of one.
+    items
+        Values that can be pickled, unless there is one job.
+    jobs
+        Processes that share them; 1 keeps them in this one.
+    """
+    if jobs == 1:
+        yield from map(run, items)
+        return
+    with sharing(jobs) as submit:
+        outcomes = [submit(run, item) for item in items]
+        outcomes.reverse()
+        while outcomes:
+            yield outcomes.pop().result()
