@@ -158,7 +158,9 @@ def _identity(_ctx: click.Context, _param: click.Parameter, text: str | None) ->
     metavar="V:P:R:S",
     help="Vendor, product, revision and serial number in hexadecimal; without, fastscan.",
 )
-@click.option("--store", is_flag=True, help="Have the device keep it over a power cut.")
+@click.option(
+    "--store", is_flag=True, help="Store it in the device, so that it stays after a power cut."
+)
 @click.option("--force", is_flag=True, help="Also if a device answers with that node-ID already.")
 @bus_options
 @timeout_option
@@ -447,7 +449,7 @@ def conform(
     with plain_errors(), ExitStack() as stack:
         file = opened_results(stack, json_file)
         page = None if report is None else stack.enter_context(result_file(report))
-        say: Callable[[str], None] = partial(click.echo, err=file is sys.stdout)
+        show: Callable[[str], None] = partial(click.echo, err=file is sys.stdout)
         with naming(eds):
             sheet = DeviceDescription(read_eds_file(eds), node_id)
         with closing(bus.open()) as connection:
@@ -460,9 +462,9 @@ def conform(
             if others := differences(examiner):
                 text = f"{eds.name} may be of another device than node {node_id}"
                 click.echo(f"{text}: {', '.join(others)}", err=True)
-            results = run_cases(examiner, cases, lambda result: say(line(result)))
+            results = run_cases(examiner, cases, lambda result: show(line(result)))
         device = f"node {node_id} by {eds.name}"
-        say(summary(results))
+        show(summary(results))
         if page is not None:
             page.write(markdown(results, device))
         report_results(as_json(results, device), (), file)

@@ -59,7 +59,7 @@ _ROWS = {
     "--realtime",
     type=click.IntRange(1, 99),
     metavar="PRIORITY",
-    help="Have the nodes run with this SCHED_FIFO priority, 1..99.",
+    help="Run the nodes with this SCHED_FIFO priority, 1..99.",
 )
 @click.option(
     "--seconds",

@@ -293,22 +293,22 @@ def _front_end(name: str, *, by_clock: bool) -> Iterator[TimedPlate]:
 
 @contextmanager
 def _keeping_faults(device: StimulatorNode, storage: StorageFile | None) -> Iterator[None]:
-    """Have the newest faults beside the stored parameters; a file that fails stops nobody."""
+    """Keep the newest faults beside the stored parameters; a file that fails stops nobody."""
     if storage is None:
         yield
         return
     path = storage.path.with_name(f"{storage.path.name}.faults")
     memory = device.block.supervisor.memory
 
-    def say(error: OSError) -> None:
+    def report(error: OSError) -> None:
         warn(path, [f"the newest faults are not kept: {error.strerror or error}"])
 
     file = StorageFile(path)
     try:
         memory.recall(read_lines(file))
     except OSError as error:
-        say(error)
-    with FaultFile(file, lambda: memory.lines, say):
+        report(error)
+    with FaultFile(file, lambda: memory.lines, report):
         yield
 
 
@@ -347,7 +347,7 @@ _OWN_EDS = "leave --eds out, or begin with what 'smarttac eds show' writes"
 
 
 def load_device(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
-    """Load an EDS of this package, or another in its place, and say what is odd about it."""
+    """Load an EDS of this package, or another in its place, and warn of what is odd about it."""
     text = read_eds(packaged) if other is None else read_eds_file(other)
     with naming(other or packaged):
         od = load_eds(text, node_id)

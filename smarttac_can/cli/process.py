@@ -48,7 +48,7 @@ class StateLines:
         Name of the bus.
     node
         The node.
-    say
+    write
         Takes a line, and does not wait.
     meanwhile
         Called when the run has time, and each 50 ms at least.
@@ -59,69 +59,69 @@ class StateLines:
         name: str,
         where: str,
         node: DeviceNode,
-        say: Callable[[str], None],
+        write: Callable[[str], None],
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
         self._name = name
         self._where = where
-        self._say = say
+        self._write = write
         self._device = node.device
         self._mode = node.od["Mode display"] if isinstance(node, StimulatorNode) else None
         self._diagnosis = _diagnosis(node.od) if isinstance(node, StimulatorNode) else None
         self._plate = node.block if isinstance(node, PlateNode) else None
         self._shut_down = "stopped" if type(node) is DeviceNode else "stopped at 0 V"
-        self._said = self._now()
+        self._shown = self._now()
         self._bit_rate: int | None = None
         self._collision = 0
         self._meanwhile = meanwhile
 
     def started(self) -> None:
-        """Say that the node is ready."""
-        self._said = self._now()
+        """Report that the node is ready."""
+        self._shown = self._now()
         if self._device.storage_torn:
-            self._say(
+            self._write(
                 f"{self._title} has its defaults: the --storage is torn, or of another device"
             )
-        self._say(f"{self._title} ready on {self._where}")
+        self._write(f"{self._title} ready on {self._where}")
 
     def follow(self) -> None:
-        """Say what has changed."""
+        """Report what has changed."""
         if self._meanwhile is not None:
             self._meanwhile()
         if self._device.bit_rate != self._bit_rate:
             self._bit_rate = self._device.bit_rate
-            self._say(f"{self._title} {self._bit_rate} kbit/s by LSS: not switched, only stored")
+            self._write(f"{self._title} {self._bit_rate} kbit/s by LSS: not switched, only stored")
         if self._device.collision != self._collision:
             self._collision = self._device.collision
-            self._say(f"{self._title} {self._double}")
+            self._write(f"{self._title} {self._double}")
         now = self._now()
-        if now == self._said:
+        if now == self._shown:
             return
         state, mode, reason = now
-        state_before, mode_before, reason_before = self._said
-        self._said = now
+        state_before, mode_before, reason_before = self._shown
+        self._shown = now
         if state != state_before:
-            self._say(f"{self._title} {state.name.lower().replace('_', '-')}")
+            self._write(f"{self._title} {state.name.lower().replace('_', '-')}")
         if mode != mode_before:
-            self._say(f"{self._title} mode {Mode(mode).name.lower()}")
+            self._write(f"{self._title} mode {Mode(mode).name.lower()}")
         if reason and reason != reason_before:
-            self._say(f"{self._title} {reason}")
+            self._write(f"{self._title} {reason}")
 
     def stopped(self) -> None:
-        """Say that the node was shut down, a plate at 0 V."""
-        self._say(f"{self._title} {self._shut_down}")
+        """Report that the node was shut down, a plate at 0 V."""
+        self._write(f"{self._title} {self._shut_down}")
 
     def lost(self, reason: BusError) -> None:
-        """Say that the bus has failed, and why."""
-        self._say(f"{self._title} lost {self._where}, at 0 V: {reason}")
+        """Report that the bus has failed, and why."""
+        self._write(f"{self._title} lost {self._where}, at 0 V: {reason}")
 
     def back(self) -> None:
-        """Say that the bus is there again."""
-        self._say(f"{self._title} back on {self._where}")
+        """Report that the bus is there again."""
+        self._write(f"{self._title} back on {self._where}")
 
     def full(self, reason: QueueFullError) -> None:
-        """Say that the transmit queue of the bus has no room for a frame of the loop."""
-        self._say(f"{self._title} {reason}")
+        """Report that the transmit queue of the bus has no room for a frame of the loop."""
+        self._write(f"{self._title} {reason}")
 
     @property
     def _title(self) -> str:
@@ -139,7 +139,7 @@ class StateLines:
 
     @property
     def _reason(self) -> str:
-        """Say why stimulator or front end do not drive; empty if there is nothing to say."""
+        """Why stimulator or front end do not drive; empty if they can."""
         if self._plate is not None:
             trouble = self._plate.backend.trouble
             return f"front end: {trouble}" if trouble else ""
@@ -172,7 +172,7 @@ class Pace(NamedTuple):
     cpu: int | None = None
 
     def begin(self) -> int | None:
-        """Ask the system for what was asked for, and say on stderr what it refuses.
+        """Ask the system for what was asked for, and report on stderr what it refuses.
 
         Raises
         ------

@@ -154,7 +154,7 @@ def _record(
 
 
 def _wait(recording: Recording, stopped: Callable[[], bool], seconds: float | None) -> None:
-    """Wait until the recording is to end, and say on stderr how it goes."""
+    """Wait until the recording is to end, and report on stderr how it goes."""
     begun = said = monotonic()
     cycles = recording.cycles
     silent = False
@@ -200,7 +200,7 @@ _FRAMES: Final = 1000
 _SAID_S: Final = 1.0
 _EARLY_S: Final = 1.0
 _TOLD: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "storage")
-"""Parameters that say how the stimulator was started."""
+"""Parameters that tell how the stimulator was started."""
 
 
 @click.command(

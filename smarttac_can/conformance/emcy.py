@@ -40,7 +40,7 @@ def emcy_id(examiner: Examiner) -> int:
 
 
 def watch(examiner: Examiner) -> None:
-    """Have the device watch another node, and let that node be heard once."""
+    """Make the device watch another node, and send one heartbeat of that node."""
     write_number(examiner, HEARTBEAT_CONSUMER, 1, other_node(examiner) << 16 | WATCH_MS)
     examiner.drain()
     heartbeat(examiner)
@@ -68,7 +68,7 @@ def expect_emcy(examiner: Examiner, code: EmergencyCode, timeout: float | None =
 
 
 def lose_node(examiner: Examiner) -> bytes:
-    """Have the device miss a node that it watches; return the 8 bytes of the EMCY 8130h."""
+    """Let a node that the device watches fall silent; return the 8 bytes of the EMCY 8130h."""
     watch(examiner)
     return expect_emcy(examiner, EmergencyCode.ERROR_CONTROL, WATCH_MS * 1e-3 + examiner.timeout)
 

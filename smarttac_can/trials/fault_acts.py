@@ -173,7 +173,7 @@ def another_plate(serial: int) -> Act:
 
 
 def lower_force_limit(rig: Rig) -> None:
-    """Have a lateral limit that lies well within the range of the gauges."""
+    """Set a lateral limit that lies well within the range of the gauges."""
     rig.write("Limit.Lateral force", 1000)
 
 
@@ -187,7 +187,7 @@ def limit_amplitude(nm: int) -> Act:
 
 
 def speak_as(can_id: int) -> Act:
-    """Have somebody send empty frames with an identifier of another node."""
+    """Send empty frames with an identifier of another node."""
     return lambda rig: rig.each_cycle.append(Frame(can_id))
 
 
@@ -208,13 +208,13 @@ def offset_sometimes(sensor: int, value: int, off: int, period: int) -> Act:
 
 
 def fall_silent(rig: Rig) -> None:
-    """Have whoever spoke for another node be gone for as long as it takes to be forgotten."""
+    """End the frames sent for another node, and wait until they are forgotten."""
     rig.each_cycle.clear()
     rig.cycle(GONE_AFTER_US // TICK_US)
 
 
 def send_setpoints(rig: Rig) -> None:
-    """Have the master send set-points in each cycle, and the stimulator expect them."""
+    """Send set-points of the master in each cycle, with a deadline for them in the stimulator."""
     timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
     rig.master.write(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
     rig.each_cycle.append(_SETPOINT_PDO)
@@ -226,22 +226,22 @@ def skip_syncs(rig: Rig) -> None:
 
 
 def bus_off(rig: Rig) -> None:
-    """Have the CAN controller of the stimulator leave the bus."""
+    """Take the CAN controller of the stimulator off the bus."""
     rig.bus.bus_off(rig.stimulator_port)
 
 
 def bus_recovered(rig: Rig) -> None:
-    """Have it be on the bus again."""
+    """Put it on the bus again."""
     rig.bus.bus_recovered(rig.stimulator_port)
 
 
 def fill_queue(rig: Rig) -> None:
-    """Have the CAN controller of the stimulator take no frames for some cycles, then all."""
+    """Let the CAN controller of the stimulator take no frames for some cycles, then all."""
     rig.bus.clog(rig.stimulator_port, _FULL_CYCLES)
 
 
 def boot_again(rig: Rig) -> None:
-    """Have the master say that it has booted."""
+    """Send a boot-up message of the master."""
     rig.master.send(Frame(HEARTBEAT_ID + MASTER_ID, bytes(1)))
 
 
@@ -252,7 +252,7 @@ def hear_plate(rig: Rig) -> None:
 
 
 def connect_hardware(rig: Rig) -> None:
-    """Have hardware watch the power stage."""
+    """Connect hardware that watches the power stage."""
     rig.hardware = StageHardware(rig)
 
 

@@ -195,7 +195,7 @@ class Rig:
         return self.stimulator.block.state
 
     def configure(self) -> None:
-        """Have the heartbeat of the master under watch, as after every reset of a node."""
+        """Enable the supervision of the master's heartbeat, as after every reset of a node."""
         watch = self.od.entry(HEARTBEAT_CONSUMER, 1)
         self.master.write(STIMULATOR_ID, watch, MASTER_ID << 16 | MASTER_LOST_MS)
 
