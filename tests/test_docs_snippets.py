@@ -13,8 +13,7 @@ import pytest
 from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
 
 from smarttac_can.bench import Stimulator
-from smarttac_can.bench.open_link import LocalLink
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.bench.simulation import LocalLink, plate_od, stimulator_od
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.front_ends import TimedFrontEnd
 from smarttac_can.nodes.plate_block import PlateBlock

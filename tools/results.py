@@ -14,8 +14,7 @@ import numpy as np
 from pages import EXPLANATION, Pages, columns, filled, made
 
 from smarttac_can.bench.drawing import GREEN, RED, canvas, save
-from smarttac_can.bench.open_link import LocalLink
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.bench.simulation import LocalLink, plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate

@@ -15,9 +15,8 @@ from smarttac_can.bench.recording_file import RecordedData, make_recording, read
 from smarttac_can.bench.self_test import selftest
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
-from smarttac_can.bench.textures import Texture
+from smarttac_can.bench.textures import Texture, Tracking, track
 from smarttac_can.bench.traces import Trace, read_csv, sha256, write_csv
-from smarttac_can.bench.tracking import Tracking, track
 from smarttac_can.master.errors import (
     BenchError,
     BusLostError,

@@ -23,18 +23,18 @@ RESIDUAL_MM: Final = 1.0
 SCALE_SHARE: Final = 0.02
 """How far S3 to S6 together may be from the weights: no object corrects them."""
 _INDEPENDENT: Final = 0.1
-"""Least ratio of the singular values of two lateral loads that are told apart."""
+"""Least ratio of the singular values of two lateral loads that are distinguished."""
 GAUGES: Final = range(1, 7)
 SAMPLES: Final = 64
 
 
 class Calibration(NamedTuple):
-    """What weighings say of a tribometer; None for what they say nothing of."""
+    """What weighings show of a tribometer; None for what they do not show."""
 
     lateral: tuple[float, ...] | None
     """``(Fx, Fy) = lateral (S1, S2)``, by rows."""
     lateral_uncertainty: tuple[float, ...] | None
-    """Standard uncertainty of each; None where there are too few weighings to tell."""
+    """Standard uncertainty of each; None where there are too few weighings."""
     positions_mm: tuple[float, ...] | None
     """Of S3..S6 along x."""
     scale: float
@@ -107,23 +107,23 @@ class Calibration(NamedTuple):
         return tuple(float(np.sqrt(np.mean(c * c))) if len(c) else np.nan for c in columns)
 
     def shortcomings(self) -> list[str]:
-        """Say why it is not to be used, a line each; nothing if it is."""
-        said = []
+        """Return why it is not to be used, a line each; nothing if it is."""
+        reasons = []
         *forces, position = self.rms
         for name, rms in zip(("Fx", "Fy", "Fn"), forces, strict=True):
             if rms > RESIDUAL_SHARE * self.heaviest:
-                said.append(
+                reasons.append(
                     f"{name} is left with {rms * 1e3:.1f} mN rms, above {RESIDUAL_SHARE:.0%} "
                     f"of the heaviest weight of {self.heaviest:.3f} N"
                 )
         if position > RESIDUAL_MM:
-            said.append(f"x is left with {position:.2f} mm rms, above {RESIDUAL_MM:g} mm")
+            reasons.append(f"x is left with {position:.2f} mm rms, above {RESIDUAL_MM:g} mm")
         if abs(self.scale - 1.0) > SCALE_SHARE:
-            said.append(
+            reasons.append(
                 f"S3 to S6 show {self.scale:.4f} of the weights, outside 1 +- {SCALE_SHARE:g}: "
                 "a gauge of the wrong polarity or gain, and no object corrects it"
             )
-        return said
+        return reasons
 
     def objects(self) -> dict[str, float]:
         """Return the objects it sets, by name, in their displayed units."""
@@ -216,7 +216,7 @@ def _fit_lateral(
 ) -> tuple[tuple[float, ...], tuple[float, ...] | None]:
     solution, _, rank, _ = np.linalg.lstsq(gauges, loads, rcond=1e-6)
     if rank < gauges.shape[1]:
-        raise ValueError("S1 and S2 do not tell the tilted weighings apart")
+        raise ValueError("S1 and S2 do not distinguish the tilted weighings")
     spare = len(loads) - gauges.shape[1]
     uncertainty = None
     if spare > 0:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
+from difflib import get_close_matches
 from operator import itemgetter
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event
 from time import monotonic, sleep
-from typing import Final
+from typing import Any, Final
 
 import can
 
@@ -19,6 +20,7 @@ from smarttac_can.bench.link import (
     RECORDED,
     FrameSource,
     Hear,
+    Link,
     OneRun,
     PublishedPdo,
     Row,
@@ -27,10 +29,13 @@ from smarttac_can.bench.link import (
     never,
     published_pdos,
 )
+from smarttac_can.bench.named_objects import truth
 from smarttac_can.bench.network import TappedNetwork, raw_log
 from smarttac_can.bench.remote_device import BenchHeartbeat, RemoteDevice, bench_id, drives
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
+from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.kernel_filter import hear_only, hold_more
 from smarttac_can.master.errors import BenchError, BusLostError
 from smarttac_can.master.requests import asked, download, takes, written
@@ -72,6 +77,83 @@ _SETTLE_S: Final = 0.1
 _EVENT_S: Final = 0.25
 """In real time the event timers of the TPDOs, 0.1 s by default, send within it."""
 _HEARTBEATS: Final = 3
+_CLOSING_S: Final = 0.02
+_OWN_ARGUMENTS: Final = ("node_id", "plate_node_id", "lockstep")
+_NEAR: Final = 0.7
+"""Likeness of a misspelt argument to what was meant, at least; 1 is the same."""
+
+
+def open_can_link(
+    *,
+    interface: str | None,
+    channel: str | None,
+    node_id: int,
+    plate_node_id: int | None,
+    lockstep: bool,
+    timeout: float | None,
+    options: Mapping[str, Any],
+) -> tuple[Link, ObjectDictionary]:
+    """Open a link over a CAN bus; the arguments are those of `Stimulator.connect`.
+
+    Returns
+    -------
+    link : Link
+        The nodes have been started.
+    od : ObjectDictionary
+        EDS of the stimulator.
+
+    Raises
+    ------
+    BenchError
+        If the bus cannot be opened, no node answers, or it is another device.
+    ValueError
+        If `lockstep` is neither True nor False, `interface` no name, or a node-ID outside 1..127.
+    TypeError
+        If an option is a misspelt argument, or one that the interface would ignore.
+    """
+    truth("lockstep", lockstep)
+    if not isinstance(interface, str | None):
+        raise ValueError(f"interface {interface!r} is no name")
+    _refuse_misspelt(interface, options)
+    where = f"{interface or 'the configured bus'}:{channel or 'default'}"
+    if "port" in options:
+        where += f" port {options['port']}"
+    network = TappedNetwork()
+    # How long closing the bus may take; python-canopen waits for up to 1 s.
+    network.NOTIFIER_CYCLE = _CLOSING_S
+    with opening(interface, channel, BenchError):
+        network.connect(interface=interface, channel=channel, **options)
+    return over_can(
+        network, node_id, plate_node_id, where=where, lockstep=lockstep, timeout=timeout
+    )
+
+
+def _refuse_misspelt(interface: str | None, options: Iterable[str]) -> None:
+    for option in options:
+        if near := get_close_matches(option, _OWN_ARGUMENTS, 1, _NEAR):
+            raise TypeError(f"connect has no argument {option!r}, perhaps {near[0]!r}")
+    for text in unknown_options(interface, [name for name in options if name != "bitrate"]):
+        raise TypeError(text)
+
+
+def over_can(
+    network: TappedNetwork,
+    node_id: int,
+    plate_node_id: int | None,
+    *,
+    where: str,
+    lockstep: bool,
+    timeout: float | None,
+) -> tuple[Link, ObjectDictionary]:
+    """Make a link of a connected network, which is closed if that fails."""
+    try:
+        od = stimulator_od(node_id)
+        plate = None if plate_node_id is None else plate_od(plate_node_id)
+        link = CanLink(network, od, plate, where=where, lockstep=lockstep, timeout=timeout)
+    except BaseException:
+        network.disconnect()
+        raise
+    return link, od
 
 
 class CanLink:
@@ -233,7 +315,7 @@ class CanLink:
             )
 
     def source(self) -> FrameSource:
-        """Return what the stimulator says its PDOs carry."""
+        """Return what the PDOs of the stimulator carry, by its mapping."""
         device = self._stimulator
         return FrameSource(
             published=self._pdos,
@@ -248,12 +330,12 @@ class CanLink:
         """Pass on the frames of these nodes, and those that command them."""
         network = self._network
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
-        told = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
-        tap = (told, hear)
+        can_ids = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
+        tap = (can_ids, hear)
         if self._threaded:
             hold_more(network.bus)
         # Before all types are set there is no whole cycle, and after the first is put back none.
-        with self._hearing(told), self._every_cycle.held():
+        with self._hearing(can_ids), self._every_cycle.held():
             network.taps += (tap,)
             try:
                 yield
@@ -374,7 +456,7 @@ class CanLink:
         """Wait for the end of a cycle in lockstep; return whether it has one.
 
         Nodes hear frames in the order in which they were sent. Once each of them, the plate first,
-        has answered a request behind the SYNC, all that the cycle may still bring has come. How
+        has answered a request sent after the SYNC, all that the cycle may still bring has come. How
         long they take for it is up to them.
         """
         complete = self._cycles.complete

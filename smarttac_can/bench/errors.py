@@ -69,21 +69,21 @@ def in_shell_words(text: object) -> str:
     str
         Empty for what is of no use there.
     """
-    said = str(text)
-    if said.startswith(_OF_A_SCRIPT):
+    message = str(text)
+    if message.startswith(_OF_A_SCRIPT):
         return ""
     for call, words in _SHELL_WORDS.items():
-        said = said.replace(call, words)
-    return said
+        message = message.replace(call, words)
+    return message
 
 
 def write_action(entry: Entry, raw: float) -> str:
-    """Say what was asked of the device."""
+    """Return what was asked of the device, in words."""
     return f"write {_shown(entry, raw)} to {entry.name}"
 
 
 def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
-    """Say that a device refused a raw value, and why."""
+    """Return the error of a device that refused a raw value, with the reason."""
     text = f"cannot {write_action(entry, raw)}: {reason}"
     if not entry.low <= raw <= entry.high:
         text += f": {bounds(entry)}"

@@ -304,7 +304,7 @@ def _pdos(
         mapped = [read(od.entry(record, position)) for position in range(1, count + 1)]
         entries = [od.get(value >> 16, value >> 8 & 0xFF) for value in mapped]
         known = [entry for entry in entries if entry is not None and entry.data_type in _FORMATS]
-        # What a device says may be anything: a PDO that fits no frame is none.
+        # A device may answer anything: a PDO that fits no frame is none.
         if known and len(known) == count and sum(entry.size for entry in known) <= FRAME_BYTES:
             pdos.append(PublishedPdo(number, cob_id & CAN_ID_MASK, known))
     return pdos

@@ -28,6 +28,8 @@ DISARM_FIRST: Final = "it is armed or running, disarm() first"
 ARMED: Final = (State.ARMED, State.RUNNING)
 """States in which a stimulator may drive its plate."""
 _SIDES: Final = 2
+SHOWN_UNITS: Final = {"mV": "V", "mN": "N", "nm": "um", "um": "mm"}
+"""What a person reads instead of the units of the objects: places in mm, amplitudes in um."""
 _Choices = TypeVar("_Choices", bound=IntEnum)
 
 
@@ -90,6 +92,16 @@ def find_number(od: ObjectDictionary, name: str) -> Entry:
         hint = ": it is the text in .message" if name == _MESSAGE else ""
         raise BenchError(f"{name} is not a number{hint}")
     return entry
+
+
+def shown_unit(entry: Entry) -> str:
+    """Return the unit in which a recording and a live view have an object."""
+    return SHOWN_UNITS.get(entry.unit.symbol, entry.unit.symbol)
+
+
+def shown(entry: Entry, raw: Any) -> Any:
+    """Return raw values of an object, one or an array, in its `shown_unit`."""
+    return entry.unit.times(raw, shown_unit(entry))
 
 
 def raw_value(entry: Entry, text: str) -> int:
@@ -275,7 +287,7 @@ class NamedObjects:
         return float(counts * entry.unit.number)
 
     def _write(self, name: str, raw: int) -> None:
-        """Write a raw value; where the device refuses it for being armed or running, say so."""
+        """Write a raw value; the error names a refusal for being armed or running."""
         try:
             self._link.write(name, raw)
         except RefusedError as error:

@@ -73,7 +73,7 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
     own_taps
         Called with sent frames alone.
     hears_itself
-        Whether its bus was told to echo what is sent, by an option or python-can's configuration.
+        Whether its bus has to echo what is sent, by an option or python-can's configuration.
     """
 
     def __init__(self) -> None:

@@ -61,8 +61,11 @@ def make_stimulator() -> Iterator[Callable[..., Stimulator]]:
     from uuid import uuid4  # noqa: PLC0415 - see above
 
     from smarttac_can.bench.named_objects import truth  # noqa: PLC0415
-    from smarttac_can.bench.open_link import raw_presets  # noqa: PLC0415
-    from smarttac_can.bench.simulation import PLATE_ID, lockstep_nodes  # noqa: PLC0415
+    from smarttac_can.bench.simulation import (  # noqa: PLC0415
+        PLATE_ID,
+        lockstep_nodes,
+        raw_presets,
+    )
     from smarttac_can.bench.stimulator import Stimulator  # noqa: PLC0415
     from smarttac_can.host.node_thread import node_in_thread  # noqa: PLC0415
     from smarttac_can.host.python_can import PythonCanBus  # noqa: PLC0415

@@ -107,7 +107,7 @@ class RecordedFrames:
         records
             In order.
         last
-            Whether there are no more: the events behind the last row are taken, too.
+            Whether there are no more: the events after the last row are taken, too.
         """
         records = np.concatenate((self._rest, records))
         ends = self._rows.ends(records)
@@ -169,7 +169,7 @@ class TickCount:
         time_ns
             When they came.
         restarted
-            Whether a node, or the simulation, has said before a row that it begins anew.
+            Whether a node, or the simulation, has reported before a row that it begins anew.
         """
         delta, anew = self._steps(wire, time_ns, restarted)
         steps = np.cumsum(np.where(anew, 0, delta))
@@ -310,9 +310,9 @@ class RowReader:
         records
             In order.
         restarts
-            Places among them where a node, or the simulation, said that it begins anew.
+            Places among them where a node, or the simulation, reported that it begins anew.
         last
-            Whether there are no more; else the last row waits for the one behind it.
+            Whether there are no more; else the last row waits for the one after it.
         """
         at, values = self._whole_cycles(records)
         for pdo in self._seldom:
@@ -368,13 +368,13 @@ class RowReader:
         return ends[whole], values
 
     def _last_known(self, pdo: RecordedPdo, records: Records, at: Places) -> dict[str, Integers]:
-        """Return for each row what a TPDO that comes only on a change has said last."""
+        """Return for each row what a TPDO that comes only on a change carried last."""
         found = np.flatnonzero(pdo.found(records))
-        behind = np.searchsorted(found, at, side="right")
+        count = np.searchsorted(found, at, side="right")
         columns = {}
         for name, values in pdo.values(records[found]).items():
             known = np.append(self._held[name], values)
-            columns[name] = known[behind]
+            columns[name] = known[count]
             self._held[name] = int(known[-1])
         return columns
 
@@ -545,7 +545,7 @@ class EventReader:
 
 
 def _emergency(code: int, data: bytes) -> str:
-    """Say what an emergency message means, as the nodes of this package send it."""
+    """Return what an emergency message means, as the nodes of this package send it."""
     watchdog = data[3]
     if code and watchdog < len(Watchdog) and WATCHDOGS[Watchdog(watchdog)].code == code:
         return WATCHDOGS[Watchdog(watchdog)].text

@@ -1,7 +1,7 @@
 """The HDF5 file of a recording: made of its log, and read.
 
 Channels have the names, the units and the NaN of the arrays of a `Trace`. What else is mapped keeps
-the name of its object. `_UNITS` says which unit of a kind the whole file has, settings too.
+the name of its object. All of the file, settings too, has the units of `SHOWN_UNITS`.
 
 A file of format 1 has names and units of the objects, and neither textures nor metadata; it is read
 as if it were of format 2.
@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.named_objects import SHOWN_UNITS, shown, shown_unit
 from smarttac_can.bench.recorded_frames import Dated, Event, Kind, RecordedFrames, Rows
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import COLUMNS, Floats, Integers, data_frame
@@ -45,9 +46,7 @@ FORMAT: Final = "SMARTTAC recording 2"
 _FORMAT_1: Final = "SMARTTAC recording 1"
 SUFFIXES: Final = (".h5", ".hdf5")
 METADATA: Final = ("subject", "operator", "notes")
-"""Names of what a person may say of a recording."""
-_UNITS: Final = {"mV": "V", "mN": "N", "nm": "um", "um": "mm"}
-"""Units of a file by those that the object dictionary displays: of places mm, of amplitudes um."""
+"""Names of what a person may note of a recording."""
 _STATUS, _MODE = "Statusword", "Mode display"
 _NAMES: Final = {column.object: column.name for column in COLUMNS} | {
     "Plate temperature": "temperature_degc",
@@ -160,7 +159,7 @@ def make_recording(log: Path | str, path: Path | str) -> Summary:
 
 
 def _open_part(part: Path, path: Path, log: Path) -> _Disk:
-    """Open the file that is to become another; what hinders that is said of the other."""
+    """Open the file that is to become another; an error names the other."""
     try:
         return _Disk(part, path, log)
     except OSError as error:
@@ -285,7 +284,7 @@ class _Columns:
             self.runs = int(rows.run[-1]) + 1
 
     def describe(self) -> None:
-        """Say what the datasets are."""
+        """Describe the datasets."""
         self._times["tick"].attrs["units"] = "ms"
         self._times["tick"].attrs["description"] = "control cycle of the run, by the node"
         self._times["run"].attrs["units"] = "1"
@@ -296,8 +295,8 @@ class _Columns:
         )
         for name, dataset in self._values.items():
             entry = self._od[name]
-            dataset.attrs["units"] = _unit(entry) or "1"
-            dataset.attrs["resolution"] = _value(entry, 1)
+            dataset.attrs["units"] = shown_unit(entry) or "1"
+            dataset.attrs["resolution"] = shown(entry, 1)
             dataset.attrs["object"] = name
             dataset.attrs["sampling"] = _EVERY_CYCLE if self._channels[name] else _ON_CHANGE
             if name in _MEANINGS:
@@ -313,8 +312,8 @@ def _write_events(
     changes = []
     for dated in events[Kind.SET_POINT]:
         entry = ods[dated.event.node_id][dated.event.text]
-        value = _value(entry, dated.event.raw)
-        row = (dated.event.node_id, entry.name, value, _unit(entry) or "1")
+        value = shown(entry, dated.event.raw)
+        row = (dated.event.node_id, entry.name, value, shown_unit(entry) or "1")
         changes.append((*_when(dated), *row))
     _table(file, "set_points", f"{when} node_id:i8 name:s value:f8 units:s", changes)
     emergencies = [
@@ -371,7 +370,7 @@ def _describe(
     for name, value in head["identity"].items():
         file.attrs[name] = _storable(value)
     settings = [
-        (name, _value(own[name], raw), _unit(own[name]) or "1")
+        (name, shown(own[name], raw), shown_unit(own[name]) or "1")
         for name, raw in head["settings"].items()
     ]
     _table(file, "settings", "name:s value:f8 units:s", settings)
@@ -385,21 +384,11 @@ def _dtype(entry: Entry) -> str:
     return "i8" if entry.name in _MEANINGS else "f8"
 
 
-def _unit(entry: Entry) -> str:
-    """Return the unit that a file has for an object."""
-    return _UNITS.get(entry.unit.symbol, entry.unit.symbol)
-
-
-def _value(entry: Entry, raw: Any) -> Any:
-    """Return raw values of an object in the unit of the file."""
-    return entry.unit.times(raw, _unit(entry))
-
-
 def _in_unit(entry: Entry, raw: Mapping[str, Integers]) -> Any:
     """Return the values of an object in the unit of the file, NaN where there is none."""
     if entry.name in _MEANINGS:
         return raw[entry.name]
-    values = _value(entry, raw[entry.name])
+    values = shown(entry, raw[entry.name])
     # Another mapping may lack the one that it needs.
     needed = raw.get(_NEEDS.get(entry.name, ""))
     return values if needed is None else np.where(needed == 0, np.nan, values)
@@ -533,7 +522,7 @@ class RecordedData:
     settings: Mapping[str, tuple[float, str]]
     """Value and unit by object of all that can be set, as the recording began."""
     metadata: Mapping[str, str]
-    """Of `METADATA`; empty texts for what nobody said."""
+    """Of `METADATA`; empty texts for what nobody noted."""
     attributes: Mapping[str, Any]
     """Of the file: format, version, identity of the node, and so on."""
 
@@ -677,6 +666,6 @@ def _as_it_is(units: str) -> tuple[float, str]:
 
 def _current_1(units: str) -> tuple[float, str]:
     """Return by what a value of format 1 is to be multiplied, and the unit that it has then."""
-    if units not in _UNITS:
+    if units not in SHOWN_UNITS:
         return 1.0, units
-    return Quantity(Decimal(1), units).in_unit(_UNITS[units]), _UNITS[units]
+    return Quantity(Decimal(1), units).in_unit(SHOWN_UNITS[units]), SHOWN_UNITS[units]

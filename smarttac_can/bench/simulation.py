@@ -1,19 +1,45 @@
-"""The instrument simulated: the one place where a client makes nodes, plate and controllers."""
+"""The instrument simulated: the one place where a client makes nodes, plate and controllers.
+
+python-canopen is imported where a link over CAN is opened: it takes about as long as the rest of
+the bench, and a simulation on the local link has no use for it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, Literal, NoReturn, get_args
 
+from smarttac_can.bench.errors import bounds, refused_write
+from smarttac_can.bench.link import (
+    PUBLISHED,
+    RECORDED,
+    FrameSource,
+    Hear,
+    Link,
+    OneRun,
+    Row,
+    Snapshot,
+    never,
+    published_pdos,
+)
+from smarttac_can.bench.named_objects import find_number, raw_value, truth
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.bus import LogHook
 from smarttac_can.host.files import read_eds
 from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.master.errors import BenchError, RefusedError
+from smarttac_can.master.requests import download, downloaded, downloading
 from smarttac_can.nodes.parameters import NULL
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
+from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.objects import SIMULATION
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS
 
@@ -21,6 +47,8 @@ STIMULATOR_ID: Final = 32
 """Node-ID of the stimulator unless another is given."""
 PLATE_ID: Final = 33
 """Node-ID of the plate node unless another is given."""
+LinkName = Literal["local", "bus"]
+_STATUS_TPDO: Final = 1
 
 
 def stimulator_od(node_id: int = STIMULATOR_ID) -> ObjectDictionary:
@@ -101,3 +129,251 @@ def attach_nodes(bus: LocalBus, *, plate_inside: bool, presets: Mapping[str, int
     """Attach what `lockstep_nodes` returns."""
     for node in lockstep_nodes(plate_inside=plate_inside, presets=presets):
         bus.attach(node)
+
+
+def open_simulated_link(
+    link: LinkName,
+    *,
+    seed: int,
+    subject: int,
+    plate_inside: bool,
+    presets: Mapping[str, int | str],
+    log: LogHook | None,
+) -> tuple[Link, ObjectDictionary]:
+    """Open a link to a simulation; the arguments are those of `Stimulator.simulate`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such link, `plate_inside` is neither True nor False, a preset is not a
+        value of its object, or not at power-on, or `log` cannot be called or has no bus.
+    BenchError
+        If there is no such object.
+    """
+    truth("plate_inside", plate_inside)
+    raw = raw_presets(presets, seed=seed, subject=subject)
+    if link not in get_args(LinkName):
+        raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
+    if log is not None and not callable(log):
+        raise ValueError(f"log {log!r} is no function of a time stamp and a frame")
+    if log is not None and link == "local":
+        raise ValueError("there is no bus whose frames could go to log: simulate('bus')")
+    bus = LocalBus(log=log)
+    try:
+        if link == "local":
+            block = simulated_block(raw)
+            return LocalLink(block), block.od
+        attach_nodes(bus, plate_inside=plate_inside, presets=raw)
+    except Abort as error:
+        raise ValueError(f"presets {dict(presets)} are refused at power-on: {error}") from error
+    from smarttac_can.bench.can_link import over_can  # noqa: PLC0415 - only over CAN
+    from smarttac_can.bench.network import LocalNetwork  # noqa: PLC0415
+
+    return over_can(
+        LocalNetwork(bus),
+        STIMULATOR_ID,
+        None if plate_inside else PLATE_ID,
+        where="the local bus",
+        lockstep=True,
+        timeout=0.0,
+    )
+
+
+def raw_presets(presets: Mapping[str, int | str], *, seed: int, subject: int) -> dict[str, int]:
+    """Return the raw values of presets of a stimulator, of which some may be texts with units.
+
+    Parameters
+    ----------
+    presets
+        Values by name.
+    seed, subject
+        Those of the simulated plate, unless they are among the presets.
+
+    Raises
+    ------
+    ValueError
+        If they are no mapping, or one is no value of its object or outside its limits.
+    BenchError
+        If there is no such object, or it is no number.
+    """
+    if not isinstance(presets, Mapping):
+        raise ValueError(f"presets {presets!r} are no mapping of names to values")
+    od = stimulator_od()
+    simulated = {"Simulation.Seed": seed, "Simulation.Subject": subject}
+    given = {**simulated, **presets}
+    return {name: _raw_preset(find_number(od, name), value) for name, value in given.items()}
+
+
+def _raw_preset(entry: Entry, given: int | str) -> int:
+    raw, wrong, within = given, "no raw value in", f"{entry.low}..{entry.high}"
+    if isinstance(given, str):
+        raw, wrong, within = raw_value(entry, given), "outside", bounds(entry)
+    try:
+        if not isinstance(raw, int):
+            raise Abort(AbortCode.LENGTH)
+        entry.check(raw)
+    except Abort as error:
+        raise ValueError(f"preset {entry.name!r} is {given!r}, {wrong} {within}") from error
+    return raw
+
+
+class LocalLink:
+    """A stimulator with the plate inside, reached by function calls.
+
+    Values are scaled to the integers of the object dictionary as on the bus, so a run gives the
+    same numbers as one over CAN.
+
+    Parameters
+    ----------
+    block
+        Function block of a stimulator with the plate inside.
+    """
+
+    def __init__(self, block: StimulatorBlock) -> None:
+        self._block = block
+        self._recorded = [block.od[name].reader for name in RECORDED]
+        self._pdos = published_pdos(block.od, lambda entry: int(entry.default))
+        self._readers = [[block.od[name].reader for name in pdo.names] for pdo in self._pdos]
+        self._hear: Hear | None = None
+        self._alone = OneRun()
+        self._status = b""
+
+    @property
+    def where(self) -> str:
+        """Name of what it goes over, for messages."""
+        return "the local link"
+
+    @property
+    def only_read(self) -> bool:
+        """Always False: nobody else can reach a stimulator in this process."""
+        return False
+
+    def drive(self) -> None:
+        """Do nothing: nobody else can drive a stimulator in this process."""
+
+    def read(self, name: str) -> int:
+        """Read the raw value of an object by name.
+
+        Raises
+        ------
+        RefusedError
+            If the object is write-only.
+        """
+        entry = self._block.od[name]
+        if not entry.readable:
+            reason = Abort(AbortCode.WRITE_ONLY)
+            raise RefusedError(f"cannot read {name}: {reason}", reason.code)
+        return int(entry.read())
+
+    def text(self, name: str) -> str:
+        """Read an object that is a string."""
+        return str(self._block.od[name].read())
+
+    def write(self, name: str, raw: int) -> None:
+        """Write a raw value to an object by name.
+
+        Raises
+        ------
+        RefusedError
+            If the object is read-only, or refuses the value in its present state.
+        """
+        entry = self._block.od[name]
+        try:
+            if not entry.writable:
+                raise Abort(AbortCode.READ_ONLY)
+            self._block.write(name, raw)
+        except Abort as error:
+            raise refused_write(entry, raw, error) from error
+        node_id = self._block.od.node_id
+        self._tell((download(node_id, entry, raw), downloaded(node_id, entry)))
+
+    def read_table(self, name: str) -> bytes:
+        """Read an object that is a DOMAIN."""
+        return bytes(self._block.od[name].read())
+
+    def write_table(self, name: str, data: bytes) -> None:
+        """Write an object that is a DOMAIN.
+
+        Raises
+        ------
+        RefusedError
+            If the stimulator refuses it.
+        """
+        try:
+            self._block.write(name, data)
+        except Abort as error:
+            raise RefusedError(f"cannot write {name}: {error}", error.code) from error
+        self._tell(downloading(self._block.od.node_id, self._block.od[name], data))
+
+    def snapshot(self) -> Snapshot:
+        """Return the present values of the published objects; their age is 0 s."""
+        return Snapshot({name: int(self._block.od[name].read()) for name in PUBLISHED}, 0.0)
+
+    def start_run(self) -> None:
+        """Put the simulated plate to rest at tick 0 and reset the controllers."""
+        self.write("Simulation.Start run", 1)
+
+    def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
+        """Let so many cycles pass, and append a row of recorded values for each.
+
+        Raises
+        ------
+        BusyError
+            While another thread runs the loop.
+        """
+        tick = self._block.tick
+        recorded = self._recorded
+        with self._alone:
+            for _ in range(cycles):
+                if interrupted():
+                    return
+                tick()
+                rows.append(tuple([read() for read in recorded]))
+                if self._hear is not None:
+                    self._tell_cycle(self._hear)
+
+    def source(self) -> FrameSource:
+        """Return what the PDOs of a stimulator with the default mapping would carry."""
+        return FrameSource(
+            published=self._pdos,
+            every_cycle=[pdo.number for pdo in self._pdos if pdo.number != _STATUS_TPDO],
+            commanded=[],
+            plate=None,
+            clocked=False,
+        )
+
+    @contextmanager
+    def frames(self, hear: Hear) -> Iterator[None]:
+        """Pass on the frames that there would be with a bus."""
+        self._hear = hear
+        try:
+            yield
+        finally:
+            self._hear = None
+
+    def raw(self, path: Path) -> NoReturn:
+        """Refuse: without a bus there is nothing to log."""
+        raise BenchError(f"there is no bus whose frames could go to {path}: simulate('bus')")
+
+    def wrong_time(self) -> str:
+        """Return an empty text: time passes in `run` alone."""
+        return ""
+
+    def close(self) -> None:
+        """Do nothing: there is no bus to leave."""
+
+    def _tell(self, frames: Iterable[Frame]) -> None:
+        """Pass on the frames of a write that there would be with a bus."""
+        if self._hear is not None:
+            for frame in frames:
+                self._hear(frame.can_id, frame.data)
+
+    def _tell_cycle(self, hear: Hear) -> None:
+        """Pass on the TPDOs of a cycle; the one with the status only if it has changed."""
+        for pdo, readers in zip(self._pdos, self._readers, strict=True):
+            data = pdo.layout.pack(*[read() for read in readers])
+            if pdo.number == _STATUS_TPDO:
+                if data == self._status:
+                    continue
+                self._status = data
+            hear(pdo.can_id, data)

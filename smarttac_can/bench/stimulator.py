@@ -28,10 +28,9 @@ from smarttac_can.bench.named_objects import (
     by_name,
     finite,
 )
-from smarttac_can.bench.open_link import LinkName, open_can_link, open_simulated_link
 from smarttac_can.bench.plate_loads import SimulatedFinger
 from smarttac_can.bench.recording import Recording
-from smarttac_can.bench.simulation import STIMULATOR_ID
+from smarttac_can.bench.simulation import STIMULATOR_ID, LinkName, open_simulated_link
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.bus import LogHook
@@ -230,6 +229,8 @@ class Stimulator(NamedObjects):
         BenchError
             If the bus cannot be opened, no node answers, or it is another device.
         """
+        from smarttac_can.bench.can_link import open_can_link  # noqa: PLC0415 - loads canopen
+
         return cls(
             *open_can_link(
                 interface=interface,
@@ -424,7 +425,7 @@ class Stimulator(NamedObjects):
             While armed or running: `disarm` first. If a gauge is further from its null than
             ``Gauge null.Window``: something rests on the plate.
         FaultError
-            If a latched fault bars it, as too large a force does while it is there.
+            If a fault is latched, as by too large a force while it is there.
         """
         self._link.drive()
         self._link.run(TARE_SAMPLES, [])

@@ -12,7 +12,7 @@ from typing import Any, get_args
 import click
 from click.core import ParameterSource
 
-from smarttac_can.bench.open_link import LinkName
+from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
 from smarttac_can.campaign.record import Record, RecordError
 from smarttac_can.campaign.runner import ClusterError, run_campaign

@@ -21,5 +21,5 @@ __getattr__ = lazily(
     },
 )
 
-# What python-canopen raises says what it logs; without a handler Python would print that, too.
+# What python-canopen raises has what it logs; without a handler Python would print that, too.
 logging.getLogger("canopen").addHandler(logging.NullHandler())

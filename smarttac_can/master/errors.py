@@ -6,7 +6,7 @@ from typing import Any
 
 
 class BenchError(Exception):
-    """Anything the bench cannot do; the message says what to do about it.
+    """Anything the bench cannot do; the message has what to do about it.
 
     Attributes
     ----------

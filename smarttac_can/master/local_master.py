@@ -36,7 +36,7 @@ class LocalMaster:
         self._port = bus.connect(self._on_frame)
 
     def send(self, *frames: Frame) -> list[Frame]:
-        """Send frames to the nodes; return what these say because of them, in order."""
+        """Send frames to the nodes; return what these send because of them, in order."""
         self._heard = []
         for frame in frames:
             self._port.send(frame)
@@ -44,7 +44,7 @@ class LocalMaster:
         return heard
 
     def sync(self) -> list[Frame]:
-        """Send SYNC, with the next count if it has a counter; return what the others say."""
+        """Send SYNC, with the next count if it has a counter; return what the others send."""
         if self.sync_counter:
             self.sync_counter = self.sync_counter % SYNC_COUNTER_LAST + 1
         return self.send(requests.sync(self.sync_counter))

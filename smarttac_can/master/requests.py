@@ -1,4 +1,4 @@
-"""Frames that a master sends, and what the answers to those of SDO say: no bus, no time."""
+"""Frames that a master sends, and what the answers to those of SDO mean: no bus, no time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ABORT: Final = 0x80
 INITIATES: Final = (1, 2)
 """Command specifiers of requests that begin a transfer, and name the object."""
 _EXPEDITED: Final = 0b11
-"""Bits of a download that carries its data, and says how many bytes."""
+"""Bits of a download that carries its data, and the number of bytes."""
 _SEGMENT: Final = 7
 """Bytes of data in a segment."""
 _SEQUENCE: Final = 0x7F
@@ -80,7 +80,7 @@ def abort(node_id: int, code: int) -> Frame:
 
 
 def answers(frame: Frame, request: Frame) -> bool:
-    """Tell whether a frame answers an SDO request; answers to segments do not name the object."""
+    """Return whether a frame answers an SDO request; answers to segments do not name the object."""
     if frame.can_id - SDO_TX_ID != request.can_id - SDO_RX_ID or len(frame.data) != FRAME_BYTES:
         return False
     asked, answered = request.data[0] >> 5, frame.data[0] >> 5
@@ -124,7 +124,7 @@ def downloaded(node_id: int, entry: Entry) -> Frame:
 
 
 def takes(frame: Frame, node_id: int, entry: Entry) -> bool:
-    """Tell whether a node says that it has taken what was written to an entry."""
+    """Return whether a node confirms what was written to an entry."""
     return frame == downloaded(node_id, entry)
 
 
@@ -161,7 +161,7 @@ class _Transfer:
 
 
 class Downloads:
-    """Hears what clients write to a node by SDO, of any length, and tells what the node took.
+    """Hears what clients write to a node by SDO, of any length, and returns what the node took.
 
     It believes the node: what is confirmed was taken. Of a segment that was not heard the bytes
     are missing.

@@ -26,7 +26,7 @@ class OtherClientError(SdoError):  # type: ignore[misc]  # python-canopen is unt
 
 
 class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-canopen is untyped
-    """Client of a server that other clients ask as well; their answers are told apart.
+    """Client of a server that other clients ask as well; it takes only its own answers.
 
     CiA 301 has one client for each SDO, but any number of bench scripts may read. An expedited
     transfer is one request and one answer that names the object, so those of several clients do

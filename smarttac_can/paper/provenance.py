@@ -21,7 +21,7 @@ _FREE_PARAMETERS: Final[dict[SubjectSet, int]] = {"presets": 20, "fitted": 24}
 
 
 def provenance(subjects: SubjectSet) -> dict[str, Any]:
-    """Tell the results of a run apart, by their keys, for JSON.
+    """Sort the results of a run, by their keys, for JSON.
 
     Returns
     -------

@@ -2,7 +2,7 @@
 
 Source of all: "High fidelity closed loop controlled friction in SMARTTAC tactile stimulator".
 A figure without a band is shown beside the result and not judged: four people are not four
-presets of a simulation, and only their mean and spread say what the control does.
+presets of a simulation, and only their mean and spread show what the control does.
 """
 
 from __future__ import annotations

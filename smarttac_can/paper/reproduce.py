@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from smarttac_can import __version__
-from smarttac_can.bench.open_link import LinkName
+from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace, sha256, write_csv
 from smarttac_can.control.friction import limited_step

@@ -47,6 +47,10 @@ _BEGIN: Final = (
 )
 _FETCH_S: Final = 0.005
 _READY_POLL_S: Final = 0.02
+COF: Final = 0.35
+"""Friction that a timed run regulates."""
+_POLL_S: Final = 0.1
+_TRIES: Final = 5
 
 
 class NodeProcess:
@@ -58,8 +62,8 @@ class NodeProcess:
         The command.
     process
         The process.
-    said
-        File that takes whatever it says; a pipe that nobody reads would block it.
+    output
+        File that takes its output; a pipe that nobody reads would block it.
 
     Attributes
     ----------
@@ -67,10 +71,10 @@ class NodeProcess:
         What the system refused it of ``--realtime``, a line each; known when it is ready.
     """
 
-    def __init__(self, name: str, process: subprocess.Popen[bytes], said: IO[bytes]) -> None:
+    def __init__(self, name: str, process: subprocess.Popen[bytes], output: IO[bytes]) -> None:
         self._name = name
         self._process = process
-        self._said = said
+        self._output = output
         self.refused: tuple[str, ...] = ()
 
     @property
@@ -79,7 +83,7 @@ class NodeProcess:
         return self._process.pid
 
     def wait_until_ready(self) -> None:
-        """Return when the process has said that it is ready.
+        """Return when the process has reported that it is ready.
 
         Raises
         ------
@@ -102,7 +106,7 @@ class NodeProcess:
         """
         if self._process.poll() is not None:
             words = self._words().decode().split("\n")
-            last = next((line for line in reversed(words) if line), "it said nothing")
+            last = next((line for line in reversed(words) if line), "without any output")
             raise BenchError(f"{self._name} has ended: {last.removeprefix('Error: ')}")
 
     def end(self) -> None:
@@ -114,7 +118,7 @@ class NodeProcess:
 
     def _words(self) -> bytes:
         # Without seek, which would move the place at which the process writes, too.
-        file = self._said.fileno()
+        file = self._output.fileno()
         return os.pread(file, _WORDS, max(0, os.fstat(file).st_size - _WORDS))
 
 
@@ -150,17 +154,17 @@ def node_process(
     """
     command = node_command(arguments, bus, realtime)
     with (
-        TemporaryFile() as said,
+        TemporaryFile() as output,
         # In a session of its own: Ctrl-C does not end it before the bench has let go of it.
         subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
-            stdout=said,
+            stdout=output,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         ) as process,
     ):
-        node = NodeProcess(f"smarttac {arguments[0]}", process, said)
+        node = NodeProcess(f"smarttac {arguments[0]}", process, output)
         try:
             node.wait_until_ready()
             yield node
@@ -314,12 +318,6 @@ def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
             raise BusError(f"the bus carries no frames: {error}") from error
 
 
-COF: Final = 0.35
-"""Friction that a timed run regulates."""
-_POLL_S: Final = 0.1
-_TRIES: Final = 5
-
-
 @dataclass(frozen=True)
 class LoopRun:
     """Outcome of a timed run of the loop."""
@@ -328,7 +326,7 @@ class LoopRun:
     ran: bool
     """Whether it ever was in RUNNING."""
     state: State | None
-    """State of the stimulator at the end; None if it did not say."""
+    """State of the stimulator at the end; None if it did not answer."""
     message: str
     """Why it did not run, or not to the end; empty if it did, or was not to."""
     refused: tuple[str, ...]

@@ -131,7 +131,7 @@ class StageWatch:
         """Return the error history of a node, the newest first, failing as `read` does.
 
         Each is an emergency error code, and above its 16 bits the first two bytes of what the
-        emergency message says beside.
+        emergency message carries beside.
         """
         history = self._ods[node_id].objects[ERROR_FIELD].entries
         number = self.read(node_id, history[0])

@@ -40,7 +40,7 @@ class Machine:
     def __init__(self, cores: list[int]) -> None:
         self.cores = cores
         self.fifo = False
-        """Whether the sleepers were given their priority: without it they tell of the load."""
+        """Whether the sleepers were given their priority: without it they show the load."""
         self._latest = _FORK.RawArray("q", len(cores))
         self._count = _FORK.RawArray("q", len(cores))
         self._times = [_FORK.RawArray("q", 2 * _MOST) for _ in cores]

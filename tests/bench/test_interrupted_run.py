@@ -11,8 +11,8 @@ import pytest
 from nodes_on_a_bus import in_threads, stimulator_with_plate
 
 from smarttac_can.bench import BenchError, RunInterruptedError, Stimulator
+from smarttac_can.bench.can_link import over_can
 from smarttac_can.bench.network import LocalNetwork
-from smarttac_can.bench.open_link import _over_can
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.process_signals import interrupt_waits
 
@@ -120,7 +120,7 @@ def test_a_lost_node_keeps_the_rows() -> None:
     bus = LocalBus()
     port = bus.attach(stimulator_with_plate())
     bench = Stimulator(
-        *_over_can(LocalNetwork(bus), 32, None, where="local", lockstep=True, timeout=0.0)
+        *over_can(LocalNetwork(bus), 32, None, where="local", lockstep=True, timeout=0.0)
     )
     cycles = 0
 

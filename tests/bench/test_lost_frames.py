@@ -11,8 +11,8 @@ import pytest
 from nodes_on_a_bus import GUARD_S, both, in_threads, processes, stimulator_with_plate
 
 from smarttac_can.bench import HeartbeatLostError, NotRunningError, Stimulator
+from smarttac_can.bench.can_link import over_can
 from smarttac_can.bench.network import LocalNetwork
-from smarttac_can.bench.open_link import _over_can
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import Connection, LocalBus
 from smarttac_can.host.python_can import PythonCanBus
@@ -24,9 +24,15 @@ def local_bench() -> tuple[Stimulator, list[Connection]]:
     bus = LocalBus()
     ports = [bus.attach(node) for node in both()]
     bench = Stimulator(
-        *_over_can(LocalNetwork(bus), 32, 33, where="local", lockstep=True, timeout=0.0)
+        *over_can(LocalNetwork(bus), 32, 33, where="local", lockstep=True, timeout=0.0)
     )
     return bench, ports
+
+
+def answer_within(bench: Stimulator, seconds: float) -> None:
+    """Wait no longer from now on for SDO answers, of which none is expected."""
+    for device in bench._link._devices:  # type: ignore[attr-defined]
+        device._sdo.RESPONSE_TIMEOUT = seconds
 
 
 @pytest.mark.parametrize("who", ["plate", "stimulator"])
@@ -73,6 +79,7 @@ def test_a_process_that_dies(
                 victim.process.kill()
                 # Only of a node that is dead it is not waited for.
                 monkeypatch.setattr("smarttac_can.bench.can_link.SILENT_S", 1.0)
+                answer_within(bench, 1.0)
 
         with pytest.raises(HeartbeatLostError, match=r"^node 3[23] has answered nothing"), bench:
             bench.amplitude = 1.0
@@ -85,7 +92,7 @@ def test_a_process_that_dies(
 
 
 class SlowBus(PythonCanBus):
-    """Its party is held up in the 20th cycle, for longer than three would be waited for."""
+    """Its party is held up in the 20th cycle, until the nodes have been asked twice."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
@@ -99,7 +106,7 @@ class SlowBus(PythonCanBus):
                 if frame.can_id == SYNC_ID:
                     self.syncs += 1
                     if self.syncs == 20:
-                        time.sleep(3.5)
+                        time.sleep(1.5)
             return more
 
         self.read = slow
@@ -175,7 +182,7 @@ def test_lost_frames_cost_rows_and_no_more(
     [(0x80, "3 cycles in a row were lost"), (0x02, "node 32 does not answer")],
 )
 def test_a_stimulator_that_another_master_takes_out_of_operational(
-    command: int, message: str, virtual: dict[str, Any]
+    command: int, message: str, virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def nmt(command: int) -> None:
         master.send(can.Message(arbitration_id=0, data=[command, 32], is_extended_id=False))
@@ -186,6 +193,8 @@ def test_a_stimulator_that_another_master_takes_out_of_operational(
         Stimulator.connect(**virtual, lockstep=True) as bench,
     ):
         bench.run(0.005)
+        monkeypatch.setattr("smarttac_can.bench.can_link.SILENT_S", 1.0)
+        answer_within(bench, 1.0)
         nmt(command)
         with pytest.raises(BenchError, match=message):
             bench.run(0.05)

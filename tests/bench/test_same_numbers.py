@@ -11,7 +11,7 @@ import pytest
 from nodes_on_a_bus import both, in_threads, processes, stimulator_with_plate
 
 from smarttac_can.bench import Stimulator, Trace
-from smarttac_can.bench.open_link import LinkName
+from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.traces import COLUMNS, sha256, write_csv
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.reproduce import TRACES, reproduce

@@ -30,8 +30,7 @@ from nodes_on_a_bus import (
 )
 
 from smarttac_can.bench import BenchError, State, Stimulator
-from smarttac_can.bench.open_link import LocalLink
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.bench.simulation import LocalLink, plate_od, stimulator_od
 from smarttac_can.cli import main
 from smarttac_can.commissioning.node_ids import wait_until
 from smarttac_can.nodes.plate_block import PlateBlock
