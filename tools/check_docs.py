@@ -1,18 +1,31 @@
-"""Check that every relative link in the Markdown files leads to a file of the repository.
+"""Check the pages: relative links lead to files of the repository, and sentences are short.
 
-Example: python tools/check_docs.py
+In the pages that users read (README, tutorial, how-to, explanation) a sentence has 18 words on
+average at most, and 3 in 100 have more than 30. Code, tables and headings are not counted.
+
+Example: python tools/check_docs.py --words
 """
 
 from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 from pages import parser_of
 
 ROOT = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]+)(?:#[^)]*)?\)")
+MEAN_WORDS: Final = 18
+LONG_WORDS: Final = 30
+LONG_SHARE: Final = 0.03
+_NOT_FOR_USERS: Final = {"decisions", "reference", "dev"}
+_ITEM: Final = r"[ \t]*(?:[*-]|\d+\.) "
+_BLOCKS: Final = re.compile(rf"\n\s*\n|\n(?={_ITEM})")
+_NO_PROSE: Final = ("|", "#", ":::", "<", "![")
+_END: Final = re.compile(r"(?<=[.!?:;])\s+(?=[A-Z*`0-9\"(])")
 
 
 def broken_links(document: Path) -> list[str]:
@@ -27,14 +40,56 @@ def broken_links(document: Path) -> list[str]:
     ]
 
 
+def sentence_lengths(text: str) -> Iterator[int]:
+    """Yield the words of each sentence of a page; what stands alone, like a label, is none."""
+    for block in _BLOCKS.split(re.sub(r"```.*?```", "\n\n", text, flags=re.DOTALL)):
+        lines = [line.strip() for line in block.splitlines()]
+        prose = " ".join(line for line in lines if not line.startswith(_NO_PROSE))
+        prose = re.sub(rf"^{_ITEM}", "", prose)
+        prose = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", prose)
+        prose = re.sub(r"`[^`]*`", "X", prose)
+        for sentence in _END.split(prose):
+            words = len(re.findall(r"[\w'%./-]+", sentence))
+            if words > 1:
+                yield words
+
+
+def user_pages() -> list[Path]:
+    """Return the pages that users read."""
+    docs = ROOT / "docs"
+    pages = [p for p in docs.rglob("*.md") if p.relative_to(docs).parts[0] not in _NOT_FOR_USERS]
+    return [ROOT / "README.md", *sorted(pages)]
+
+
 def main() -> int:
-    """Print the broken links and return 1 if there are any."""
-    parser_of(__doc__).parse_args()
+    """Print what is wrong and return 1 if something is."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--words", action="store_true", help="print the figures of each page")
+    arguments = parser.parse_args()
     documents = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
     broken = [(document, target) for document in documents for target in broken_links(document)]
     for document, target in broken:
         print(f"{document.relative_to(ROOT)}: no such file: {target}")
-    return 1 if broken or not documents else 0
+    found: list[int] = []
+    for page in user_pages():
+        lengths = list(sentence_lengths(page.read_text(encoding="utf-8")))
+        found += lengths
+        if arguments.words and lengths:
+            print(f"{page.relative_to(ROOT)}: {_figures(lengths)}")
+    wordy = sum(found) / len(found) > MEAN_WORDS or _long_share(found) > LONG_SHARE
+    if wordy or arguments.words:
+        print(f"user pages: {_figures(found)}")
+    return 1 if broken or wordy else 0
+
+
+def _long_share(lengths: list[int]) -> float:
+    return sum(words > LONG_WORDS for words in lengths) / len(lengths)
+
+
+def _figures(lengths: list[int]) -> str:
+    mean = sum(lengths) / len(lengths)
+    share = _long_share(lengths)
+    return f"{mean:.1f} words a sentence, {share:.1%} of {len(lengths)} over {LONG_WORDS}"
 
 
 if __name__ == "__main__":
