@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Final
+from typing import Final, NamedTuple
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.bounds import UNDRIVEN, InForce, put_out
@@ -89,6 +89,24 @@ _SHOWN: Final = sum(1 << watchdog for watchdog, row in WATCHDOGS.items() if row.
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
+class Diagnosis(NamedTuple):
+    """The objects that show the first latched fault and the bits of all."""
+
+    code: Entry
+    present: Entry
+    latched: Entry
+
+
+class Refusal(NamedTuple):
+    """Why a write was refused, and the record that it was for."""
+
+    record: str
+    reason: str
+
+
+_NO_REFUSAL: Final = Refusal("", "")
+
+
 class Supervisor:
     """Only RUNNING drives; a fault while armed or running is latched until it is reset.
 
@@ -136,13 +154,12 @@ class Supervisor:
         self.plan = plan
         self.rest()
         self.memory = FaultMemory(od)
+        self._od = od
         self._controlword = od[_CONTROLWORD]
-        self._ignored = od["Cycle.Ignored controlwords"]
-        self._code = od["Diagnosis.Code"]
-        self._present_entry = od["Diagnosis.Present"]
-        self._latched_entry = od["Diagnosis.Latched"]
+        self._diagnosis = Diagnosis(
+            od["Diagnosis.Code"], od["Diagnosis.Present"], od["Diagnosis.Latched"]
+        )
         self._message = od["Message"]
-        self._frequency = od["Drive.Frequency"]
         self.operational = True
         self.live = False
         self.tared = False
@@ -152,7 +169,7 @@ class Supervisor:
         self.present = self.latched = 0
         self._seen = 0
         self._ignores_first = False
-        self._refused = self._reason = ""
+        self._refusal = _NO_REFUSAL
 
     @property
     def state(self) -> State:
@@ -221,7 +238,7 @@ class Supervisor:
         if self._obey(word):
             self.accept(_CONTROLWORD)
         else:
-            self._ignored.count()
+            self._od["Cycle.Ignored controlwords"].count()
             self.refuse(_CONTROLWORD, self._why_not(word))
 
     def permit(
@@ -284,7 +301,7 @@ class Supervisor:
         elif state < _ARMED and (faults or not between):
             self.prepare()
         if present != before:
-            self._present_entry.value = present
+            self._diagnosis.present.value = present
             gone = before & ~present & _SHOWN
             if gone and not self.latched:
                 texts = [WATCHDOGS[watchdog].text for watchdog in watchdogs_in(gone)]
@@ -303,14 +320,15 @@ class Supervisor:
         It stays until a write to that record is accepted: see `accept`.
         """
         if not self.latched:
-            self._refused = name.partition(".")[0]
-            self._message.value = self._reason = reason
+            self._refusal = Refusal(name.partition(".")[0], reason)
+            self._message.value = reason
 
     def accept(self, name: str) -> None:
         """Take the reason of a refusal out of the Message, as its record has taken a write."""
-        if self._refused == name.partition(".")[0]:
-            self._refused = ""
-            if self._message.value == self._reason:
+        record, reason = self._refusal
+        if record == name.partition(".")[0]:
+            self._refusal = _NO_REFUSAL
+            if self._message.value == reason:
                 self._clear_message()
 
     def leave(self) -> None:
@@ -348,12 +366,14 @@ class Supervisor:
             prepared = self._holds() & Guard.PREPARED
             if (state is State.READY) != bool(prepared):
                 self.handle(Event.PREPARED if prepared else Event.UNPREPARED)
-        self._present_entry.value = self.present
+        self._diagnosis.present.value = self.present
 
     def _safe_frequency(self, frequency: float) -> float:
         """Keep a frequency within the limits; for any other take the one put out last."""
         plan = self.plan
-        return frequency if plan.f_min <= frequency <= plan.f_max else self._frequency.si_value
+        if plan.f_min <= frequency <= plan.f_max:
+            return frequency
+        return self._od["Drive.Frequency"].si_value
 
     def _holds(self) -> Guard:
         supervised = Guard.SUPERVISED if self.supervised else Guard.NONE
@@ -408,11 +428,11 @@ class Supervisor:
             row = WATCHDOGS[watchdog]
             details = self.details(watchdog)
             text = f"{row.text}; {details}" if details else row.text
-            self._code.value = row.code
+            self._diagnosis.code.value = row.code
             self._message.value = text
             self.memory.note(row.code, text, circumstances)
         self.latched |= bit
-        self._latched_entry.value = self.latched
+        self._diagnosis.latched.value = self.latched
 
     def _clear_after(self, before: State) -> None:
         """Forget what was latched when FAULT is left."""
@@ -427,7 +447,7 @@ class Supervisor:
         self._message.value = next(texts, "")
 
     def _publish(self) -> None:
-        self._present_entry.value = self.present
-        self._latched_entry.value = self.latched
+        self._diagnosis.present.value = self.present
+        self._diagnosis.latched.value = self.latched
         if not self.latched:
-            self._code.value = 0
+            self._diagnosis.code.value = 0
