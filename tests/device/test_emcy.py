@@ -158,11 +158,6 @@ def test_each_class_has_its_own(error_class: ErrorClass, behaviour: int) -> None
     assert device.nmt_state is STATES[behaviour]
 
 
-def test_reserved_values() -> None:
-    device = started()
-    assert download(device, 0x1029, 1, 3, 1) == 0x06090031
-
-
 def test_bus_off() -> None:
     device = started()
     assert device.bus_off() == []

@@ -111,21 +111,6 @@ def test_consumer_reports_loss_and_return() -> None:
     assert device.nmt_state == NMTState.PRE_OPERATIONAL, "1029h:1 is 0"
 
 
-@pytest.mark.parametrize(
-    ("behaviour", "state"),
-    [
-        (0, NMTState.PRE_OPERATIONAL),
-        (1, NMTState.OPERATIONAL),
-        (2, NMTState.STOPPED),
-    ],
-)
-def test_error_behaviour_on_loss(behaviour: int, state: NMTState) -> None:
-    device = started()
-    assert download(device, 0x1029, 1, behaviour, 1) == 0
-    play(device, WATCH_NODE_5_FOR_20_MS + "> 705 05\n+ 20ms\n< 0A0 30 81 11 05 00 00 00 00")
-    assert device.nmt_state == state
-
-
 def test_loss_in_pre_operational_stays_there() -> None:
     device = started(operational=False)
     play(device, WATCH_NODE_5_FOR_20_MS + "> 705 05\n+ 20ms\n< 0A0 30 81 11 05 00 00 00 00")
@@ -215,53 +200,6 @@ LIFE_TIME_20_MS = """
 """
 
 
-def test_answers_with_state_and_toggle_bit() -> None:
-    play(
-        make_device(),
-        """
-        power
-        < 720 00
-        > 720 rtr
-        < 720 7F
-        > 720 rtr
-        < 720 FF
-        > 000 01 20
-        > 720 rtr
-        < 720 05
-        > 000 02 20
-        > 720 rtr
-        < 720 84
-        > 000 82 20                     # the toggle bit starts with 0 again
-        < 720 00
-        > 720 rtr
-        < 720 7F
-        + 1000ms
-        """,
-    )
-
-
-def test_heartbeat_and_guarding_exclude_each_other() -> None:
-    play(
-        started(),
-        LIFE_TIME_20_MS
-        + """
-        > 720 rtr
-        < 720 05
-        > 620 2B 17 10 00 32 00 00 00   # heartbeat on
-        < 720 05
-        < 5A0 60 17 10 00 00 00 00 00
-        > 720 rtr
-        + 49ms                          # nor is the master missed
-        + 1ms
-        < 720 05
-        > 620 2B 17 10 00 00 00 00 00   # and off
-        < 5A0 60 17 10 00 00 00 00 00
-        > 720 rtr
-        < 720 05
-        """,
-    )
-
-
 def test_life_guarding_begins_with_the_first_remote_frame() -> None:
     device = started()
     play(
@@ -292,17 +230,6 @@ def test_a_master_that_makes_its_watch_stricter_is_still_missed(stricter: str) -
     play(device, LIFE_TIME_20_MS + "> 720 rtr\n< 720 05")
     play(device, f"> 620 {stricter}\n< 5A0 60 {stricter[3:11]} 00 00 00 00")
     play(device, "+ 16ms\n< 0A0 30 81 11 00 00 00 00 00")
-
-
-@pytest.mark.parametrize(
-    ("behaviour", "state"),
-    [(0, NMTState.PRE_OPERATIONAL), (1, NMTState.OPERATIONAL), (2, NMTState.STOPPED)],
-)
-def test_error_behaviour(behaviour: int, state: NMTState) -> None:
-    device = started()
-    assert download(device, 0x1029, 1, behaviour, 1) == 0
-    play(device, LIFE_TIME_20_MS + "> 720 rtr\n< 720 05\n+ 20ms\n< 0A0 30 81 11 00 00 00 00 00")
-    assert device.nmt_state is state
 
 
 @pytest.mark.parametrize(("guard_time", "factor"), [(10, 0), (0, 3)])

@@ -30,25 +30,6 @@ def test_silent_before_power_on() -> None:
     play(device, f"> 000 01 20\n> {READ_MODE}\n> 080\n+ 1000ms")
 
 
-def test_boot_up_once_at_power_on_and_after_both_resets() -> None:
-    device = make_device()
-    play(
-        device,
-        """
-        power
-        < 720 00
-        5x + 1000ms
-        > 000 81 20
-        < 720 00
-        > 000 82 20
-        < 720 00
-        > 000 81 00      # to all
-        < 720 00
-        """,
-    )
-    assert device.nmt_state == NMTState.PRE_OPERATIONAL
-
-
 @pytest.mark.parametrize("first", list(COMMAND_OF))
 @pytest.mark.parametrize("second", list(COMMAND_OF))
 def test_every_transition(first: NMTState, second: NMTState) -> None:
@@ -89,17 +70,6 @@ def test_what_is_no_command_to_this_node_is_ignored(text: str) -> None:
     device = started(operational=False)
     play(device, f"> {text}")
     assert device.nmt_state == NMTState.PRE_OPERATIONAL
-
-
-def test_reset_communication_keeps_the_application_objects() -> None:
-    device = started()
-    od = device.od
-    od["Mode"].value = 3
-    od.entry(0x1017).value = 7
-    play(device, "> 000 82 20\n< 720 00")
-    assert (od["Mode"].value, od.entry(0x1017).value) == (3, 0)
-    play(device, "> 000 81 20\n< 720 00")
-    assert od["Mode"].value == 0
 
 
 def test_parameters_put_in_at_reset_are_in_force_from_the_boot_up_on() -> None:
@@ -144,23 +114,6 @@ def test_services_live_in_their_states(state: NMTState, sdo: bool, sync: bool, p
     assert device.od["Setpoint.Voltage"].value == (1 if pdo else 0)
     device.emergency(0x1234, 0)
     assert len(device.take()) == (1 if sdo else 0)
-
-
-@pytest.mark.parametrize("state", list(COMMAND_OF))
-def test_heartbeat_and_nmt_live_in_all_states(state: NMTState) -> None:
-    device = started(operational=False)
-    play(
-        device,
-        f"""
-        > 620 2B 17 10 00 0A 00 00 00
-        < 720 7F
-        < 5A0 60 17 10 00 00 00 00 00
-        > 000 {COMMAND_OF[state]} 20
-        + 10ms
-        < 720 {state:02X}
-        > 000 80 20
-        """,
-    )
 
 
 def test_autostart_after_power_on_and_reset_node_only() -> None:

@@ -105,31 +105,6 @@ def test_expedited_write_without_size_takes_that_of_the_entry() -> None:
     assert device.od["Mode"].value == 3
 
 
-def test_read_refusals() -> None:
-    device = started()
-    assert upload(device, 0x2112, 0) == 0x06010001
-    assert upload(device, 0x5FFF, 0) == 0x06020000
-    assert upload(device, 0x2100, 4) == 0x06090011
-
-
-def test_segmented_upload_as_on_the_wire() -> None:
-    play(
-        started(),
-        """
-        > 620 40 08 10 00 00 00 00 00
-        < 5A0 41 08 10 00 11 00 00 00       # 17 bytes
-        > 620 60 00 00 00 00 00 00 00
-        < 5A0 00 43 6F 6E 66 6F 72 6D
-        > 620 70 00 00 00 00 00 00 00
-        < 5A0 10 61 6E 63 65 20 70 72
-        > 620 60 00 00 00 00 00 00 00
-        < 5A0 09 6F 62 65 00 00 00 00
-        > 620 70 00 00 00 00 00 00 00      # there is no more
-        < 5A0 80 00 00 00 01 00 04 05
-        """,
-    )
-
-
 def test_segmented_upload_is_a_snapshot() -> None:
     device = started()
     label = device.od["Label"]
@@ -149,18 +124,6 @@ def test_strings_and_domains_of_any_length(data: bytes, announce: bool) -> None:
     assert upload(device, 0x2301, 0) == data
     assert write_segmented(device, 0x2300, data, announce=announce) == 0
     assert upload(device, 0x2300, 0) == data
-
-
-def test_empty_string_is_a_segmented_transfer_of_no_bytes() -> None:
-    play(
-        started(),
-        """
-        > 620 40 01 23 00 00 00 00 00
-        < 5A0 41 01 23 00 00 00 00 00
-        > 620 60 00 00 00 00 00 00 00
-        < 5A0 0F 00 00 00 00 00 00 00
-        """,
-    )
 
 
 def test_eight_bytes_travel_in_segments() -> None:
@@ -200,24 +163,6 @@ def test_segments_must_be_as_many_as_announced() -> None:
         """,
     )
     assert device.od["Texture"].value == b""
-
-
-def test_toggle() -> None:
-    play(
-        started(),
-        """
-        > 620 21 00 23 00 09 00 00 00
-        < 5A0 60 00 23 00 00 00 00 00
-        > 620 10 01 02 03 04 05 06 07
-        < 5A0 80 00 23 00 00 00 03 05
-        > 620 00 01 02 03 04 05 06 07      # the transfer is over
-        < 5A0 80 00 00 00 01 00 04 05
-        > 620 40 08 10 00 00 00 00 00
-        < 5A0 41 08 10 00 11 00 00 00
-        > 620 70 00 00 00 00 00 00 00
-        < 5A0 80 08 10 00 00 00 03 05
-        """,
-    )
 
 
 @pytest.mark.parametrize("command", ["00", "60", "A1", "A2", "A3", "C1", "E0"])

@@ -88,61 +88,17 @@ def read_block(device: Device, block_size: int, lost: frozenset[int] = frozenset
     return data
 
 
-def test_download_as_on_the_wire() -> None:
+def test_download_with_neither_checksum_nor_size() -> None:
     device = started()
     play(
         device,
         """
-        > 620 C6 00 23 00 09 00 00 00
-        < 5A0 A4 00 23 00 7F 00 00 00
-        > 620 01 31 32 33 34 35 36 37
-        > 620 82 38 39 00 00 00 00 00
-        < 5A0 A2 02 7F 00 00 00 00 00
-        > 620 D5 C3 31 00 00 00 00 00      # CRC of 123456789 is 31C3h
-        < 5A0 A1 00 00 00 00 00 00 00
-        + 2000ms
-        """,
-    )
-    assert device.od["Texture"].value == b"123456789"
-
-
-def test_upload_as_on_the_wire() -> None:
-    device = started()
-    device.od["Texture"].value = b"123456789"
-    play(
-        device,
-        """
-        > 620 A4 00 23 00 7F 00 00 00
-        < 5A0 C6 00 23 00 09 00 00 00
-        > 620 A3 00 00 00 00 00 00 00
-        < 5A0 01 31 32 33 34 35 36 37
-        < 5A0 82 38 39 00 00 00 00 00
-        > 620 A2 02 7F 00 00 00 00 00
-        < 5A0 D5 C3 31 00 00 00 00 00
-        > 620 A1 00 00 00 00 00 00 00
-        + 2000ms
-        """,
-    )
-
-
-def test_without_checksum() -> None:
-    device = started()
-    play(
-        device,
-        """
-        > 620 C0 10 21 00 00 00 00 00      # neither checksum nor size
+        > 620 C0 10 21 00 00 00 00 00
         < 5A0 A4 10 21 00 7F 00 00 00
         > 620 81 03 00 00 00 00 00 00
         < 5A0 A2 01 7F 00 00 00 00 00
         > 620 D9 AA AA 00 00 00 00 00
         < 5A0 A1 00 00 00 00 00 00 00
-        > 620 A0 10 21 00 01 00 00 00
-        < 5A0 C6 10 21 00 01 00 00 00
-        > 620 A3 00 00 00 00 00 00 00
-        < 5A0 81 03 00 00 00 00 00 00
-        > 620 A2 01 01 00 00 00 00 00
-        < 5A0 D9 00 00 00 00 00 00 00
-        > 620 A1 00 00 00 00 00 00 00
         """,
     )
     assert device.od["Mode"].value == 3
