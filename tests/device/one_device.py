@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 import transcript
 from transcript import frame, microseconds
 
@@ -11,6 +12,7 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.service import Application
 from smarttac_can.od.eds import load_eds
+from smarttac_can.od.entry import MAX_BYTES
 
 NODE_ID = 0x20
 RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
@@ -26,6 +28,14 @@ def started(application: Application | None = None, *, operational: bool = True)
     if operational:
         device.receive(Frame(0, bytes((1, NODE_ID))))
     return device
+
+
+def fewer_bytes(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Let an entry have fewer bytes than the 1 MiB that take long; return how many at most."""
+    assert MAX_BYTES == 1 << 20
+    for module in ("od.entry", "device.sdo"):
+        monkeypatch.setattr(f"smarttac_can.{module}.MAX_BYTES", 3000)
+    return 3000
 
 
 def receive(device: Device, request: Frame) -> list[Frame]:

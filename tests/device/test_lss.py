@@ -1,4 +1,5 @@
 import re
+from unittest.mock import Mock, patch
 
 import canopen
 import pytest
@@ -217,6 +218,10 @@ def test_operational_devices_do_not_listen() -> None:
     play(started(), CONFIGURE + "> 7E5 5E" + " 00" * 7)
 
 
+at_once = patch("canopen.lss.time", Mock())
+"""python-canopen waits 10 ms after each frame for slow devices."""
+
+
 class Bus:
     """Devices on a python-canopen network."""
 
@@ -235,6 +240,7 @@ class Bus:
                 self.network.notify(frame.can_id, bytearray(frame.data), 0.0)
 
 
+@at_once
 @given(st.integers(0, 0xFFFFFFFF), st.integers(0, 0xFFFFFFFF))
 @settings(max_examples=3)
 def test_fastscan_by_python_canopen(serial: int, product: int) -> None:
@@ -253,6 +259,7 @@ def test_fastscan_by_python_canopen(serial: int, product: int) -> None:
     assert device.start() == [Frame(0x742, b"\0")]
 
 
+@at_once
 def test_two_devices_get_their_node_ids_one_by_one() -> None:
     devices = [
         Device(load_eds(RICH.replace("DefaultValue=42\n", f"DefaultValue={s}\n"), 1), node_id=255)

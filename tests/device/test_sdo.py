@@ -1,12 +1,12 @@
 import pytest
-from one_device import download, play, started, upload
+from one_device import download, fewer_bytes, play, started, upload
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.service import Application
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.data_types import pack
-from smarttac_can.od.entry import MAX_BYTES, Entry
+from smarttac_can.od.entry import Entry
 
 
 def write_segmented(device: Device, index: int, data: bytes, *, announce: bool = True) -> int:
@@ -134,17 +134,17 @@ def test_eight_bytes_travel_in_segments() -> None:
     assert device.od["REAL64"].value == 1e300
 
 
-def test_segmented_write_of_a_number_too_long_or_short() -> None:
-    device = started()
+def test_segmented_write_of_too_many_bytes_or_too_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    device, most = started(), fewer_bytes(monkeypatch)
     assert write_segmented(device, 0x2012, bytes(9)) == 0x06070012
     assert write_segmented(device, 0x2012, bytes(7)) == 0x06070013
     assert write_segmented(device, 0x2012, bytes(9), announce=False) == 0x06070012
     assert write_segmented(device, 0x2012, bytes(7), announce=False) == 0x06070013
-    assert write_segmented(device, 0x2300, bytes(MAX_BYTES)) == 0
-    assert write_segmented(device, 0x2300, bytes(MAX_BYTES + 1)) == 0x06070012
-    assert write_segmented(device, 0x2300, bytes(MAX_BYTES + 1), announce=False) == 0x06070012
+    assert write_segmented(device, 0x2300, bytes(most)) == 0
+    assert write_segmented(device, 0x2300, bytes(most + 1)) == 0x06070012
+    assert write_segmented(device, 0x2300, bytes(most + 1), announce=False) == 0x06070012
     assert device.od["INTEGER64"].value == -(1 << 63)
-    assert len(device.od["Texture"].value) == MAX_BYTES
+    assert len(device.od["Texture"].value) == most
 
 
 def test_segments_must_be_as_many_as_announced() -> None:

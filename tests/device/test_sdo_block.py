@@ -4,11 +4,10 @@ import canopen
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_device import play, receive, started
+from one_device import fewer_bytes, play, receive, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
-from smarttac_can.od.entry import MAX_BYTES
 
 DOMAIN = 0x2300
 TEXT = bytes(k * 37 & 0xFF for k in range(2000))
@@ -114,12 +113,13 @@ def test_any_length(size: int, block_size: int) -> None:
     assert read_block(device, block_size) == data
 
 
-def test_one_mebibyte_and_not_a_byte_more() -> None:
-    device = started()
-    data = TEXT * 525
-    assert write_block(device, data[:MAX_BYTES]) == 0
-    assert read_block(device, 127) == data[:MAX_BYTES]
-    assert write_block(device, data[: MAX_BYTES + 1]) == 0x06070012
+def test_the_most_bytes_and_not_a_byte_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    device, most = started(), fewer_bytes(monkeypatch)
+    data = TEXT * 2
+    assert write_block(device, data[:most]) == 0
+    assert read_block(device, 127) == data[:most]
+    assert write_block(device, data[: most + 1]) == 0x06070012
+    assert device.od["Texture"].value == data[:most]
 
 
 @given(
