@@ -31,9 +31,8 @@ from durand.scheduler import AsyncScheduler
 from pages import REFERENCE, Pages, made
 
 from smarttac_can.conformance.case import DeviceDescription, Result
-from smarttac_can.conformance.device_time import DeviceTimeBus
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.run import CASES, GROUPS, run_cases
+from smarttac_can.conformance.run import CASES, GROUPS, DeviceTimeBus, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.device_node import DeviceNode

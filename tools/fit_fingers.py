@@ -42,8 +42,8 @@ from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS, Subject
 from smarttac_can.population.steps import UndefinedError, overshoot_percent, rise_time
-from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Drive, Setpoint
+from smarttac_can.vocabulary.states import Mode
 
 SEEDS: Final = range(101, 105)
 STEPS: Final = 8

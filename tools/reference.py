@@ -28,8 +28,15 @@ from smarttac_can.host.files import read_eds
 from smarttac_can.od import cia
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import LEGEND, object_reference, table
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
+from smarttac_can.vocabulary.states import (
+    Control,
+    IdentificationState,
+    Law,
+    Mode,
+    State,
+    Status,
+    VibrationLaw,
+)
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 NODES = (("stimulator.eds", STIMULATOR_ID), ("plate.eds", PLATE_ID))

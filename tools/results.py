@@ -28,7 +28,7 @@ from smarttac_can.plant.parameters import PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.population.steps import Step
-from smarttac_can.vocabulary.modes import Law
+from smarttac_can.vocabulary.states import Law
 
 SEEDS = range(1, 12)
 TABLE = frozenset({"table1"})

@@ -14,7 +14,7 @@ from smarttac_can.nodes.states import (
 )
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.od.object_reference import table
-from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.states import Control, State
 from smarttac_can.vocabulary.watchdogs import FORGOTTEN, WATCHDOGS
 

@@ -18,7 +18,7 @@ from smarttac_can.bench import Texture, Tracking, track
 from smarttac_can.bench.drawing import INK, RED, canvas
 from smarttac_can.od.object_reference import table
 from smarttac_can.trials.texture_playing import LEVELS, Stroke, play
-from smarttac_can.vocabulary.modes import VibrationLaw
+from smarttac_can.vocabulary.states import VibrationLaw
 
 PERIOD_MM = 2.0
 SHAPES = ("sine", "square")

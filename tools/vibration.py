@@ -27,8 +27,8 @@ from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.resonator import Response, vibrate
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Setpoint
+from smarttac_can.vocabulary.states import Mode, VibrationLaw
 
 BUS = 540e-6
 LOOPS = {"both loops": Mode.AMPLITUDE_RESONANCE, "alone": Mode.AMPLITUDE}

@@ -28,10 +28,9 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.timing import frame_bits
-from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
-from smarttac_can.vocabulary.states import State, Status, known_state
+from smarttac_can.vocabulary.states import Mode, State, Status, known_state
 
 NOT_SHOWN: Final = {
     "cycles_to_zero": (

@@ -25,8 +25,7 @@ from smarttac_can.master.errors import (
     RefusedError,
     WrongDeviceError,
 )
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Law, Mode, State, VibrationLaw
 
 __all__ = [
     "BenchError",

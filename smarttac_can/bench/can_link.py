@@ -52,8 +52,8 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import SIMULATION
+from smarttac_can.vocabulary.meanings import SIMULATION
+from smarttac_can.vocabulary.states import Mode
 
 GRACE_S: Final = 1.0
 """How much longer than its cycles take a run in real time may take."""

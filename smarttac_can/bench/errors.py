@@ -9,7 +9,7 @@ from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.faults import FaultKind, value_range
-from smarttac_can.vocabulary.objects import FAULT_KIND
+from smarttac_can.vocabulary.meanings import FAULT_KIND
 
 _SHELL_WORDS: Final = {
     "; .trace holds the recording": "",

@@ -30,8 +30,7 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State, Status, state_in
+from smarttac_can.vocabulary.states import Mode, State, Status, state_in
 
 RECORDED = tuple(column.object for column in COLUMNS)
 """Objects of the stimulator that a run records, a column each, in the order of a trace."""

@@ -17,7 +17,7 @@ from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.units import Quantity
-from smarttac_can.vocabulary.objects import SIMULATION
+from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.states import State, state_in
 
 _HINTS: Final = 3

@@ -18,12 +18,17 @@ import canopen
 from smarttac_can.bench.link import Hear
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.background import Background
-from smarttac_can.host.bus_options import configured, kept_here
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.files import reason
 from smarttac_can.host.kernel_filter import hold_more
 from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.host.python_can import hears_others_of_process, is_stray, received
+from smarttac_can.host.python_can import (
+    configured,
+    hears_others_of_process,
+    is_stray,
+    kept_here,
+    received,
+)
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import CAN_ID_MASK
 

@@ -17,7 +17,7 @@ from smarttac_can.bench.named_objects import with_unit
 from smarttac_can.host.files import in_words, open_regular
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
-from smarttac_can.vocabulary.objects import LIFTED, RECORDED, STROKE
+from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
 
 if TYPE_CHECKING:
     import _csv

@@ -18,7 +18,7 @@ from smarttac_can.od.data_types import unpack
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.objects import START_RUN
+from smarttac_can.vocabulary.meanings import START_RUN
 from smarttac_can.vocabulary.textures import TABLE_NAMES
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 

@@ -34,8 +34,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import EDSError
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.units import Quantity
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
+from smarttac_can.vocabulary.states import STATE_SHIFT, Mode, State, Status
 from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 
 if TYPE_CHECKING:

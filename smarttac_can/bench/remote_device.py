@@ -43,8 +43,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.data_types import pack, unpack
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import Control
+from smarttac_can.vocabulary.states import Control, Mode
 
 _HEARTBEATS_MISSED: Final = 6
 _ASK_AGAIN_S: Final = 1.0

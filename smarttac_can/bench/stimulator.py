@@ -39,11 +39,17 @@ from smarttac_can.host.terminal import progress_bar
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.objects import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
-from smarttac_can.vocabulary.states import Control, IdentificationState, State
+from smarttac_can.vocabulary.states import (
+    Control,
+    IdentificationState,
+    Law,
+    Mode,
+    State,
+    VibrationLaw,
+)
 from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 

@@ -64,9 +64,8 @@ from smarttac_can.od.cia import (
     RPDO_COMMUNICATION,
     TPDO_IDS,
 )
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import LIFTED
-from smarttac_can.vocabulary.states import Status, known_state
+from smarttac_can.vocabulary.meanings import LIFTED
+from smarttac_can.vocabulary.states import Mode, Status, known_state
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, level, watchdogs_in
 from smarttac_can.watch.listener import Listener
 from smarttac_can.watch.watcher import Watcher

@@ -56,7 +56,7 @@ from smarttac_can.paper.reproduce import reproduce as run_reproduction
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.fingers import CASES
 from smarttac_can.population.trial import Campaign
-from smarttac_can.vocabulary.modes import Law, VibrationLaw
+from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 _DEAD_TIME_MAX_US = 999.0
 BIT_RATE = 1_000_000

@@ -114,7 +114,7 @@ def jitter(
 
 def _draw(timing: LoopTiming, file: Path) -> None:
     from smarttac_can.bench.drawing import save  # noqa: PLC0415 - matplotlib is an extra
-    from smarttac_can.timing.loop_figure import histogram  # noqa: PLC0415
+    from smarttac_can.timing.loop_timing import histogram  # noqa: PLC0415
 
     save(histogram(timing), file)
 

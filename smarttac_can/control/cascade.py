@@ -24,8 +24,8 @@ from smarttac_can.control.texture import Texture
 from smarttac_can.control.tribometer import Forces, Nulls
 from smarttac_can.control.vibration import AMPLITUDE
 from smarttac_can.vocabulary.model import PlateModel, require
-from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
+from smarttac_can.vocabulary.states import Mode
 
 _IDENTIFY: Final = Mode.IDENTIFY
 """To look a member up costs ten times as much as a name, and every cycle asks for this."""

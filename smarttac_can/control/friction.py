@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from smarttac_can.vocabulary.modes import Law
+from smarttac_can.vocabulary.states import Law
 
 _MEASURED: Final = int(Law.MEASURED)
 """Looking a member up costs more than a step of the law."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from smarttac_can.control.design import POLE_MAX
 from smarttac_can.control.tribometer import Matrix
 from smarttac_can.vocabulary.model import GAIN_MIN, TAU_MIN, require
-from smarttac_can.vocabulary.modes import Law, VibrationLaw
+from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 
 @dataclass(frozen=True, slots=True)

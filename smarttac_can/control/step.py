@@ -90,7 +90,6 @@ from smarttac_can.control.vibration import (
     resonance_error,
 )
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import (
     Contact,
     ContactFields,
@@ -98,6 +97,7 @@ from smarttac_can.vocabulary.signals import (
     MeasurementFields,
     Setpoint,
 )
+from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 # Plain integers: to look a member of an enumeration up costs ten times as much, and numba has none.
 _OFF: Final = int(Mode.OFF)

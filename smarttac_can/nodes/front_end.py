@@ -9,9 +9,9 @@ from typing import Any, Final
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.faults import FaultCode
+from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.model import require
-from smarttac_can.vocabulary.objects import SIMULATION
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import Drive, Measurement
 

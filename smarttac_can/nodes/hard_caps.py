@@ -10,7 +10,7 @@ from smarttac_can.od.data_types import SIGNED, UNSIGNED
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.units import Quantity
-from smarttac_can.vocabulary.modes import LAWS, Mode
+from smarttac_can.vocabulary.states import LAWS, Mode
 
 VOLTAGE_MAX: Final = 200.0
 """Of the power stage in V. An assumption, as the paper has no absolute voltage: the 150 V of the

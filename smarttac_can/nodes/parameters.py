@@ -15,11 +15,10 @@ from smarttac_can.nodes.watches import WatchPlan, watch_plan
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.meanings import NOT_TARED, TARE, ZERO
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import LAWS, Mode
-from smarttac_can.vocabulary.objects import NOT_TARED, TARE, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
-from smarttac_can.vocabulary.states import IdentificationState
+from smarttac_can.vocabulary.states import LAWS, IdentificationState, Mode
 from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 
 CALIBRATION: Final = "Calibration"

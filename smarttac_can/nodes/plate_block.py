@@ -20,9 +20,8 @@ from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.sensors import Weight
 from smarttac_can.plant.stage import PowerStage
 from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.faults import FaultKind
-from smarttac_can.vocabulary.objects import FAULT_KIND, RECORDED, START_RUN, STROKE
+from smarttac_can.vocabulary.faults import FaultCode, FaultKind
+from smarttac_can.vocabulary.meanings import FAULT_KIND, RECORDED, START_RUN, STROKE
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import Drive, Measurement
 

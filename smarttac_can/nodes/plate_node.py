@@ -39,7 +39,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.plant.finger import Trajectory
-from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, level

@@ -42,11 +42,10 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, FAULT_KIND, SIMULATION, START_RUN
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, FAULT_KIND, SIMULATION, START_RUN
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, Drive
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.textures import TABLES
 from smarttac_can.vocabulary.watchdogs import Watchdog
 

@@ -42,7 +42,7 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.objects import START_RUN
+from smarttac_can.vocabulary.meanings import START_RUN
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import (

@@ -13,10 +13,9 @@ from smarttac_can.nodes.watches import Seen, WatchPlan, WatchState, at_rest, wat
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import TARE, UNWATCHED
+from smarttac_can.vocabulary.meanings import TARE, UNWATCHED
 from smarttac_can.vocabulary.signals import Drive
-from smarttac_can.vocabulary.states import CONTROL_MASK, State
+from smarttac_can.vocabulary.states import CONTROL_MASK, Mode, State
 from smarttac_can.vocabulary.watchdogs import (
     CYCLIC,
     WATCHDOGS,

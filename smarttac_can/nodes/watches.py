@@ -32,8 +32,8 @@ from smarttac_can.nodes.bounds import (
 )
 from smarttac_can.nodes.plate_block import TICK_MASK
 from smarttac_can.nodes.process_image import SENSORS, Measured
-from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, Contact, Drive
+from smarttac_can.vocabulary.states import Mode
 from smarttac_can.vocabulary.watchdogs import (
     FORGOTTEN,
     STUCK_GAUGE_CYCLES,

@@ -16,8 +16,8 @@ from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import cycle_seconds, cyclic_frames
 from smarttac_can.paper.references import STEP_UM
 from smarttac_can.plant.fitted import FITTED
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
+from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 WARM: Final = 30.0
 """Temperature in degC at which the plate is identified, and tuned for, before Fig. 5."""

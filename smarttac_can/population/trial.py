@@ -42,8 +42,8 @@ from smarttac_can.population.steps import (
     static_error_percent,
 )
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Setpoint
+from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 Flags = NDArray[np.bool_]
 LEARNING: Final = 4

@@ -23,17 +23,15 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.background import Background
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.bus_options import kept_here
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.kernel_filter import hear_only, hold_more
-from smarttac_can.host.python_can import received, to_frame, to_message
+from smarttac_can.host.python_can import kept_here, received, to_frame, to_message
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.requests import upload
 from smarttac_can.od.cia import DEVICE_TYPE, HEARTBEAT_ID, SDO_TX_ID, SYNC_ID
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.timing.loop_timing import LoopTiming
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 
 _OWN_OPTIONS: Final = ("interface", "channel", "bitrate")
 _WORDS: Final = 4096

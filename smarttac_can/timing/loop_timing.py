@@ -6,7 +6,9 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil, exp, log
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
@@ -22,6 +24,9 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.signals import TICK
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SHORTEST_MS: Final = 3
 """The deadline that the dose is compared with, in ms."""
@@ -370,3 +375,51 @@ def _place(plate: ObjectDictionary, mapping: int, direction: Direction, name: st
     entries = compile_mapping(plate, mapping, direction).entries
     names = [entry.name for entry in entries]
     return sum(entry.size for entry in entries[: names.index(name)])
+
+
+_CURVES: Final = {
+    "sync": "SYNC later than 1 ms after the last",
+    "measurement": "measurement after SYNC",
+    "drive": "drive after SYNC",
+}
+_BINS: Final = 120
+_MS_PER_US: Final = 1e-3
+
+
+def histogram(timing: LoopTiming) -> Figure:
+    """Draw how often SYNC, measurement and drive came how late, the counts logarithmic.
+
+    Parameters
+    ----------
+    timing
+        Of a loop that ran.
+    """
+    from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas  # noqa: PLC0415 - an extra
+
+    styles = {"sync": (PALE, ":"), "measurement": (GREEN, "--"), "drive": (RED, "-")}
+    curves: dict[str, Delays] = {name: getattr(timing, name) for name in _CURVES}
+    longest = max(delays.quantile_us(1.0) for delays in curves.values())
+    edges = np.linspace(0, longest + 1, _BINS + 1)
+    with canvas(7.2, 4.6) as figure:
+        axes = figure.subplots()
+        for name, delays in curves.items():
+            counts, _ = np.histogram(
+                list(delays.counts), edges, weights=list(delays.counts.values())
+            )
+            colour, line = styles[name]
+            label = f"{_CURVES[name]}, at most {delays.quantile_us(1.0) * _MS_PER_US:.2f} ms"
+            axes.stairs(
+                counts,
+                edges * _MS_PER_US,
+                linewidth=1.8,
+                color=colour,
+                linestyle=line,
+                label=label,
+            )
+        axes.set_yscale("log")
+        axes.set(xlim=(0, (longest + 1) * _MS_PER_US), ylim=(0.7, None))
+        axes.set_title(f"Delays in {timing.ticks} ticks of the loop, {timing.missed} missed")
+        axes.set_xlabel("delay (ms)")
+        axes.set_ylabel("ticks")
+        axes.legend(loc="upper right", labelcolor=INK)
+    return figure

@@ -4,17 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import inf
+from struct import pack
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.host.faulty_bus import FrameFault
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.device.device import GONE_AFTER_US
+from smarttac_can.device.frame import Frame
+from smarttac_can.host.faulty_bus import Disturbance, FrameFault
 from smarttac_can.nodes.front_end import STAGE_TOLERANCE
 from smarttac_can.nodes.plate_node import READ_BACK_CYCLES
-from smarttac_can.od.cia import HEARTBEAT_ID, RPDO_IDS, TPDO_IDS, NMTCommand
-from smarttac_can.trials import fault_acts as act
-from smarttac_can.trials.fault_acts import Act
-from smarttac_can.trials.rig import MASTER_LOST_MS, PLATE_LOST_MS, Rig
+from smarttac_can.od.cia import (
+    HEARTBEAT_ID,
+    PDO_EVENT,
+    RPDO_COMMUNICATION,
+    RPDO_IDS,
+    TPDO_IDS,
+    NMTCommand,
+)
+from smarttac_can.plant.faults import Fault
+from smarttac_can.trials.rig import (
+    MASTER_ID,
+    MASTER_LOST_MS,
+    PLATE_HEARTBEAT_MS,
+    PLATE_LOST_MS,
+    Rig,
+    StageHardware,
+)
 from smarttac_can.vocabulary.faults import (
     PICKUP,
     PICKUP_D,
@@ -23,8 +40,8 @@ from smarttac_can.vocabulary.faults import (
     THERMOMETER,
     FaultKind,
 )
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK_US, Drive, Measurement, Setpoint
+from smarttac_can.vocabulary.states import Mode
 from smarttac_can.vocabulary.watchdogs import (
     AMPLITUDE_CYCLES,
     GAUGE_CYCLES,
@@ -37,6 +54,250 @@ from smarttac_can.vocabulary.watchdogs import (
     Watchdog,
     sync_window,
 )
+
+SETPOINT_DEADLINE_MS: Final = 5
+"""Event timer of the set-points at the stimulator, where the master sends them in each cycle."""
+_PAUSE_CYCLES: Final = 2000
+_FULL_CYCLES: Final = 20
+_SETPOINT_RPDO: Final = 2
+_SETPOINT_PDO: Final = Frame(
+    RPDO_IDS[_SETPOINT_RPDO - 1] + STIMULATOR_ID, pack("<HI", 4000, 4_339_000)
+)
+"""Set-points of voltage and frequency, 40 V at the resonance."""
+
+Act = Callable[[Rig], None]
+
+
+def nothing(rig: Rig) -> None:
+    """Do nothing: the cause of the fault is gone by itself."""
+
+
+def put(name: str, value: object) -> Act:
+    """Make an act that gives an attribute of the rig another value."""
+    return lambda rig: setattr(rig, name, value)
+
+
+def disturb(frame_fault: FrameFault, *can_ids: int, cycles: int = 1) -> Act:
+    """Make an act after which a frame_fault happens to every frame with one of these CAN-IDs.
+
+    It lasts until `calm`; ``cycles`` is how late a delayed frame is.
+    """
+    disturbance = Disturbance(frame_fault, frozenset(can_ids), cycles=cycles)
+    return lambda rig: rig.bus.disturbances.append(disturbance)
+
+
+def lose(*can_ids: int) -> Act:
+    """Make an act that loses these frames in one cycle; in two in a row that would be a fault."""
+
+    def act(rig: Rig) -> None:
+        disturb(FrameFault.LOSS, *can_ids)(rig)
+        rig.cycle()
+        calm(rig)
+
+    return act
+
+
+def calm(rig: Rig) -> None:
+    """End all frame faults on the bus."""
+    rig.bus.disturbances.clear()
+
+
+def jump(plate: bool) -> Act:
+    """Make an act that puts the clock of a node forward by 2 s."""
+
+    def act(rig: Rig) -> None:
+        port = rig.plate_port if plate else rig.stimulator_port
+        assert port is not None
+        rig.bus.jump(port, _PAUSE_CYCLES * TICK_US)
+
+    return act
+
+
+def stop_clock(rig: Rig) -> None:
+    """Stop the clock of the stimulator."""
+    rig.bus.stop_clock(rig.stimulator_port)
+
+
+def start_clock(rig: Rig) -> None:
+    """Let the clock of the stimulator go on."""
+    rig.bus.start_clock(rig.stimulator_port)
+
+
+def restart_stimulator(rig: Rig) -> None:
+    """Take the power from the stimulator and give it back."""
+    rig.bus.power_off(rig.stimulator_port)
+    rig.bus.power_on(rig.stimulator_port)
+
+
+def restart_plate(rig: Rig) -> None:
+    """Take the power from the plate and give it back."""
+    assert rig.plate_port is not None
+    rig.bus.power_off(rig.plate_port)
+    rig.bus.power_on(rig.plate_port)
+
+
+def pause_stimulator(rig: Rig) -> None:
+    """Stop the process of the stimulator."""
+    rig.bus.pause(rig.stimulator_port)
+
+
+def resume_stimulator(rig: Rig) -> None:
+    """Let the process of the stimulator go on, 2 s later, until it has heard the plate again."""
+    rig.cycle(_PAUSE_CYCLES)
+    rig.bus.resume(rig.stimulator_port)
+    hear_plate(rig)
+
+
+def pause_plate(rig: Rig) -> None:
+    """Stop the process of the plate for 2 s, and let it go on: the first cycle counts from there.
+
+    A plate that is stopped cannot put its own stage at 0 V.
+    """
+    assert rig.plate_port is not None
+    rig.bus.pause(rig.plate_port)
+    rig.cycle(_PAUSE_CYCLES)
+    rig.bus.resume(rig.plate_port)
+
+
+def pause_master(rig: Rig) -> None:
+    """Stop heartbeat and SYNC of the master."""
+    rig.heartbeat, rig.syncs = False, 0
+
+
+def resume_master(rig: Rig) -> None:
+    """Let heartbeat and SYNC of the master go on."""
+    rig.heartbeat, rig.syncs = True, 1
+
+
+class _BrokenController:
+    """A cascade whose drive has another voltage than it should."""
+
+    def __init__(self, cascade: Cascade, voltage: float) -> None:
+        self.cascade = cascade
+        self._voltage = voltage
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.cascade, name)
+
+    def update(self, measurement: Measurement, setpoint: Setpoint) -> Drive:
+        drive = self.cascade.update(measurement, setpoint)
+        return Drive(self._voltage, drive.frequency)
+
+
+def control_wrongly(voltage: float) -> Act:
+    """Make an act after which the controllers ask for a voltage in V, whatever they see."""
+
+    def act(rig: Rig) -> None:
+        block = rig.stimulator.block
+        block.cascade = _BrokenController(block.cascade, voltage)  # type: ignore[assignment]
+
+    return act
+
+
+def control_rightly(rig: Rig) -> None:
+    """Put the right controllers back."""
+    block = rig.stimulator.block
+    if isinstance(block.cascade, _BrokenController):
+        block.cascade = block.cascade.cascade
+
+
+def another_plate(serial: int) -> Act:
+    """Make an act that gives the plate another serial number."""
+
+    def act(rig: Rig) -> None:
+        rig.plate_block.od["Plate serial number"].value = serial
+
+    return act
+
+
+def lower_force_limit(rig: Rig) -> None:
+    """Set a lateral limit that lies well within the range of the gauges."""
+    rig.write("Limit.Lateral force", 1000)
+
+
+def limit_amplitude(nm: int) -> Act:
+    """Make an act that sets the limit at which the vibration trips, in nm peak-to-peak.
+
+    100 nm is below what any mode but identification drives, 0.6 um and more. An identification has
+    to be limited below 1500 nm, where it ends by itself.
+    """
+    return lambda rig: rig.write("Limit.Amplitude trip", nm)
+
+
+def speak_as(can_id: int) -> Act:
+    """Send empty frames with an identifier of another node."""
+    return lambda rig: rig.each_cycle.append(Frame(can_id))
+
+
+def offset_sometimes(sensor: int, value: int, off: int, period: int) -> Act:
+    """Make an act after which a sensor is off by a value in `off` of `period` cycles."""
+    wrong, none = Fault(FaultKind.OFFSET, sensor, value), Fault(FaultKind.NONE, sensor, 0)
+
+    def act(rig: Rig) -> None:
+        begin = rig.cycles + 1
+
+        def break_or_mend() -> None:
+            bad = (rig.cycles - begin) % period < off
+            rig.plate_block.plate.inject(wrong if bad else none)
+
+        rig.unsteady = break_or_mend
+
+    return act
+
+
+def fall_silent(rig: Rig) -> None:
+    """End the frames sent for another node, and wait until they are forgotten."""
+    rig.each_cycle.clear()
+    rig.cycle(GONE_AFTER_US // TICK_US)
+
+
+def send_setpoints(rig: Rig) -> None:
+    """Send set-points of the master in each cycle, with a deadline for them in the stimulator."""
+    timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
+    rig.master.write(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
+    rig.each_cycle.append(_SETPOINT_PDO)
+
+
+def skip_syncs(rig: Rig) -> None:
+    """Leave numbers out of the SYNC counter."""
+    rig.master.sync_counter += 5
+
+
+def bus_off(rig: Rig) -> None:
+    """Take the CAN controller of the stimulator off the bus."""
+    rig.bus.bus_off(rig.stimulator_port)
+
+
+def bus_recovered(rig: Rig) -> None:
+    """Put it on the bus again."""
+    rig.bus.bus_recovered(rig.stimulator_port)
+
+
+def fill_queue(rig: Rig) -> None:
+    """Let the CAN controller of the stimulator take no frames for some cycles, then all."""
+    rig.bus.clog(rig.stimulator_port, _FULL_CYCLES)
+
+
+def boot_again(rig: Rig) -> None:
+    """Send a boot-up message of the master."""
+    rig.master.send(Frame(HEARTBEAT_ID + MASTER_ID, bytes(1)))
+
+
+def hear_plate(rig: Rig) -> None:
+    """Let no frames get lost, until a heartbeat of the plate has come."""
+    calm(rig)
+    rig.cycle(PLATE_HEARTBEAT_MS + 1)
+
+
+def connect_hardware(rig: Rig) -> None:
+    """Connect hardware that watches the power stage."""
+    rig.hardware = StageHardware(rig)
+
+
+def hardware(name: str, value: int) -> Act:
+    """Make an act that gives an attribute of that hardware another value."""
+    return lambda rig: setattr(rig.hardware, name, value)
+
 
 DRIVING: Final = (
     Mode.OPEN_LOOP,
@@ -257,7 +518,7 @@ def _nmt(
     def inject(rig: Rig) -> None:
         rig.nmt(command, node_id)
 
-    return FaultCase(name, bound, watchdog, inject, act.nothing, plate_inside=inside)
+    return FaultCase(name, bound, watchdog, inject, nothing, plate_inside=inside)
 
 
 def _disobeys(rig: Rig) -> bool:
@@ -308,46 +569,46 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _nmt("NMT stop, plate inside", NMTCommand.STOP, AT_ONCE, inside=True),
     # An identification is over before a heartbeat is missed.
     FaultCase("heartbeat of the master lost", MASTER_LOST_MS, Watchdog.HEARTBEAT,
-              act.put("heartbeat", False), act.put("heartbeat", True), REGULATED),
+              put("heartbeat", False), put("heartbeat", True), REGULATED),
     FaultCase("heartbeat of the master lost, plate inside", MASTER_LOST_MS, Watchdog.HEARTBEAT,
-              act.put("heartbeat", False), act.put("heartbeat", True), REGULATED,
+              put("heartbeat", False), put("heartbeat", True), REGULATED,
               plate_inside=True),
     FaultCase("heartbeat of the plate lost", PLATE_LOST_MS, Watchdog.HEARTBEAT,
-              act.disturb(FrameFault.LOSS, HEARTBEAT_ID + PLATE_ID), act.hear_plate, REGULATED,
-              prepare=act.hear_plate),
-    FaultCase("master boots again", AT_ONCE, Watchdog.HEARTBEAT, act.boot_again, act.nothing),
+              disturb(FrameFault.LOSS, HEARTBEAT_ID + PLATE_ID), hear_plate, REGULATED,
+              prepare=hear_plate),
+    FaultCase("master boots again", AT_ONCE, Watchdog.HEARTBEAT, boot_again, nothing),
     FaultCase("measurements lost", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              act.disturb(FrameFault.LOSS, *MEASUREMENTS), act.calm, through_loop=True),
+              disturb(FrameFault.LOSS, *MEASUREMENTS), calm, through_loop=True),
     FaultCase("drives lost", PDO_DEADLINE_MS, Watchdog.PLATE,
-              act.disturb(FrameFault.LOSS, DRIVE), act.calm, through_loop=True),
-    FaultCase("set-points lost", act.SETPOINT_DEADLINE_MS, Watchdog.SETPOINT,
-              lambda rig: rig.each_cycle.clear(), act.send_setpoints, prepare=act.send_setpoints),
-    FaultCase("SYNC lost", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, act.put("syncs", 0),
-              act.put("syncs", 1)),
+              disturb(FrameFault.LOSS, DRIVE), calm, through_loop=True),
+    FaultCase("set-points lost", SETPOINT_DEADLINE_MS, Watchdog.SETPOINT,
+              lambda rig: rig.each_cycle.clear(), send_setpoints, prepare=send_setpoints),
+    FaultCase("SYNC lost", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, put("syncs", 0),
+              put("syncs", 1)),
     FaultCase("SYNC twice a cycle", SYNC_IRREGULAR_CYCLES, Watchdog.SYNC_IRREGULAR,
-              act.put("syncs", 2), act.put("syncs", 1)),
-    FaultCase("SYNC counter jumps", AT_ONCE, Watchdog.SYNC_COUNTER, act.skip_syncs, act.nothing,
+              put("syncs", 2), put("syncs", 1)),
+    FaultCase("SYNC counter jumps", AT_ONCE, Watchdog.SYNC_COUNTER, skip_syncs, nothing,
               prepare=Rig.count_syncs),
-    FaultCase("bus-off", PDO_DEADLINE_MS, Watchdog.BUS_OFF, act.bus_off, act.bus_recovered,
+    FaultCase("bus-off", PDO_DEADLINE_MS, Watchdog.BUS_OFF, bus_off, bus_recovered,
               cut_off=True),
     FaultCase("transmit queue full", PDO_DEADLINE_MS, Watchdog.TRANSMIT_QUEUE,
-              act.fill_queue, act.nothing),
+              fill_queue, nothing),
     FaultCase("controller asks for 999 V", AT_ONCE, Watchdog.VOLTAGE,
-              act.control_wrongly(999.0), act.control_rightly, breaks_controller=True),
+              control_wrongly(999.0), control_rightly, breaks_controller=True),
     FaultCase("controller gives NaN", AT_ONCE, Watchdog.CONTROLLER,
-              act.control_wrongly(float("nan")), act.control_rightly, breaks_controller=True),
-    FaultCase("another plate", AT_ONCE, Watchdog.CALIBRATION, act.another_plate(2),
-              act.another_plate(1)),
+              control_wrongly(float("nan")), control_rightly, breaks_controller=True),
+    FaultCase("another plate", AT_ONCE, Watchdog.CALIBRATION, another_plate(2),
+              another_plate(1)),
     FaultCase("plate without a serial number", AT_ONCE, Watchdog.CALIBRATION,
-              act.another_plate(0), act.another_plate(1)),
+              another_plate(0), another_plate(1)),
     FaultCase("another node speaks as the stimulator", AT_ONCE, Watchdog.DOUBLE,
-              act.speak_as(HEARTBEAT_ID + STIMULATOR_ID), act.fall_silent),
+              speak_as(HEARTBEAT_ID + STIMULATOR_ID), fall_silent),
     FaultCase("another node speaks as the stimulator, plate inside", AT_ONCE, Watchdog.DOUBLE,
-              act.speak_as(HEARTBEAT_ID + STIMULATOR_ID), act.fall_silent, plate_inside=True),
+              speak_as(HEARTBEAT_ID + STIMULATOR_ID), fall_silent, plate_inside=True),
     FaultCase("another node speaks as the plate", AT_ONCE, Watchdog.DOUBLE,
-              act.speak_as(HEARTBEAT_ID + PLATE_ID), act.fall_silent),
+              speak_as(HEARTBEAT_ID + PLATE_ID), fall_silent),
     FaultCase("another node sends drives", AT_ONCE, Watchdog.DOUBLE,
-              act.speak_as(DRIVE), act.fall_silent),
+              speak_as(DRIVE), fall_silent),
     *(case for number in (1, 2) for case in _sensor(
         f"S{number}", number, Watchdog.STUCK, Watchdog.SATURATED,
         {Mode.IDENTIFY: Watchdog.GAUGES}, _LATERAL)),
@@ -358,7 +619,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
     *(broken(f"S{number} jumps", GAUGE_CYCLES, Watchdog.GAUGES, FaultKind.OFFSET, number, 600)
       for number in range(3, 7)),
     *(FaultCase(f"S{number} off in {off} of {period} cycles", bound, Watchdog.GAUGES,
-                act.offset_sometimes(number, mN, off, period), Rig.mend, through_loop=True,
+                offset_sometimes(number, mN, off, period), Rig.mend, through_loop=True,
                 shows=shows)
       for number, mN, off, period, bound, shows in
       ((1, 1700, 4, 5, 7, visible(0.0, _NO_FRICTION_N)), (3, 600, 4, 5, 7, None),
@@ -380,79 +641,79 @@ CASES: Final[tuple[FaultCase, ...]] = (
     broken("plate too hot", AT_ONCE, Watchdog.TEMPERATURE, FaultKind.TEMPERATURE, 1, 7500),
     broken("finger slams", FORCE_PATH_CYCLES, Watchdog.NORMAL_FORCE, FaultKind.SLAM, 1, 9000),
     broken("lateral force", AT_ONCE, Watchdog.LATERAL_FORCE,
-            FaultKind.OFFSET, 1, 2000, prepare=act.lower_force_limit),
+            FaultKind.OFFSET, 1, 2000, prepare=lower_force_limit),
     broken("resonance out of reach", RING_DOWN_CYCLES + RESONANCE_CYCLES, Watchdog.RESONANCE,
             FaultKind.RESONANCE_SHIFT, 1, -1500, modes=TRACKED, shows=visible()),
     broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, Watchdog.PICKUP,
             FaultKind.RESONANCE_SHIFT, 1, -9000, shows=visible(), adds_up=False),
     FaultCase("vibration above its limit", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
-              act.limit_amplitude(100), act.limit_amplitude(3200),
+              limit_amplitude(100), limit_amplitude(3200),
               REGULATED, shows=visible(), through_loop=True),
     broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
             FaultKind.OFFSET, PICKUP_D, 500, modes=(Mode.IDENTIFY,),
-            prepare=act.limit_amplitude(1000)),
+            prepare=limit_amplitude(1000)),
     broken("power stage stuck", AT_ONCE, Watchdog.STAGE,
             FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True, shows=_disobeys,
             instead={Mode.IDENTIFY: Watchdog.PICKUP},
             why="140 V instead of 16 V are more vibration than an identification bears: it asks "
             "for 0 V, which a stuck stage obeys, before a drive could show that it does not"),
     FaultCase("hardware takes its enable away", AT_ONCE, Watchdog.NOT_ENABLED,
-              act.hardware("enable", 0), act.hardware("enable", 1), prepare=act.connect_hardware),
+              hardware("enable", 0), hardware("enable", 1), prepare=connect_hardware),
     FaultCase("hardware falls silent", PDO_DEADLINE_MS, Watchdog.NOT_ENABLED,
-              act.hardware("speaks", False), act.hardware("speaks", True),
-              prepare=act.connect_hardware),
+              hardware("speaks", False), hardware("speaks", True),
+              prepare=connect_hardware),
     FaultCase("hardware reads 10 V more", READ_BACK_BOUND, Watchdog.STAGE,
-              act.hardware("excess", 1000), act.hardware("excess", 0),
-              prepare=act.connect_hardware),
+              hardware("excess", 1000), hardware("excess", 0),
+              prepare=connect_hardware),
     FaultCase("measurements two cycles late", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              act.disturb(FrameFault.DELAY, *MEASUREMENTS, cycles=2), act.calm, through_loop=True),
+              disturb(FrameFault.DELAY, *MEASUREMENTS, cycles=2), calm, through_loop=True),
     FaultCase("drives two cycles late", PDO_DEADLINE_MS, Watchdog.PLATE,
-              act.disturb(FrameFault.DELAY, DRIVE, cycles=2), act.calm, through_loop=True),
+              disturb(FrameFault.DELAY, DRIVE, cycles=2), calm, through_loop=True),
     FaultCase("measurements swapped", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              act.disturb(FrameFault.REORDERING, *MEASUREMENTS), act.calm, through_loop=True),
+              disturb(FrameFault.REORDERING, *MEASUREMENTS), calm, through_loop=True),
     FaultCase("drives corrupt", PDO_DEADLINE_MS, Watchdog.PLATE,
-              act.disturb(FrameFault.CORRUPTION, DRIVE), act.calm),
+              disturb(FrameFault.CORRUPTION, DRIVE), calm),
     FaultCase("measurements corrupt", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
-              act.disturb(FrameFault.CORRUPTION, *MEASUREMENTS), act.calm,
+              disturb(FrameFault.CORRUPTION, *MEASUREMENTS), calm,
               shows=_is_unanswered, adds_up=False),
     FaultCase("a node babbles", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
               lambda rig: rig.bus.babble(8), lambda rig: rig.bus.babble(0)),
-    FaultCase("stimulator restarts", PDO_DEADLINE_MS, None, act.restart_stimulator, act.nothing,
+    FaultCase("stimulator restarts", PDO_DEADLINE_MS, None, restart_stimulator, nothing,
               forgets=True),
-    FaultCase("stimulator restarts, plate inside", AT_ONCE, None, act.restart_stimulator,
-              act.nothing,
+    FaultCase("stimulator restarts, plate inside", AT_ONCE, None, restart_stimulator,
+              nothing,
               plate_inside=True, forgets=True),
-    FaultCase("plate restarts", AT_ONCE, Watchdog.MEASUREMENT, act.restart_plate, act.nothing),
+    FaultCase("plate restarts", AT_ONCE, Watchdog.MEASUREMENT, restart_plate, nothing),
     FaultCase("clock of the stimulator jumps", AT_ONCE, Watchdog.SYNC_LOST,
-              act.jump(plate=False), act.hear_plate),
-    FaultCase("clock of the plate jumps", AT_ONCE, Watchdog.PLATE, act.jump(plate=True),
-              act.nothing),
+              jump(plate=False), hear_plate),
+    FaultCase("clock of the plate jumps", AT_ONCE, Watchdog.PLATE, jump(plate=True),
+              nothing),
     FaultCase("clock of the stimulator stops", SYNC_IRREGULAR_CYCLES, Watchdog.SYNC_IRREGULAR,
-              act.stop_clock, act.start_clock),
+              stop_clock, start_clock),
     FaultCase("stimulator paused for 2 s", PDO_DEADLINE_MS, None,
-              act.pause_stimulator, act.resume_stimulator, deaf=True),
+              pause_stimulator, resume_stimulator, deaf=True),
     FaultCase("plate paused for 2 s", AT_ONCE, Watchdog.MEASUREMENT,
-              act.pause_plate, act.nothing, deaf=True,
+              pause_plate, nothing, deaf=True,
               uncovered="a process that stands cannot put its "
               "stage at 0 V, and does not hear hardware that asks for it. The stage's own hardware "
               "has to: an enable in its supply that falls when it is not served in time, by a "
               "watchdog that each cycle of the plate retriggers"),
-    FaultCase("master paused", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, act.pause_master,
-              act.resume_master),
+    FaultCase("master paused", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, pause_master,
+              resume_master),
 )  # fmt: skip
 """Faults that have to end in 0 V."""
 
 TOLERATED: Final[tuple[FaultCase, ...]] = (
-    FaultCase("measurements twice", 0, None, act.disturb(FrameFault.DUPLICATION, *MEASUREMENTS),
-              act.calm,
+    FaultCase("measurements twice", 0, None, disturb(FrameFault.DUPLICATION, *MEASUREMENTS),
+              calm,
               through_loop=True),
-    FaultCase("drives twice", 0, None, act.disturb(FrameFault.DUPLICATION, DRIVE), act.calm,
+    FaultCase("drives twice", 0, None, disturb(FrameFault.DUPLICATION, DRIVE), calm,
               through_loop=True),
     FaultCase("measurements late in their cycle", 0, None,
-              act.disturb(FrameFault.DELAY, *MEASUREMENTS), act.calm, through_loop=True),
-    FaultCase("a cycle of measurements lost", 0, None, act.lose(*MEASUREMENTS), act.nothing,
+              disturb(FrameFault.DELAY, *MEASUREMENTS), calm, through_loop=True),
+    FaultCase("a cycle of measurements lost", 0, None, lose(*MEASUREMENTS), nothing,
               through_loop=True),
-    FaultCase("a drive lost", 0, None, act.lose(DRIVE), act.nothing, through_loop=True),
+    FaultCase("a drive lost", 0, None, lose(DRIVE), nothing, through_loop=True),
     FaultCase("a node babbles a little", 0, None,
               lambda rig: rig.bus.babble(2), lambda rig: rig.bus.babble(0), through_loop=True),
 )  # fmt: skip

@@ -17,10 +17,9 @@ from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS, Subject
 from smarttac_can.trials.invariants import TripCause
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, ZERO
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
-from smarttac_can.vocabulary.states import Control, State, Status
+from smarttac_can.vocabulary.states import Control, Law, Mode, State, Status, VibrationLaw
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 from smarttac_can.vocabulary.watchdogs import watchdogs_in
 

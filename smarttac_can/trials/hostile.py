@@ -37,8 +37,7 @@ from smarttac_can.od.entry import Entry
 from smarttac_can.trials.fault_cases import REGULATED
 from smarttac_can.trials.invariants import Invariants
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.states import Control, Law, Mode, State, VibrationLaw
 from smarttac_can.vocabulary.watchdogs import Watchdog, watchdogs_in
 
 # A master that does its duty: it drives the pair again and again, whatever others do.

@@ -41,10 +41,9 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, SIMULATION, START_RUN, ZERO
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, SIMULATION, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
-from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.states import Control, Mode, State
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 MASTER_ID: Final = 1

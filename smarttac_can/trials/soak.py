@@ -22,8 +22,7 @@ from smarttac_can.trials.fault_cases import CASES, DRIVING, TOLERATED, TRACKED, 
 from smarttac_can.trials.invariants import MOST_VIOLATIONS, Invariants, TripCause
 from smarttac_can.trials.rig import PLATE_LOST_MS, MasterTraffic, Rig
 from smarttac_can.trials.workers import sharing
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Law, Mode, State, VibrationLaw
 from smarttac_can.vocabulary.watchdogs import (
     COUNTED,
     FORGOTTEN,

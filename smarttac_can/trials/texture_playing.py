@@ -8,10 +8,9 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.textures import Texture
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.vocabulary.modes import Mode, VibrationLaw
-from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, STROKE, ZERO
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, START_RUN, STROKE, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
-from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.states import Control, Mode, State, VibrationLaw
 
 LEVELS: Final = {1: (0.2, 0.3), 2: (0.3, 0.4), 3: (0.4, 0.5), 4: (0.5, 0.6)}
 """COF of a subject between and on the ridges: the references of the paper, which it can reach."""

@@ -1,12 +1,18 @@
 """What both ends of the bus agree on: modes, states, words, watchdogs, faults, and signals."""
 
-from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.vocabulary.faults import FaultCode, FaultKind
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.plate import Plate
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoint
-from smarttac_can.vocabulary.states import Control, IdentificationState, State, Status
+from smarttac_can.vocabulary.states import (
+    Control,
+    IdentificationState,
+    Law,
+    Mode,
+    State,
+    Status,
+    VibrationLaw,
+)
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 __all__ = [

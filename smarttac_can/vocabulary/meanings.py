@@ -1,4 +1,4 @@
-"""What the numbers of words, modes and emergencies are called, for tools that show them."""
+"""Names of objects, words, modes and emergencies, for clients and for tools that show them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ from enum import IntEnum, IntFlag
 from typing import Final, NamedTuple
 
 from smarttac_can.od.cia import EmergencyCode
-from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.states import STATE_SHIFT, Control, State, Status
+from smarttac_can.vocabulary.faults import FaultCode
+from smarttac_can.vocabulary.states import (
+    STATE_SHIFT,
+    Control,
+    Law,
+    Mode,
+    State,
+    Status,
+    VibrationLaw,
+)
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS
 
 
@@ -60,3 +67,23 @@ def emergency_text(code: int) -> str:
     if code == EmergencyCode.RESET:
         return "an error is gone"
     return EMERGENCIES.get(code, "a code that is not known")
+
+
+START_RUN: Final = "Simulation.Start run"
+FAULT_KIND: Final = "Fault.Kind"
+LIFTED, STROKE, RECORDED = range(3)
+"""Values of ``Finger.Motion``."""
+SIMULATION: Final = ("Simulation", "Finger", "Fault", "Weight")
+"""Records that belong to the simulated plate."""
+ZERO: Final = int.from_bytes(b"zero", "little")
+"""Signature to write to the auto-zero object."""
+TARE: Final = "AI auto-zero"
+"""Record of the objects that take it."""
+AUTO_ZERO: Final = tuple(
+    f"{TARE}.AI auto-zero {channel}" for channel in ("force x", "force y", "normal force")
+)
+"""Its objects, one for each channel that can be tared."""
+NOT_TARED: Final = "not tared: "
+"""How the Message begins of a tare that is refused for a null outside its window."""
+UNWATCHED: Final = "not armed, as nobody would be missed: "
+"""How the Message begins of an arming that is refused for want of a watch; what to do follows."""

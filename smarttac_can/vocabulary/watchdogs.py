@@ -7,8 +7,8 @@ from math import inf
 from typing import Final, NamedTuple
 
 from smarttac_can.od.cia import ErrorRegister
-from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.faults import FaultCode
+from smarttac_can.vocabulary.states import Mode
 
 ALL_MODES: Final = tuple(Mode)
 TRACKING_MODES: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)

@@ -28,8 +28,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.timing import frame_seconds
 from smarttac_can.vocabulary.meanings import emergency_text, spoken
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State, Status, known_state
+from smarttac_can.vocabulary.states import Mode, State, Status, known_state
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 PUBLISHED: Final = {

@@ -11,7 +11,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.trials.fault_cases import CASES, cases
 from smarttac_can.trials.fault_matrix import fault_matrix, rows_as_json
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Mode
 
 Log = list[tuple[int, Frame]]
 Rows = list[dict[str, Any]]

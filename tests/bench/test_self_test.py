@@ -9,7 +9,7 @@ import pytest
 from smarttac_can.bench import BenchError, RunInterruptedError, State, Stimulator
 from smarttac_can.bench.self_test import Check, ResonanceFit, selftest
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Mode
 
 ALL = {
     "timing.lost rows", "timing.missed ticks", "timing.foreign ticks",

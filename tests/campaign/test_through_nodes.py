@@ -8,7 +8,7 @@ from smarttac_can.nodes import plate_block
 from smarttac_can.plant.plate import Plate
 from smarttac_can.population.fingers import CASES, F0, TRAVEL, draw_finger
 from smarttac_can.population.trial import Campaign, outcome, traces_of
-from smarttac_can.vocabulary.modes import Law, VibrationLaw
+from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 CASE = CASES["nominal"]
 DEAD_TIME_US = 540

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from nodes_on_a_bus import both, stimulator_with_plate
 
-from smarttac_can.cli.process import StateLines
+from smarttac_can.cli.nodes import StateLines
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
@@ -18,9 +18,8 @@ from smarttac_can.host.runner import run_node
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.states import StageState
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.faults import FaultCode
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 SYNC, START = Frame(0x80), Frame(0, b"\1\0")

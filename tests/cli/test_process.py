@@ -5,7 +5,7 @@ from click.testing import CliRunner
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli import main, process
-from smarttac_can.cli.process import Pace, StateLines
+from smarttac_can.cli.nodes import Pace, StateLines
 from smarttac_can.cli.shared import BusChoice
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory

@@ -313,7 +313,7 @@ def test_channel_that_is_not_there_has_its_cure_as_elsewhere(
     def refuse(*_arguments: object) -> None:
         raise OSError(number, "no")
 
-    monkeypatch.setattr("smarttac_can.host.socketcan_wire.socket.socket", refuse)
+    monkeypatch.setattr("smarttac_can.trials.fault_matrix.socket.socket", refuse)
     assert cure in run(*ONE, "--channel", "vcan9").stderr.splitlines()[-1]
 
 

@@ -17,7 +17,7 @@ from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.eds import load_eds
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.reproduce import CANDUMP, TRACES, reproduce
-from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
 from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
 

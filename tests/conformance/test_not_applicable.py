@@ -1,9 +1,8 @@
 """What the EDS does not have is not asked, and what is optional may be refused."""
 
 from smarttac_can.conformance.case import DeviceDescription, Result
-from smarttac_can.conformance.device_time import DeviceTimeBus
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.run import CASES, run_cases
+from smarttac_can.conformance.run import CASES, DeviceTimeBus, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.device_node import DeviceNode

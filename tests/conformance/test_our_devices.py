@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from smarttac_can.conformance.case import Case, DeviceDescription
-from smarttac_can.conformance.device_time import DeviceTimeBus
 from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.run import CASES, run_cases
+from smarttac_can.conformance.run import CASES, DeviceTimeBus, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.host.files import read_eds
 from smarttac_can.host.node import Node

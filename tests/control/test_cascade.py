@@ -16,8 +16,8 @@ from smarttac_can.control.step import FREQUENCY_STEP, control_step
 from smarttac_can.control.texture import POSITION_LAG, texture_of
 from smarttac_can.control.vibration import Limit
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Measurement
+from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 REGULATING = (Mode.AMPLITUDE, Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)

@@ -8,7 +8,7 @@ from first_order_plate import FirstOrderPlate, gauges, setpoint
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Mode
 
 DEFAULT = CascadeParameters()
 NUMBERS = [

@@ -11,7 +11,7 @@ from smarttac_can.control.friction import (
     limited_step,
     relative_error,
 )
-from smarttac_can.vocabulary.modes import Law
+from smarttac_can.vocabulary.states import Law
 
 
 def step(E):

@@ -6,8 +6,7 @@ from first_order_plate import FirstOrderPlate, gauges, setpoint
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import IdentificationState
+from smarttac_can.vocabulary.states import IdentificationState, Mode
 
 NULLS = (0.7, -1.1, 0.3, -0.2, 1.2, -0.9)
 

@@ -11,7 +11,7 @@ from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.step import _regulated
 from smarttac_can.control.texture import texture_of
 from smarttac_can.control.vibration import Limit
-from smarttac_can.vocabulary.modes import Mode, VibrationLaw
+from smarttac_can.vocabulary.states import Mode, VibrationLaw
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 LAWS = list(VibrationLaw)

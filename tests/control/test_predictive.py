@@ -21,8 +21,8 @@ from smarttac_can.control.predictive import (
 )
 from smarttac_can.control.vibration import Limit
 from smarttac_can.vocabulary.model import F0_SLOPE, PlateModel
-from smarttac_can.vocabulary.modes import Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Measurement
+from smarttac_can.vocabulary.states import Mode, VibrationLaw
 
 W0 = 2 * math.pi * 43390.0
 PLATE = PlateNow(53e-6, 1060.0, W0)

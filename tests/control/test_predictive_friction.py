@@ -33,8 +33,8 @@ from smarttac_can.control.predictive_friction import (
 from smarttac_can.plant.force_path import follow as through_path
 from smarttac_can.plant.force_path import propagator
 from smarttac_can.plant.parameters import SensorParameters
-from smarttac_can.vocabulary.modes import Law, Mode
 from smarttac_can.vocabulary.signals import Measurement
+from smarttac_can.vocabulary.states import Law, Mode
 
 STEEP = PRIOR._replace(a=1.5, b=-0.5)
 LOW, HIGH = 0.35, 0.45

@@ -7,7 +7,7 @@ from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.design import designed, row_of
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode, VibrationLaw
+from smarttac_can.vocabulary.states import Mode, VibrationLaw
 
 MODEL = PlateModel(gain=50e-9, tau=0.944e-3, f0=43390.0, load=1.0)
 

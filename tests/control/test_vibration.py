@@ -6,7 +6,7 @@ from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.step import adopted, at_rest, control_plan, control_step
 from smarttac_can.control.vibration import Limit
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Mode
 
 
 def response(mode, ticks=60, frequency=43250.0, dead_time=0.0):

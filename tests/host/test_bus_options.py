@@ -9,8 +9,7 @@ import pytest
 
 from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.cli.shared import BusChoice
-from smarttac_can.host.bus_options import kept_here
-from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.python_can import PythonCanBus, kept_here
 from smarttac_can.timing.loop_run import require_quiet
 
 GROUP = {"interface": "udp_multicast", "channel": "239.74.163.3"}

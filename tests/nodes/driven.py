@@ -7,11 +7,10 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.entry import Entry
-from smarttac_can.trials.fault_acts import nothing, send_setpoints
-from smarttac_can.trials.fault_cases import FaultCase
+from smarttac_can.trials.fault_cases import FaultCase, nothing, send_setpoints
 from smarttac_can.trials.fault_matrix import driving_rig
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Mode
 
 MASTER, SETPOINT_DEADLINE_MS = 1, 5
 STATE = 0x08000022

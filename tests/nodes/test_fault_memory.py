@@ -3,10 +3,9 @@
 from driven import driven, write, write_entry
 from line import RESET, START
 
-from smarttac_can.trials.fault_acts import bus_off, bus_recovered
+from smarttac_can.trials.fault_cases import bus_off, bus_recovered
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 
 FIRST = "Fault memory.Fault 1"
 LOAD = int.from_bytes(b"load", "little")

@@ -13,8 +13,7 @@ from smarttac_can.od.cia import NMTCommand
 from smarttac_can.trials.fault_cases import CASES, DRIVING, PREDICTED, FaultCase, cases
 from smarttac_can.trials.fault_matrix import begin_run, driving_rig
 from smarttac_can.trials.rig import MasterTraffic, Rig
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 BOUND = {

@@ -14,9 +14,8 @@ from smarttac_can.plant.faults import Fault
 from smarttac_can.plant.finger import Trajectory
 from smarttac_can.trials.fault_cases import DRIVING, REGULATED
 from smarttac_can.vocabulary.faults import FaultKind
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, RECORDED, START_RUN, STROKE, ZERO
-from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, RECORDED, START_RUN, STROKE, ZERO
+from smarttac_can.vocabulary.states import Control, Mode, State
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 from smarttac_can.vocabulary.watchdogs import Watchdog
 

@@ -10,12 +10,17 @@ from driven import SETPOINT_DEADLINE_MS, driven, driven_within, write, write_ent
 from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.faulty_bus import FrameFault
-from smarttac_can.trials.fault_acts import calm, disturb, limit_amplitude, lose
-from smarttac_can.trials.fault_cases import DRIVE, MEASUREMENTS
+from smarttac_can.trials.fault_cases import (
+    DRIVE,
+    MEASUREMENTS,
+    calm,
+    disturb,
+    limit_amplitude,
+    lose,
+)
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, FaultKind
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import COUNTED, PLATE_COUNTED, Watchdog, level
 
 LOSE_MEASUREMENTS = disturb(FrameFault.LOSS, *MEASUREMENTS)

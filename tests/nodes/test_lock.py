@@ -12,7 +12,7 @@ from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.trials.fault_acts import disturb
+from smarttac_can.trials.fault_cases import disturb
 from smarttac_can.vocabulary.states import State
 
 OK = 0

@@ -21,11 +21,10 @@ from smarttac_can.device.storage import Image, Memory, pack_image
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.trials.fault_acts import Act, put
+from smarttac_can.trials.fault_cases import Act, put
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import THERMOMETER, FaultKind
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 ZERO = int.from_bytes(b"zero", "little")

@@ -12,9 +12,8 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Measurement
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Law, Mode, State, VibrationLaw
 
 FIRST = 30
 

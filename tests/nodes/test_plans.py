@@ -26,10 +26,9 @@ from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort, AbortCode, NMTCommand
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, ZERO
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, ZERO
-from smarttac_can.vocabulary.states import Control, IdentificationState
+from smarttac_can.vocabulary.states import Control, IdentificationState, Mode
 
 OD = stimulator_od()
 SETTINGS = [

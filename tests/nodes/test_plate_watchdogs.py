@@ -10,7 +10,7 @@ from line import DRIVE, PREOP, RESET_COMMUNICATION, START, Line, drive, ready_pl
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.od.cia import EmergencyCode
-from smarttac_can.vocabulary.fault_codes import FaultCode
+from smarttac_can.vocabulary.faults import FaultCode
 
 
 def driven_plate() -> tuple[Line, PlateNode]:

@@ -18,10 +18,9 @@ from smarttac_can.nodes.process_image import CHANNELS, Measured, ReadBack
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import AUTO_ZERO, ZERO
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, ZERO
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement
-from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.states import Control, Mode, State
 
 CHANNEL_SOURCES = (
     "Contact.Force x",

@@ -26,11 +26,10 @@ from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
-from smarttac_can.trials.fault_acts import calm, disturb
+from smarttac_can.trials.fault_cases import calm, disturb
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import FaultKind
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 DEFAULT_US = 20_000

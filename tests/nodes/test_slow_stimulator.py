@@ -14,9 +14,8 @@ from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.vocabulary.faults import PICKUP, FaultKind
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
-from smarttac_can.vocabulary.objects import AUTO_ZERO, START_RUN, ZERO
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, START_RUN, ZERO
+from smarttac_can.vocabulary.states import Law, Mode, State, VibrationLaw
 
 ALL = 99
 DOES_NOT_FOLLOW = "the vibration does not follow from the voltage"

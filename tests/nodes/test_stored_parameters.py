@@ -11,7 +11,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.eds import load_eds
-from smarttac_can.vocabulary.modes import VibrationLaw
+from smarttac_can.vocabulary.states import VibrationLaw
 
 SAVE = int.from_bytes(b"save", "little")
 

@@ -15,9 +15,8 @@ from smarttac_can.nodes.bounds import InForce
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import Abort
-from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import Drive
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 ARM, RUN, QUICK_STOP, FAULT_RESET = 1, 2, 4, 0x80

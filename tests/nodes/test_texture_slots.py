@@ -19,8 +19,7 @@ from smarttac_can.master import requests
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import AbortCode
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.states import Control, Mode, State
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 TABLES = 0x2061

@@ -15,7 +15,7 @@ from smarttac_can.plant.parameters import ResonatorParameters
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.population.fingers import Case, draw_finger
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
-from smarttac_can.vocabulary.objects import ZERO
+from smarttac_can.vocabulary.meanings import ZERO
 from smarttac_can.vocabulary.states import State, Status
 
 OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE, FRICTION, IDENTIFY = range(1, 6)

@@ -12,13 +12,10 @@ from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.faulty_bus import FrameFault
-from smarttac_can.trials.fault_acts import disturb
-from smarttac_can.trials.fault_cases import DRIVING
-from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.trials.fault_cases import DRIVING, disturb
+from smarttac_can.vocabulary.faults import PICKUP_D, FaultCode, FaultKind
 from smarttac_can.vocabulary.signals import Drive, Measurement, Setpoint
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 VALUE, TOO_HIGH, TOO_LOW = 0x06090030, 0x06090031, 0x06090032

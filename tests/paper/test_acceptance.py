@@ -12,7 +12,7 @@ from smarttac_can.paper.experiments import Conditions, loop_dead_time
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.report import dead_time_table
 from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, friction_step, reproduce
-from smarttac_can.vocabulary.modes import Law, VibrationLaw
+from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 SEEDS = range(1, 12)
 BANDS = {item.key: (item.low, item.high) for item in PUBLISHED if item.low is not None}

@@ -17,8 +17,8 @@ from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.population.fingers import UNIFORM
-from smarttac_can.vocabulary.modes import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.signals import Drive, Setpoint
+from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 BUS = 540e-6
 SPEED, FORCE, TRAVEL = 0.06, 0.5, 0.024

@@ -6,8 +6,8 @@ from smarttac_can.control import Cascade
 from smarttac_can.plant import Plate
 from smarttac_can.population.fingers import CASES, Lifting, stroke_of
 from smarttac_can.population.trial import AMBIENT, AMPLITUDE, plate_of
-from smarttac_can.vocabulary.modes import Mode
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, Drive, Setpoint
+from smarttac_can.vocabulary.states import Mode
 
 
 def traces_by_objects(campaign, finger, ticks):

@@ -8,7 +8,7 @@ from smarttac_can.population import trial
 from smarttac_can.population.fingers import CASES, draw_finger
 from smarttac_can.population.loop import lift
 from smarttac_can.population.trial import Campaign, fastest, plain, traces_of
-from smarttac_can.vocabulary.modes import Law, VibrationLaw
+from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 TICKS = 2500
 """Some 4 passes of a fast finger, 2 of a slow one, or two lifts."""

@@ -17,9 +17,8 @@ from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import NMTCommand
 from smarttac_can.replay import Replay, Replayed
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.objects import START_RUN
-from smarttac_can.vocabulary.states import Control
+from smarttac_can.vocabulary.meanings import START_RUN
+from smarttac_can.vocabulary.states import Control, Mode
 
 Log = list[tuple[int, Frame]]
 SYNC, DRIVE, EMCY, BOOT_UP = 0x080, 0x221, 0x0A0, 0x720

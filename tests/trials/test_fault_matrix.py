@@ -32,8 +32,7 @@ from smarttac_can.trials.fault_matrix import (
     tolerated,
 )
 from smarttac_can.vocabulary.faults import FaultKind
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 
 HOLD = 200
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"

@@ -7,10 +7,8 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.trials.rig import MasterTraffic, Rig
-from smarttac_can.vocabulary.fault_codes import FaultCode
-from smarttac_can.vocabulary.faults import FaultKind
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.faults import FaultCode, FaultKind
+from smarttac_can.vocabulary.states import Mode, State
 
 
 @pytest.fixture

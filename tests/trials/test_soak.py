@@ -10,8 +10,7 @@ import pytest
 
 from smarttac_can.od.cia import ERROR_FIELD
 from smarttac_can.trials import soak
-from smarttac_can.trials.fault_acts import limit_amplitude
-from smarttac_can.trials.fault_cases import CASES, FaultCase
+from smarttac_can.trials.fault_cases import CASES, FaultCase, limit_amplitude
 from smarttac_can.trials.invariants import AFTERGLOW_CYCLES, UNDRIVEN_CYCLES, Invariants, TripCause
 from smarttac_can.trials.rig import Rig
 from smarttac_can.trials.soak import (
@@ -29,8 +28,7 @@ from smarttac_can.trials.soak import (
     soak_in_parts,
 )
 from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
-from smarttac_can.vocabulary.modes import Mode
-from smarttac_can.vocabulary.states import State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import AMPLITUDE_CYCLES, Watchdog
 
 

@@ -7,7 +7,7 @@ from smarttac_can.bench import Texture, stimulator_od, track
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.trials import texture_playing
 from smarttac_can.trials.texture_playing import LEVELS, play
-from smarttac_can.vocabulary.modes import VibrationLaw
+from smarttac_can.vocabulary.states import VibrationLaw
 
 PASSES = 20
 

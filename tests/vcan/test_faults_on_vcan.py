@@ -16,10 +16,9 @@ from test_left_at_0_v import connect, stage_voltage
 from smarttac_can.bench import BenchError, FaultError, HeartbeatLostError, Mode, Stimulator
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.host.bus import BusError
-from smarttac_can.host.socketcan_wire import SocketCanWire
 from smarttac_can.od.cia import EMCY_ID, SYNC_ID
 from smarttac_can.trials.fault_cases import cases
-from smarttac_can.trials.fault_matrix import fault_matrix
+from smarttac_can.trials.fault_matrix import SocketCanWire, fault_matrix
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
 from smarttac_can.vocabulary.states import State

@@ -23,7 +23,7 @@ from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.timing.stage_watch import MASTER_ID, StageWatch
-from smarttac_can.vocabulary.modes import Mode
+from smarttac_can.vocabulary.states import Mode
 
 MASTER_MS = 3000
 MISSED = 0x8130 | MASTER_ID << 16
