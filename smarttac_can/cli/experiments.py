@@ -31,6 +31,7 @@ from smarttac_can.cli.shared import (
     report_results,
     result_folder,
     result_folder_path,
+    result_path,
     seed_option,
 )
 from smarttac_can.host.files import read_bounded
@@ -170,6 +171,11 @@ def demo(seed: int, output: Path | None) -> None:
 @_noise_seed_option
 @json_options()
 @output_option
+@click.option(
+    "--animate",
+    type=result_path,
+    help="GIF of a finger that crosses the boundary, and of the COF that follows; runs table1.",
+)
 def reproduce(
     *,
     what: tuple[str, ...],
@@ -182,9 +188,14 @@ def reproduce(
     seed: int,
     json_file: Path | None,
     output: Path | None,
+    animate: Path | None,
 ) -> None:
     """Run the experiments of some figures, or all, and show the results beside the paper's."""
     wanted = frozenset(FIGURES if not what or "all" in what else what)
+    if animate is not None:
+        wanted |= {"table1"}
+        if animate.suffix.lower() != ".gif":
+            raise click.UsageError(f"--animate {animate}: its name has to end in .gif")
     if load and not wanted & _VIBRATION:
         raise click.UsageError("--load is for fig5 and fig6: the others bring their own finger")
     conditions = Conditions(
@@ -197,14 +208,21 @@ def reproduce(
     )
     with plain_errors(), ExitStack() as stack:
         file = opened_results(stack, json_file)
+        if animate is not None:
+            need_matplotlib()
+            moving = stack.enter_context(result_folder(animate.parent, {animate.name}))
         folder = None if output is None else stack.enter_context(result_folder(output, FILES))
         with progress_bar("running") as progress:
-            _, results = run_reproduction(
+            traces, results = run_reproduction(
                 wanted, conditions, link=link, folder=folder, progress=progress
             )
         tables = [table_text(results)]
         if wanted & _VIBRATION:
             tables.append(vibration_table(results))
+        if animate is not None:
+            from smarttac_can.paper.figures import save_crossing  # noqa: PLC0415 - an extra
+
+            save_crossing(traces, moving / animate.name)
         report_results(results, tables, file)
 
 

@@ -1,4 +1,4 @@
-"""The paper's Fig. 2, 3, 5, 6 and 7, drawn from recorded traces.
+"""The paper's Fig. 2, 3, 5, 6 and 7, and a moving picture of Fig. 7, drawn from recorded traces.
 
 Colours are told apart by every common kind of colour vision, and no curve is told from another by
 its colour alone. Needs matplotlib (extra ``report``); draws off screen, without pyplot's state.
@@ -7,12 +7,15 @@ its colour alone. Needs matplotlib (extra ``report``); draws off screen, without
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 
 from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas
@@ -53,6 +56,12 @@ CURVES: dict[str, dict[str, Any]] = {
     "mean": {"linestyle": "-", "color": "black", "linewidth": 2.2},
 }
 """The lines of Fig. 7."""
+_MOVING_SUBJECT, _MOVING_FROM, _MOVING_MS, _FRAME_MS = 3, 2000, 960, 10
+"""Whose strokes the moving picture has, from which tick, how long, and how far apart."""
+_SLOWER = 5
+"""By which factor the moving picture is slower than the finger."""
+_ACROSS_MM = 16.0
+"""Half of what the moving picture has of the plate."""
 
 
 def fig2(traces: Iterable[Trace]) -> Figure:
@@ -196,6 +205,76 @@ def fig7(traces: Iterable[Trace], law: str) -> Figure:
         lines = [Line2D([], [], **style) for style in CURVES.values()]
         figure.legend(lines, list(CURVES), loc="outside lower right", ncols=len(CURVES))
     return figure
+
+
+def save_crossing(traces: Iterable[Trace], file: Path) -> None:
+    """Write a GIF of a finger that crosses the boundary, and of the COF that follows.
+
+    Above is the plate from the side, with the finger, its forces and a wave as high as the
+    vibration (not to scale); below are the COF and its reference until then.
+
+    Parameters
+    ----------
+    traces
+        With those of ``table1``.
+    file
+        Its name ends in .gif.
+    """
+    part = slice(_MOVING_FROM, _MOVING_FROM + _MOVING_MS)
+    trace = find(traces, "table1", _MOVING_SUBJECT)
+    x, W = trace.position_mm[part], trace.amplitude_um[part]
+    Ft, Fn = trace.tangential_force_n[part], trace.normal_force_n[part]
+    mu, reference = trace.cof[part], trace.cof_reference[part]
+    time = np.arange(len(x))
+    with canvas(7.2, 4.6) as figure:
+        plate, chart = figure.subplots(2, height_ratios=(2, 3))
+        wave, finger, arrows = _draw_plate(plate, float(np.nanmin(reference)))
+        chart.plot(time, reference, label="reference", **CURVES["reference"])
+        (curve,) = chart.plot([], [], label="measured", **CURVES["mean"])
+        chart.set(xlim=(0, len(x)), ylim=(0, 0.7), xlabel="time (ms)", ylabel="COF")
+        chart.legend(loc="lower right", ncols=2)
+        across = np.linspace(-_ACROSS_MM, _ACROSS_MM, 400)
+
+        def draw(tick: int) -> None:
+            wave.set_data(across, 0.5 * W[tick] * np.cos(1.5 * across))
+            finger.set_center((x[tick], 4.8))
+            arrows.set_offsets(np.tile((x[tick], 4.8), (2, 1)))
+            # The plate pulls the finger against its motion; the position is noisy.
+            before, after = x[max(tick - _FRAME_MS, 0)], x[min(tick + _FRAME_MS, len(x) - 1)]
+            pull = 20.0 * np.sign(before - after) * Ft[tick]
+            arrows.set_UVC([0.0, pull], [-8.0 * Fn[tick], 0.0])
+            curve.set_data(time[:tick], mu[:tick])
+
+        ticks = range(0, len(x), _FRAME_MS)
+        moving = FuncAnimation(figure, draw, ticks, blit=False)
+        moving.save(file, PillowWriter(fps=round(1000 / _FRAME_MS / _SLOWER)), dpi=80)
+
+
+def _draw_plate(axes: Axes, lower: float) -> tuple[Line2D, Ellipse, Any]:
+    """Draw the plate from the side; return what moves: wave, finger and forces."""
+    axes.axvspan(-_ACROSS_MM, 0, color=BAND)
+    for side, mu in ((-1, lower), (1, lower + 0.1)):
+        axes.text(side * _ACROSS_MM / 2, 9.3, f"COF {mu:.1f}", ha="center", color=INK)
+    axes.axvline(0, color=PALE, lw=1, linestyle=":")
+    (wave,) = axes.plot([], [], color=GREEN, lw=1.8)
+    finger = Ellipse((0, 4.8), 5.5, 6.5, facecolor="#e0ac8b", edgecolor=INK, lw=1.2)
+    axes.add_patch(finger)
+    zeros = [0.0, 0.0]
+    arrows = axes.quiver(
+        zeros,
+        zeros,
+        zeros,
+        zeros,
+        color=[INK, RED],
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        zorder=3,
+    )
+    axes.set(xlim=(-_ACROSS_MM, _ACROSS_MM), ylim=(-3, 11), yticks=[], xlabel="position (mm)")
+    axes.set_title("A finger crosses the boundary (simulated, 5 times slower)")
+    axes.grid(visible=False)
+    return wave, finger, arrows
 
 
 def _draw_subject(pair: Iterable[Axes], subject: int, directions: Sequence[Touches]) -> None:

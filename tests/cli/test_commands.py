@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
+import PIL.Image
 import pytest
 from click.testing import CliRunner, Result
 from commands_of import commands_of
@@ -219,6 +221,20 @@ def test_a_law_or_a_load_that_there_is_not(arguments: tuple[str, ...], message: 
     result = CliRunner().invoke(main, ["reproduce", *arguments])
     assert result.exit_code == 2
     assert message in result.output
+
+
+def test_reproduce_animates_the_crossing(tmp_path: Path) -> None:
+    file = tmp_path / "crossing.gif"
+    succeed("reproduce", "table1", "--animate", file)
+    with PIL.Image.open(file) as picture:
+        assert picture.is_animated
+        assert picture.n_frames > 20
+        first = np.asarray(picture.convert("RGB"))
+        picture.seek(10)
+        assert (np.asarray(picture.convert("RGB")) != first).any()
+    assert [made.name for made in tmp_path.iterdir()] == [file.name]
+    assert "exists" in refusal("reproduce", "table1", "--animate", file)
+    assert "has to end in .gif" in refusal("reproduce", "--animate", tmp_path / "crossing.png")
 
 
 def test_reproduce_shows_a_table_and_keeps_nothing(
