@@ -12,16 +12,14 @@ extensions = [
     "numpydoc",
     "sphinx.ext.viewcode",
     "sphinx_external_toc",
-    "sphinxcontrib.mermaid",
 ]
 html_theme = "furo"
 html_title = f"{project} {release}"
 html_last_updated_fmt = None
 exclude_patterns = ["conf.py"]
 external_toc_path = "_toc.yml"
-# Pages are Markdown as a code host shows it: links to headings, and diagrams as fenced blocks.
+# Pages are Markdown as a code host shows it, with links to headings.
 myst_heading_anchors = 4
-myst_fence_as_directive = ["mermaid"]
 # A name in single backticks is Python's in docstrings; what has no page stays a name.
 default_role = "py:obj"
 autodoc_typehints = "signature"

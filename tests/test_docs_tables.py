@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from smarttac_can.host.faulty_bus import FaultyBus, FrameFault
+from smarttac_can.nodes.states import TRANSITIONS
 from smarttac_can.plant.faults import Fault
 from smarttac_can.timing.loop_timing import frozen_stage
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
@@ -81,3 +82,13 @@ def test_micro_has_one_spelling_in_texts() -> None:
     for page in pages:
         text = page.read_text(encoding="utf-8")
         assert not re.search("[\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}][mNsV]", text), page
+
+
+def test_the_drawing_of_the_states_has_every_event_that_leads_to_another_state() -> None:
+    drawing = (GUIDES.parent / "images" / "states.svg").read_text(encoding="utf-8")
+    labels = " ".join(re.findall(r"<text[^>]*>([^<]*)</text>", drawing))
+    for row in TRANSITIONS:
+        if row.state is not row.next:
+            assert row.event.name.lower().replace("_", " ") in labels
+    for state in State:
+        assert state.name.lower().replace("_", " ") in labels

@@ -168,7 +168,7 @@ DEVICES: dict[str, Callable[[str], list[Result]]] = {
     f"python-canopen {version('canopen')}, `LocalNode`": python_canopen,
     f"durand {version('durand')}, `MinimalNode`": with_durand,
 }
-MARKS = {"pass": "pass", "fail": "**fail**", "not applicable": "n/a"}
+MARKS = {"pass": "", "fail": " fails", "not applicable": " n/a"}
 
 
 def page(columns: dict[str, list[Result]]) -> Iterator[str]:
@@ -181,18 +181,16 @@ def page(columns: dict[str, list[Result]]) -> Iterator[str]:
     lines = zip(CASES, *columns.values(), strict=True)
     for group, cases in groupby(lines, key=lambda line: line[0].group):
         yield f"## {GROUPS[group]}\n"
-        yield "| Case | | Rule | A | B | C |"
-        yield "|---|---|---|---|---|---|"
+        yield "| Case | | Rule | Not passed |"
+        yield "|---|---|---|---|"
         for case, *results in cases:
-            marks = " | ".join(MARKS[result.verdict] for result in results)
-            yield f"| {case.number} | {case.title} | {case.rule} | {marks} |"
+            marks = [
+                letter + MARKS[result.verdict]
+                for letter, result in zip("ABC", results, strict=True)
+                if result.verdict != "pass"
+            ]
+            yield f"| {case.number} | {case.title} | {case.rule} | {', '.join(marks)} |"
         yield ""
-    yield "## What was seen where a device fails\n"
-    for letter, results in zip("ABC", columns.values(), strict=True):
-        for result in results:
-            if result.verdict == "fail":
-                yield f"* {letter} {result.case.number}: {result.reason.replace('|', '/')}"
-    yield ""
 
 
 def pages(_draw: bool) -> Pages:

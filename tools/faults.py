@@ -13,7 +13,9 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
+from hashlib import sha256
 from pathlib import Path
 
 import click
@@ -38,7 +40,6 @@ from smarttac_can.trials.fault_matrix import (
     HOLD_CYCLES,
     FaultRow,
     fault_matrix,
-    matrix_table,
     reached_unseen,
     rows_as_json,
     tolerated,
@@ -48,15 +49,18 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 CHECK_HOLD_CYCLES = 1000
 HEAD = f"""# Fault matrix
 
-Made by `tools/faults.py`; `smarttac faults` injects the same faults and shows the same rows, with
-`--json` for programs, `--log` for the frames and `--channel vcan0` for SocketCAN. The log
+Made by `tools/faults.py`. `smarttac faults` injects the same faults and shows a row for each mode,
+with `--json` for programs, `--log` for the frames and `--channel vcan0` for SocketCAN. The log
 [confirms the rows](../how-to/break-things.md#rows-checked-by-their-log).
 
 Each fault is injected in a run of its own, on two simulated nodes and a master on the in-process
 bus, or on the stimulator with the plate inside where the name says so. Cycles are those of the
 loop, 1 ms.
 
-- **Before**: voltage of the power stage in the cycle before the fault.
+A row has a fault in all modes that it can come in: the shortest and the longest time, the largest
+vibration.
+
+- **Modes**: in how many modes it is injected.
 - **Bound**: cycles from the fault to its detection at the latest. A fault that software cannot
   cover says so, and is [below](#what-software-does-not-cover): the cycles count from where it goes
   on.
@@ -64,17 +68,18 @@ loop, 1 ms.
   one. It is the stage that is looked at, not what the controller asks for.
 - **Reached**: largest vibration of the plate in um peak-to-peak until 50 cycles after the bound,
   whatever its pick-up reads.
-- **EMCY**: codes of the emergency messages of both nodes, in order. Those that end in 30h and 50h
-  among 81xxh and 82xxh are of the CiA 301 services, 8253h is of the
+- **EMCY**: codes of the emergency messages of both nodes, of all modes. Those that end in 30h and
+  50h among 81xxh and 82xxh are of the CiA 301 services, 8253h is of the
   [plate](safety.md#watchdogs-of-the-plate), 3311h and 9010h first of the plate, the others of the
   [stimulator](safety.md#watchdogs-of-the-stimulator). One that is bus-off tells nobody: 8141h
   stands in its history.
 - **State after**: state of the stimulator at 0 V. One that is paused still believes that it runs.
-- **Held**: the plate stays at 0 V for the cycles of `--hold`, 1000 in continuous integration,
-  {HOLD_CYCLES} unless told otherwise. The master reads, writes set-points and modes, arms, runs and
-  starts nodes at random then; all but resetting the fault. A stimulator that was restarted has no
-  fault to reset: there the master does not arm.
-- **Recovered**: cause gone, fault reset, armed and run again: it drives.
+
+After every fault the plate stays at 0 V for the cycles of `--hold`, 1000 in continuous integration,
+{HOLD_CYCLES} unless told otherwise. The master reads, writes set-points and modes, arms, runs and
+starts nodes at random then; all but resetting the fault. A stimulator that was restarted has no
+fault to reset: there the master does not arm. Once the cause is gone and the fault reset, the plate
+is armed and run again, and drives.
 
 **friction predictive** is the mode friction under the predictive laws of friction and vibration,
 elsewhere those of the paper are in force. It has the faults whose course a controller shapes: of
@@ -98,6 +103,9 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
     lines = [
         HEAD,
         *matrix_table(rows),
+        f"{sum(row.passed for row in rows)} of {len(rows)} runs end as they must. SHA-256 of what "
+        f"each mode shows: `{_digest(rows)}`.",
+        "",
         "## Another watchdog first",
         "",
         "Where it is not the one of the name that trips first, or not in each mode:",
@@ -114,8 +122,8 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
         "",
         *(f"- **{case.name}**: {case.uncovered}." for case in CASES if case.uncovered),
         "",
-        "Tested is what comes after it: when the process goes on, the first thing is 0 V, barred, "
-        "before a frame that has waited is used.",
+        "Tested is what comes after it: when the process goes on, the first thing is 0 V, "
+        "before a frame that has waited is used, and drives are inhibited.",
         "",
         "## What does not end a run",
         "",
@@ -137,6 +145,57 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
         ),
     ]
     return "\n".join(lines) + "\n"
+
+
+def matrix_table(rows: Iterable[FaultRow]) -> Iterator[str]:
+    """Return a line of Markdown for each fault, of all modes."""
+    faults: dict[str, list[FaultRow]] = {}
+    for row in rows:
+        faults.setdefault(row.fault, []).append(row)
+    return table(
+        ("Fault", "Modes", "Bound", "To 0 V", "Reached [um]", "EMCY", "State after"),
+        *(
+            (
+                fault,
+                str(len(runs)),
+                _range(run.detection_bound_cycles for run in runs)
+                if all(run.covered for run in runs)
+                else "not covered",
+                _range(run.cycles_to_zero for run in runs),
+                f"{max(run.reached_um for run in runs):.2f}",
+                ", ".join(dict.fromkeys(code for run in runs for code in run.emcy_codes)) or "none",
+                ", ".join(dict.fromkeys(run.state_after for run in runs)).replace("_", " "),
+            )
+            for fault, runs in faults.items()
+        ),
+    )
+
+
+def _range(cycles: Iterable[int | None]) -> str:
+    """Show the least and the most; a run that never came there is the most."""
+    found = list(cycles)
+    known = [cycle for cycle in found if cycle is not None]
+    if len(known) < len(found):
+        return "never"
+    return " to ".join(map(str, sorted({min(known), max(known)})))
+
+
+def _digest(rows: Iterable[FaultRow]) -> str:
+    """Return what changes with any row as it is shown, whatever its mode."""
+    shown = [
+        (
+            row.fault,
+            row.mode,
+            round(row.voltage_before_v),
+            row.detection_bound_cycles,
+            row.cycles_to_zero,
+            f"{row.reached_um:.2f}",
+            row.emcy_codes,
+            row.state_after,
+        )
+        for row in rows
+    ]
+    return sha256(json.dumps(shown).encode()).hexdigest()
 
 
 def _reached(reached: dict[tuple[str, str], float], name: str, way: str) -> str:

@@ -9,20 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from smarttac_can.od.object_reference import table
-from smarttac_can.plant.parameters import SensorParameters
-from smarttac_can.trials.sensor_sweep import (
-    EXCLUSIONS,
-    GAUGE_SENSORS,
-    PICKUP_SENSORS,
-    Failure,
-    Promise,
-    Result,
-    failures,
-    parse_cell,
-)
+from smarttac_can.trials.sensor_sweep import EXCLUSIONS, Promise, Result, parse_cell
 
 SUMMARY = Path(__file__).resolve().parent / "fmeda.json"
-_SENSORS = SensorParameters()
 _FACTORS = {
     "identified": {
         "no": "never identified: the model of the EDS",
@@ -96,7 +85,6 @@ frequency.
 
 ## How it fails, and what ends it
 
-- **Size**: of the failures in the coarse grid.
 - **Ended by**: how many cells each watchdog has ended first. *Not armed*: the failure was noticed
   before anything was driven. *Nothing*: the run went on to the end of the cell.
 - **After**: most cycles from the failure, or from the first drive if that is later, until something
@@ -194,8 +182,8 @@ def fmeda_page(made: Mapping[str, Any] | None = None) -> str:
             **{name: runs[name] for name in ("runs", "seed", "false")},
         ),
         *table(
-            ("Failure", "Size", *_COLUMNS),
-            *((name, _size(name), *_row(row)) for name, row in made["failures"].items()),
+            ("Failure", *_COLUMNS),
+            *((name, *_row(row)) for name, row in made["failures"].items()),
         ),
         "## Under which circumstances",
         "",
@@ -216,7 +204,6 @@ def fmeda_page(made: Mapping[str, Any] | None = None) -> str:
 
 _COLUMNS = (
     "Cells", "Ended by", "After [cycles]", "Reached [um]", "Above the bound [cycles]",
-    "Energy above it [mJ]", "Beyond the promise",
 )  # fmt: skip
 
 
@@ -228,8 +215,6 @@ def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
         f"{row['after']}",
         f"{row['peak_um']:.2f}",
         f"{row['above']}",
-        f"{1e3 * row['energy_J']:.0f}",
-        f"{row['violations']}",
     )
 
 
@@ -242,27 +227,3 @@ def _sweeps(sweeps: list[dict[str, Any]]) -> Iterator[str]:
     if excluded := sum(sweep["excluded"] for sweep in sweeps):
         yield f"{excluded} of the cells are excluded, because physics forbids them to hold:"
         yield from ("", *(f"- {exclusion.why}" for exclusion in EXCLUSIONS), "")
-
-
-def _size(row: str) -> str:
-    """Return the sizes of the failures that a row of the grid has."""
-    of_row = [failure for failure in failures() if failure.name == row]
-    return ", ".join(dict.fromkeys(_sized(failure) for failure in of_row))
-
-
-def _sized(failure: Failure) -> str:
-    sensor, kind, size, on, of = failure
-    if of > 1:
-        return f"{on} of {of} cycles"
-    if kind == "gain":
-        return f"{size:g}"
-    if kind == "delayed":
-        return f"{size:g} cycle{'s' if size > 1.0 else ''}"
-    if not size:
-        return ""
-    per_count, unit = _SENSORS.temperature_resolution, "K"
-    if sensor in PICKUP_SENSORS:
-        per_count, unit = 1e9 * _SENSORS.pickup_resolution, "nm"
-    elif sensor in GAUGE_SENSORS:
-        per_count, unit = 1e3 * _SENSORS.gauge_resolution, "mN"
-    return f"{size * per_count:g} {unit}"

@@ -136,7 +136,7 @@ def _reached(cause: dict[str, Any], times: dict[str, float], od: ObjectDictionar
     else:
         yield f"{amplitude * 1e6:.1f} um"
     if faults := cause.get("simulated"):
-        yield f"{max(simulated(faults)):.2f} um in the matrix"
+        yield f"{max(simulated(faults).values()):.2f} um in the matrix"
     if rows := cause.get("swept"):
         yield _swept(found(rows, summary()))
 
@@ -155,7 +155,8 @@ def _tried(cause: dict[str, Any]) -> dict[str, str]:
         "HEALTHY": f"{runs['false'] or 'no'} false trips in {runs['runs']} runs without a failure",
     }
     if faults := cause.get("simulated"):
-        tried["MATRIX"] = f"none in {len(simulated(faults))} rows of the matrix"
+        runs = sum(modes for _, modes in simulated(faults))
+        tried["MATRIX"] = f"none in {runs} runs of the matrix"
     if rows := cause.get("swept"):
         tried["SWEEP"] = f"{found(rows, made)} of the sweep"
     return tried
@@ -215,29 +216,29 @@ def loss(amplitude: float) -> float:
     return 0.5 * _PLATE.damping * velocity * velocity
 
 
-def simulated(faults: list[str]) -> list[float]:
-    """Return the vibration in um of each row of the fault matrix that begins so.
+def simulated(faults: list[str]) -> dict[tuple[str, int], float]:
+    """Return the vibration in um of each fault of the matrix that begins so, by name and runs.
 
     Raises
     ------
     ValueError
         If a fault has no row.
     """
-    column = 0
-    reached: dict[str, list[float]] = {fault: [] for fault in faults}
+    reached = {}
+    columns: list[str] = []
     for line in MATRIX.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if not line.startswith("|"):
-            column = 0
+            columns = []
         elif _REACHED in cells:
-            column = cells.index(_REACHED)
-        elif column:
-            for fault in faults:
-                if cells[0].startswith(fault):
-                    reached[fault].append(float(cells[column]))
-    if missing := [fault for fault, rows in reached.items() if not rows]:
+            columns = cells
+        elif columns and cells[0].startswith(tuple(faults)):
+            row = dict(zip(columns, cells, strict=True))
+            reached[row["Fault"], int(row["Modes"])] = float(row[_REACHED])
+    names = " | ".join(name for name, _ in reached)
+    if missing := [fault for fault in faults if fault not in names]:
         raise ValueError(f"{MATRIX.name} has no row {', '.join(missing)}")
-    return [um for rows in reached.values() for um in rows]
+    return reached
 
 
 def _default(od: ObjectDictionary, name: str) -> float:

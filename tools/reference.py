@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from enum import IntEnum
 from functools import cache
@@ -46,6 +47,10 @@ FACES: Final = (
     "commissioning", "conformance", "paper", "trials", "timing", "audit", "replay",
 )  # fmt: skip
 """From what most people import to what fewest do; a name that several have is of the first."""
+
+
+SHARED_BY: Final = 6
+"""Commands that an option has to be the same in, to be listed once for all of them."""
 
 
 def _members(choices: type[IntEnum]) -> str:
@@ -93,14 +98,27 @@ def objects() -> str:
     for file, node_id in NODES:
         text = read_eds(file)
         product = load_eds(text, node_id).entry(cia.IDENTITY, 2).default
+        rows = [
+            row for row in object_reference(text, level=3) if row not in lines or _is_frame(row)
+        ]
         lines += [
             f"## `{file}`",
             "",
             f"Product code {product:08X}h; node-ID {node_id} unless `--node-id` says otherwise.",
+            *(
+                ["Objects that are as those above are left out."]
+                if (file, node_id) != NODES[0]
+                else []
+            ),
             "",
-            *object_reference(text, level=3),
+            *rows,
         ]
     return "\n".join(lines)
+
+
+def _is_frame(line: str) -> bool:
+    """Whether a line is no object: a heading, the head of a table, or what is between tables."""
+    return not line.startswith("| ") or line.startswith(("| Index |", "| PDO |"))
 
 
 def _argument(kind: click.ParamType[Any]) -> str:
@@ -140,23 +158,37 @@ def _commands(group: click.Group, prefix: str) -> Iterator[tuple[str, click.Comm
 
 def command_line() -> str:
     """Return the help of every command as Markdown."""
+    head = ("Parameter", "Default", "Meaning")
+    parameters = {
+        name: [_parameter(click.Context(command), each) for each in command.params]
+        for name, command in _commands(smarttac, "smarttac")
+    }
+    counts = Counter(row for rows in parameters.values() for row in rows)
+    shared = [row for row, count in counts.items() if count >= SHARED_BY]
     lines = [
         "# Command line",
         "",
         "Made by `tools/reference.py` from the commands themselves. `python -m smarttac_can` is "
         "the same as `smarttac`.",
         "",
+        "## Shared options",
+        "",
+        "Many commands take these; each names those that it takes.",
+        "",
+        *table(head, *shared),
     ]
     for name, command in _commands(smarttac, "smarttac"):
         text = " ".join((command.help or "").split())
-        parameters = [_parameter(click.Context(command), each) for each in command.params]
+        own = [row for row in parameters[name] if row not in shared]
+        others = [f"`{row[0].strip('`').split()[0]}`" for row in parameters[name] if row in shared]
         example = (command.epilog or "").replace("\b", "").partition(":")[2]
         lines += [
             f"## `{name}`",
             "",
             text,
             "",
-            *table(("Parameter", "Default", "Meaning"), *parameters),
+            *(table(head, *own) if own else ()),
+            *((f"[Shared](#shared-options): {', '.join(others)}.", "") if others else ()),
             "```console",
             *(f"$ {line.strip()}" for line in example.strip().splitlines()),
             "```",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from smarttac_can.nodes.lock import OF_PLATE, OF_STIMULATOR, Place, Table
 from smarttac_can.nodes.states import (
     STAGE_TRANSITIONS,
     TRANSITIONS,
     Guard,
-    StageEvent,
     StageState,
 )
 from smarttac_can.od.cia import EmergencyCode, ErrorRegister
@@ -86,29 +85,6 @@ def _guard(guard: Guard) -> str:
     return _title(guard.name) if guard else _WITHOUT_GUARD
 
 
-def _diagram(first: str, arrows: Iterable[tuple[str, str, str]]) -> list[str]:
-    """Draw states from rows of state, next and event."""
-    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {first}"]
-    lines += [f"    {state} --> {after}: {event}" for state, after, event in arrows]
-    return [*lines, "```", ""]
-
-
-def _states() -> list[str]:
-    """Draw the states; what leaves a state where it is does not need an arrow."""
-    return _diagram(
-        State.NOT_READY.name,
-        (
-            (
-                row.state.name,
-                row.next.name,
-                _title(row.event.name) + (f" [{_guard(row.guard)}]" if row.guard else ""),
-            )
-            for row in TRANSITIONS
-            if row.state is not row.next
-        ),
-    )
-
-
 def _where(place: Place) -> str:
     """Name the objects of a place."""
     where = f"{place.first:04X}h"
@@ -129,14 +105,21 @@ def _stricter(laxer: Table) -> Iterator[str]:
 
 
 def _stage() -> list[str]:
-    """Draw and list the states of the plate's power stage."""
+    """List the states of the plate's power stage, and what leads from one to another."""
     return [
-        *_diagram(
-            StageState.WAITING.name,
-            ((row.state.name, row.next.name, _title(row.event.name)) for row in STAGE_TRANSITIONS),
-        ),
         *table(("State", "What it is"), *((_title(s.name), s.value) for s in StageState)),
-        *table(("Event", "What it is"), *((_title(e.name), e.value) for e in StageEvent)),
+        *table(
+            ("State", "Event", "What it is", "Next"),
+            *(
+                (
+                    _title(row.state.name),
+                    _title(row.event.name),
+                    row.event.value,
+                    _title(row.next.name),
+                )
+                for row in STAGE_TRANSITIONS
+            ),
+        ),
     ]
 
 
@@ -151,7 +134,8 @@ def safety() -> str:
         "",
         "## States",
         "",
-        *_states(),
+        "![What leads from one state to another](../images/states.svg)",
+        "",
         *table(
             ("Number", "State"),
             *((f"{int(state)}", _title(state.name)) for state in State),

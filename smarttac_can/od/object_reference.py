@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
+from itertools import groupby
 from typing import Final
 
 from smarttac_can.od import cia
@@ -25,6 +27,8 @@ _PDOS: Final = (
 )
 _HEXADECIMAL_FROM: Final = 10_000
 """Plain 32-bit numbers from here on are codes rather than quantities."""
+_NUMBER: Final = re.compile(r"\d+$")
+"""At the end of the name of a member."""
 
 
 def table(*rows: tuple[str, ...]) -> Iterator[str]:
@@ -84,7 +88,20 @@ def _areas(od: ObjectDictionary) -> Iterator[tuple[str, list[Object]]]:
 
 
 def _rows(objects: Iterable[Object], other: ObjectDictionary) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each entry, and one for members in a row that differ by number alone."""
     yield "Index", "Sub", "Name", "Type", "Access", "PDO", "Limits", "Default", "One count"
+    rows = _entry_rows(objects, other)
+    for _, alike in groupby(rows, lambda row: (row[0], _NUMBER.sub("", row[2]), *row[3:])):
+        first, *more = alike
+        if not more:
+            yield first
+            continue
+        (index, sub, name, *rest), (_, last_sub, last_name, *_) = first, more[-1]
+        numbers = "..".join(_NUMBER.findall(name) + _NUMBER.findall(last_name))
+        yield index, f"{sub}..{last_sub}", _NUMBER.sub(numbers, name), *rest
+
+
+def _entry_rows(objects: Iterable[Object], other: ObjectDictionary) -> Iterator[tuple[str, ...]]:
     for item in objects:
         structured = item.object_type in (cia.ObjectType.ARRAY, cia.ObjectType.RECORD)
         for entry in item.entries.values():

@@ -19,7 +19,6 @@ from smarttac_can.host.drivers import opening
 from smarttac_can.host.local_bus import Connection
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
-from smarttac_can.od.object_reference import table
 from smarttac_can.trials.fault_cases import CASES, PREDICTED, FaultCase, Row
 from smarttac_can.trials.rig import PLATE_HEARTBEAT_MS, MasterTraffic, Rig
 from smarttac_can.trials.workers import in_order
@@ -176,43 +175,6 @@ class FaultRow:
 def rows_as_json(rows: Iterable[FaultRow]) -> list[dict[str, Any]]:
     """Return rows as JSON has them."""
     return [asdict(row) | {"emcy_code": row.emcy_code} for row in rows]
-
-
-def matrix_table(rows: Iterable[FaultRow]) -> Iterator[str]:
-    """Return the matrix as lines of Markdown."""
-    return table(
-        (
-            "Fault",
-            "Mode",
-            "Before [V]",
-            "Bound",
-            "To 0 V",
-            "Reached [um]",
-            "EMCY",
-            "State after",
-            "Held",
-            "Recovered",
-        ),
-        *(
-            (
-                row.fault,
-                row.mode.replace("_", " "),
-                f"{row.voltage_before_v:.0f}",
-                str(row.detection_bound_cycles) if row.covered else "not covered",
-                "never" if row.cycles_to_zero is None else str(row.cycles_to_zero),
-                f"{row.reached_um:.2f}",
-                ", ".join(row.emcy_codes) or "none",
-                row.state_after.replace("_", " "),
-                _yes(row.held),
-                _yes(row.recovered),
-            )
-            for row in rows
-        ),
-    )
-
-
-def _yes(it_is: bool) -> str:
-    return "yes" if it_is else "no"
 
 
 HOLD_CYCLES: Final = 10_000

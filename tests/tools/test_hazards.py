@@ -128,7 +128,7 @@ def test_the_vibration_grows_with_the_time_constant(tool: ModuleType) -> None:
 
 
 def test_a_fault_that_is_not_in_the_matrix_is_named(tool: ModuleType) -> None:
-    assert max(tool.simulated(["power stage stuck"])) == 4.81
+    assert tool.simulated(["power stage stuck"]) == {("power stage stuck", 7): 4.81}
     with pytest.raises(ValueError, match=r"^faults\.md has no row power stage melts$"):
         tool.simulated(["power stage stuck", "power stage melts"])
 

@@ -83,9 +83,9 @@ def test_it_lists_what_no_test_notices(tree: Path) -> None:
 
 
 @pytest.mark.parametrize("each", [True, False], ids=["of a change", "of a line"])
-def test_it_writes_survivors_with_their_reasons(tree: Path, each: bool) -> None:
+def test_it_explains_survivors_and_writes_their_counts(tree: Path, each: bool) -> None:
     page = tree / "docs/reference/mutants.md"
-    page.write_text("# Old\n\n## other/package\n\nStays.\n")
+    page.write_text("# Old\n\n| `other/package` | 1 | 1 | 0 | 0 | `stays` |\n")
     line = 'line = "return 1.5"' if each else 'lines = ["return 1.5"]'
     reason = f'module = "made_up/small/limits.py"\n{line}\nwhy = "nobody asks"\n'
     (tree / "tools").mkdir()
@@ -96,10 +96,11 @@ def test_it_writes_survivors_with_their_reasons(tree: Path, each: bool) -> None:
     )
     run = mutate(tree, "--write")
     assert "4 survive, 2 unexplained" in run.stdout
+    assert "| return 1.5 | 1.5 -> 3.0 | nobody asks\n" in run.stdout
+    assert "| LIMIT: Final = 5 | 5 -> 6 | \n" in run.stdout
     text = page.read_text()
-    assert "| limits.py | `return 1.5` | `1.5 -> 3.0` | nobody asks |" in text
-    assert "| limits.py | `LIMIT: Final = 5` | `5 -> 6` |  |" in text
-    assert "## other/package\n\nStays.\n" in text
+    assert "| `made_up/small` | 7 | 7 | 4 | 2 | `tests/small` |\n" in text
+    assert "| `other/package` | 1 | 1 | 0 | 0 | `stays` |\n" in text
 
 
 def test_it_ends_with_the_minutes_and_says_of_how_many(tree: Path) -> None:
@@ -132,8 +133,9 @@ def test_a_change_that_hangs_is_noticed(tree: Path) -> None:
     assert "2 of 2 changes tried, 0 survive" in run.stdout
 
 
-def test_a_statement_that_no_test_misses_is_listed_in_a_section_of_its_own(tree: Path) -> None:
-    (tree / "docs/reference/mutants.md").write_text("# Old\n\n## made_up/small\n\nStays.\n")
+def test_a_statement_that_no_test_misses_is_listed_in_a_row_of_its_own(tree: Path) -> None:
+    values = "| `made_up/small` | 7 | 7 | 4 | 2 | `tests/small` |\n"
+    (tree / "docs/reference/mutants.md").write_text(values)
     (tree / "made_up/small/limits.py").write_text(
         "def over(value, armed):\n    log = []\n    last = 5\n    log.append(value)\n"
         "    return armed and value > last\n"
@@ -141,8 +143,8 @@ def test_a_statement_that_no_test_misses_is_listed_in_a_section_of_its_own(tree:
     run = mutate(tree, "--statements", "--write")
     assert rows(run) == ["log.append(value) | log.append(value) -> pass"]
     text = (tree / "docs/reference/mutants.md").read_text()
-    assert "## made_up/small\n\nStays.\n" in text
-    assert "## made_up/small, statements removed\n\n3 of 3 changes tried, 1 survive" in text
+    assert values in text
+    assert "| `made_up/small, statements removed` | 3 | 3 | 1 | 1 | `tests/small` |\n" in text
 
 
 @pytest.fixture
@@ -214,10 +216,9 @@ def test_the_page_has_tried_every_change_of_the_nodes(module: Path, mutants: Mod
     """Who adds a threshold to a node runs the tool again, or the page tells of another module."""
     count = len(mutants.mutants_of(module))
     page = (ROOT / "docs" / "reference" / "mutants.md").read_text()
-    _, _, section = page.partition(f"\n## {module.relative_to(ROOT).as_posix()}\n\n")
-    said = section.split(", by ")[0]
+    _, _, row = page.partition(f"\n| `{module.relative_to(ROOT).as_posix()}` | ")
     if count:
-        assert said.startswith(f"{count} of {count} changes tried, ")
-        assert said.endswith(" survive, 0 unexplained")
+        changes, tried, _, unexplained = map(int, row.split(" | ")[:4])
+        assert (changes, tried, unexplained) == (count, count, 0)
     else:
-        assert said == ""
+        assert row == ""

@@ -1,6 +1,7 @@
 """The fault matrix: a share of its rows, its log, and what a row that fails looks like."""
 
 import json
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +27,6 @@ from smarttac_can.trials.fault_matrix import (
     FaultRow,
     driving_rig,
     fault_matrix,
-    matrix_table,
     reached_unseen,
     rows_as_json,
     tolerated,
@@ -118,7 +118,6 @@ def test_the_time_of_a_fault_is_before_what_it_does() -> None:
 def test_a_row_that_is_not_covered_says_so_and_is_not_over_its_bound() -> None:
     row = one("plate paused for 2 s", "amplitude")
     assert not row.covered
-    assert "| not covered | 0 |" in list(matrix_table([row]))[2]
     assert replace(row, cycles_to_zero=9).passed
     assert not replace(row, held=False).passed
     assert [case.name for case in CASES if case.uncovered] == ["plate paused for 2 s"]
@@ -155,8 +154,10 @@ def test_mishap_does_not_end_a_run(way: str) -> None:
 
 def test_every_fault_is_on_the_page_in_each_of_its_modes() -> None:
     page = PAGE.read_text(encoding="utf-8")
-    for case, mode in cases():
-        assert f"| {case.name} | {case.way(mode).replace('_', ' ')} |" in page
+    modes = Counter(case.name for case, _ in cases())
+    for name, count in modes.items():
+        assert f"\n| {name} | {count} |" in page
+    assert f"\n{modes.total()} of {modes.total()} runs end as they must" in page
 
 
 def test_every_driving_mode_is_there_for_most_faults() -> None:
@@ -291,8 +292,7 @@ def test_unknown_fault_and_empty_choice_are_refused() -> None:
         cases([], ["off"])
 
 
-def test_table_says_never_and_none() -> None:
-    bad = FaultRow("it", "open_loop", 10.0, 5, None, (), "not_ready", 0, False, True, 0.0, 1.5)
-    line = list(matrix_table([bad]))[2]
-    assert line == "| it | open loop | 10 | 5 | never | 1.50 | none | not ready | no | yes |"
+def test_a_row_without_0_v_is_a_failure_without_an_emergency_code() -> None:
+    bad = FaultRow("it", "open_loop", 10.0, 5, None, (), "not_ready", 0, True, True, 0.0, 1.5)
+    assert not bad.passed
     assert rows_as_json([bad])[0]["emcy_code"] is None
