@@ -6,14 +6,21 @@ from pathlib import Path
 
 import pytest
 
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.host.faulty_bus import FaultyBus, FrameFault
+<<<<<<< HEAD
 from smarttac_can.nodes.states import TRANSITIONS
+=======
+from smarttac_can.nodes.loop_frames import crc8, is_sound, links_to_plate
+from smarttac_can.od.timing import bus_load, cyclic_frames, frame_seconds
+>>>>>>> 20fb5bd (Split the page of masters into quick start, reference and plate node)
 from smarttac_can.plant.faults import Fault
 from smarttac_can.timing.loop_timing import frozen_stage
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
 from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
 
 GUIDES = Path(__file__).parents[1] / "docs" / "how-to"
+PLATE_NODE = (GUIDES / "plate-node.md").read_text(encoding="utf-8")
 
 
 def table(guide: str, header: str) -> list[list[str]]:
@@ -52,12 +59,42 @@ def test_faults_of_the_bus() -> None:
 
 
 def test_bits_of_the_statusword() -> None:
-    rows = table("integrate-with-a-master.md", "| Bit | Statusword | 1 means |")
+    rows = table("../reference/pdos-and-states.md", "| Bit | Statusword | 1 means |")
     flags = {int(bit): name for bit, name, _ in rows if bit.isdigit()}
     assert flags == {flag.bit_length() - 1: (flag.name or "").lower() for flag in Status}
     (states,) = [meaning for bit, _, meaning in rows if bit == f"{STATE_SHIFT} to 10"]
     named = {int(n): name for n, name in re.findall(r"(\d) ([a-z ]+)", states)}
     assert named == {state: state.name.lower().replace("_", " ") for state in State}
+
+
+def test_the_load_of_a_bus_with_a_plate_node() -> None:
+    stimulator, plate = stimulator_od(), plate_od()
+    for entry, value in links_to_plate(stimulator, PLATE_ID, produce_sync=True):
+        entry.value = value
+
+    def load(bit_rate: int = 1_000_000) -> int:
+        return round(100 * bus_load(cyclic_frames([stimulator, plate], 1e-3), bit_rate))
+
+    loads, at_half = [load()], load(500_000)
+    for tpdos in ((2,), (3, 4)):
+        for tpdo in tpdos:
+            stimulator.entry(0x1800 + tpdo - 1, 2).value = 254
+            stimulator.entry(0x1800 + tpdo - 1, 5).value = 0
+        loads.append(load())
+    assert re.findall(r"(\d+) % with", PLATE_NODE) == [str(percent) for percent in loads]
+    assert f"takes {round(100 * frame_seconds(6, 1_000_000) / 1e-3)} % more" in PLATE_NODE
+    assert f"does not fit: {at_half} %" in PLATE_NODE
+
+
+def test_the_checks_of_the_frames_of_a_cycle() -> None:
+    frames = re.findall(r"^\d\.\d{3} ms  \w{3}  (.*)$", PLATE_NODE, re.MULTILINE)
+    *measurement, drive = [bytes.fromhex(frame) for frame in frames]
+    assert len(measurement) == 3
+    sent = b"".join(measurement)
+    assert len(sent) == 24
+    assert is_sound(sent)
+    session = measurement[2][4] - measurement[0][4]
+    assert drive[-1] == crc8(drive[:-1] + bytes((session, STIMULATOR_ID)))
 
 
 def test_what_a_frozen_stage_does() -> None:

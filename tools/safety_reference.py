@@ -203,7 +203,7 @@ def safety() -> str:
             ),
         ),
         "The reset, once the cause is gone: 0, 80h, 0 in the controlword. [With frames]"
-        "(../how-to/integrate-with-a-master.md#emergencies), [with python-canopen]"
+        "(pdos-and-states.md#reset-a-fault), [with python-canopen]"
         "(../how-to/integrate-with-a-master.md#with-python-canopen); a bench script has "
         "`reset_fault()`.",
         "",
