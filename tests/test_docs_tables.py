@@ -8,12 +8,9 @@ import pytest
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.host.faulty_bus import FaultyBus, FrameFault
-<<<<<<< HEAD
-from smarttac_can.nodes.states import TRANSITIONS
-=======
 from smarttac_can.nodes.loop_frames import crc8, is_sound, links_to_plate
+from smarttac_can.nodes.states import TRANSITIONS
 from smarttac_can.od.timing import bus_load, cyclic_frames, frame_seconds
->>>>>>> 20fb5bd (Split the page of masters into quick start, reference and plate node)
 from smarttac_can.plant.faults import Fault
 from smarttac_can.timing.loop_timing import frozen_stage
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
