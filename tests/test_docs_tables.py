@@ -83,6 +83,16 @@ def test_the_load_of_a_bus_with_a_plate_node() -> None:
     assert f"does not fit: {at_half} %" in PLATE_NODE
 
 
+def test_the_times_of_the_frames_of_a_cycle() -> None:
+    shown = re.findall(r"^(\d\.\d{3}) ms  \w{3}(.*)$", PLATE_NODE, re.MULTILINE)
+    end = 1e-3
+    for text, data in shown:
+        end += frame_seconds(len(data.split()), 1_000_000)
+        assert float(text) == pytest.approx(end * 1e3)
+    picture = (GUIDES.parent / "images" / "one-tick.svg").read_text(encoding="utf-8")
+    assert [f">{round(float(text) * 1000) - 1000}<" in picture for text, _ in shown] == [True] * 5
+
+
 def test_the_checks_of_the_frames_of_a_cycle() -> None:
     frames = re.findall(r"^\d\.\d{3} ms  \w{3}  (.*)$", PLATE_NODE, re.MULTILINE)
     *measurement, drive = [bytes.fromhex(frame) for frame in frames]
