@@ -33,7 +33,13 @@ def test_kinds_of_faults_of_the_plate_and_their_ranges() -> None:
     assert [int(row[0]) for row in rows] == [kind for kind in FaultKind if kind]
     for number, _, sensor, meaning, bounds in rows:
         kind = FaultKind(int(number))
-        assert (sensor == "1..9") == (kind in SENSOR_KINDS)
+        assert bool(sensor) == (kind in SENSOR_KINDS)
+        if sensor:
+            first, last = map(int, sensor.split(".."))
+            for wrong in (first - 1, last + 1):
+                with pytest.raises(ValueError, match="sensor"):
+                    Fault(kind, wrong, 20).require_sense()
+            Fault(kind, last, 20).require_sense()
         assert bool(meaning) == bool(bounds)
         if bounds:
             low, high = map(int, bounds.split(".."))
