@@ -43,7 +43,7 @@ from smarttac_can.paper.experiments import (
     SubjectSet,
     loop_dead_time,
 )
-from smarttac_can.paper.provenance import EMERGES, fitted
+from smarttac_can.paper.provenance import CHOSEN, EMERGES, fitted
 from smarttac_can.paper.report import (
     FILES,
     INDEX,
@@ -257,7 +257,13 @@ def _made(folder: Path, name: str) -> Path:
 
 def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:
     return write_report(
-        folder, traces, results, friction_step, fitted=fitted(results["subjects"]), emerges=EMERGES
+        folder,
+        traces,
+        results,
+        friction_step,
+        fitted=fitted(results["subjects"]),
+        chosen=CHOSEN,
+        emerges=EMERGES,
     )
 
 

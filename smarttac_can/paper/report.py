@@ -89,7 +89,7 @@ def table_text(summary: Mapping[str, Any]) -> str:
     rows += [
         (
             item.published.name,
-            _origin(item.published),
+            item.published.origin,
             _with_unit(item.value, item),
             *_paper_cells(item),
             item.verdict,
@@ -159,6 +159,7 @@ def write_report(
     law: Callable[[float], float],
     *,
     fitted: Sequence[str],
+    chosen: Sequence[str],
     emerges: Sequence[str],
 ) -> Path:
     """Write ``fig*.png``, ``fig*.svg`` and the self-contained ``index.html`` into a directory.
@@ -171,8 +172,9 @@ def write_report(
         The runs and their `smarttac_can.paper.reproduce.summary`.
     law
         Eq. (9) for Fig. 3: E in % to dW in m.
-    fitted, emerges
-        What was chosen to meet the paper's figures, and what came out of it; plain sentences.
+    fitted, chosen, emerges
+        What was searched for to meet the paper's figures, what was decided with them in sight and
+        then checked, and what came out of it; plain sentences.
 
     Returns
     -------
@@ -200,6 +202,7 @@ def write_report(
         steps=_steps_html(summary["table1"]),
         figures="\n".join(sections),
         fitted=_list_html(fitted),
+        chosen=_list_html(chosen),
         emerges=_list_html(emerges),
         unavailable=_unavailable_html(summary["unavailable"]),
         sha256=escape(summary["trace_sha256"]),
@@ -272,10 +275,6 @@ def _with_unit(value: float | None, item: Comparison) -> str:
     return "-" if value is None else f"{_number(value)} {item.published.unit}"
 
 
-def _origin(published: Published) -> str:
-    return "fitted" if published.fitted else "emerges"
-
-
 def _paper_cells(item: Comparison) -> tuple[str, str]:
     published = item.published
     paper = "-" if published.value is None else _plain(published.value)
@@ -302,7 +301,7 @@ def _comparison_html(item: Comparison) -> str:
     return (
         f'<tr><th scope="row">{escape(item.published.name)}<small>'
         f"{escape(item.published.where)}</small></th>"
-        f"<td>{_origin(item.published)}</td>"
+        f"<td>{item.published.origin}</td>"
         f"<td{title}>{escape(_with_unit(item.value, item))}</td>"
         f"<td>{escape(paper)}</td><td>{escape(band)}</td><td>{badge}</td></tr>\n"
     )

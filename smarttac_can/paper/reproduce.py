@@ -179,7 +179,8 @@ def summary(
         Keys as in `smarttac_can.paper.references`. None is what was not run or does not exist:
         then ``unavailable`` maps its key to the reason. ``table1`` holds up-steps of the mean
         curve; ``table1.down`` the same for down-steps; ``touches`` in both the means over single
-        touches, with their spread. ``provenance`` tells what was fitted from what emerges.
+        touches, with their spread. ``provenance`` tells what was fitted, what was
+        chosen and then checked, and what emerges.
     """
     traces = list(traces)
     reasons: dict[str, str] = {}

@@ -16,6 +16,11 @@ from smarttac_can.paper.report import compare, table_text, write_report
 from smarttac_can.paper.reproduce import summary
 
 VOID = {"meta", "img", "link", "br"}
+SENTENCES = {
+    "fitted": ["W0 < 2 & so on"],
+    "chosen": ["poles > 0.1"],
+    "emerges": ["$law: both <b>response</b> times"],
+}
 
 
 def law(error):
@@ -59,8 +64,7 @@ class Page(HTMLParser):
 def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "new"
     traces = all_experiments()
-    sentences = {"fitted": ["W0 < 2 & so on"], "emerges": ["$law: both <b>response</b> times"]}
-    page = write_report(folder, traces, summary_of(traces), law, **sentences)
+    page = write_report(folder, traces, summary_of(traces), law, **SENTENCES)
     return page, page.read_text(encoding="utf-8")
 
 
@@ -119,13 +123,25 @@ def test_the_page_holds_the_run_and_its_results(report):
 def test_passed_in_text_is_text(report):
     words = "".join(Page(report[1]).words)
     assert "W0 < 2 & so on" in words
+    places = [words.index(each) for each in ("Chosen, then checked", "poles > 0.1", "Emerges")]
+    assert places == sorted(places)
     assert "$law: both <b>response</b> times" in words
+
+
+def test_response_times_are_chosen_and_then_checked():
+    origins = {p.key: p.origin for p in PUBLISHED}
+    assert {key for key, origin in origins.items() if origin == "chosen"} == {
+        "fig5.amplitude_and_frequency.response_time_ms",
+        "fig5.amplitude_only.response_time_ms",
+    }
+    lines = table_text(summary_of(all_experiments())).splitlines()
+    (row,) = (line for line in lines if line.startswith("5 % response time, both loops"))
+    assert row.split()[6] == "chosen"
 
 
 def test_same_input_same_page(report, tmp_path):
     traces = all_experiments()
-    sentences = {"fitted": ["W0 < 2 & so on"], "emerges": ["$law: both <b>response</b> times"]}
-    again = write_report(tmp_path, traces, summary_of(traces), law, **sentences)
+    again = write_report(tmp_path, traces, summary_of(traces), law, **SENTENCES)
     assert again.read_text(encoding="utf-8") == report[1]
     for number in (2, 3, 5, 6, 7):
         svg = f"fig{number}.svg"
@@ -134,7 +150,7 @@ def test_same_input_same_page(report, tmp_path):
 
 def test_a_partial_run_says_what_is_missing(tmp_path):
     traces = [t for t in all_experiments() if t.experiment.startswith("fig2")]
-    page = write_report(tmp_path, traces, summary_of(traces), law, fitted=[], emerges=[])
+    page = write_report(tmp_path, traces, summary_of(traces), law, fitted=[], chosen=[], emerges=[])
     words = "".join(Page(page.read_text(encoding="utf-8")).words)
     assert "Fig. 5: fig5.amplitude_and_frequency was not run." in words
     assert "Results that do not exist" not in words
