@@ -15,7 +15,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = [
     f"smarttac_can.{m.name}" for m in pkgutil.iter_modules(smarttac_can.__path__) if m.ispkg
 ]
+PYTHON = ROOT / "docs" / "reference" / "python.md"
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+FOR_USERS = [guide for guide in GUIDES if guide.parent.name not in ("decisions", "dev")]
 
 
 @pytest.mark.parametrize("package", [name for name in PACKAGES if name != "smarttac_can.cli"])
@@ -33,6 +35,19 @@ def test_what_a_face_names_can_be_had(package: str) -> None:
 def test_guides_import_from_faces_only(guide: Path) -> None:
     found = re.findall(r"(?:from|import) (smarttac_can[\w.]*)", guide.read_text(encoding="utf-8"))
     assert set(found) <= {"smarttac_can", *PACKAGES}
+
+
+@pytest.mark.parametrize("guide", FOR_USERS, ids=lambda path: path.stem)
+def test_what_guides_name_is_in_a_face(guide: Path) -> None:
+    for package, name in re.findall(
+        r"`(smarttac_can\.\w+)\.(\w+)", guide.read_text(encoding="utf-8")
+    ):
+        assert name in importlib.import_module(package).__all__
+
+
+def test_the_reference_lists_every_face() -> None:
+    listed = re.findall(r"^\| \[`([\w.]+)`\]", PYTHON.read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(listed) == [name for name in sorted(PACKAGES) if name != "smarttac_can.cli"]
 
 
 def loaded_by(statement: str) -> set[str]:

@@ -44,7 +44,8 @@ NODES = (("stimulator.eds", STIMULATOR_ID), ("plate.eds", PLATE_ID))
 PACKAGE: Final = Path(__file__).resolve().parent.parent / "smarttac_can"
 FACES: Final = (
     "bench", "vocabulary", "nodes", "host", "device", "od", "master", "plant", "control",
-    "commissioning", "conformance", "paper", "trials", "timing", "audit", "replay",
+    "commissioning", "conformance", "paper", "population", "campaign", "trials", "timing", "audit",
+    "replay", "watch",
 )  # fmt: skip
 """From what most people import to what fewest do; a name that several have is of the first."""
 
@@ -270,7 +271,8 @@ def python_pages() -> Iterator[tuple[str, str]]:
     lines = [
         "# Python",
         "",
-        "What packages name in their faces, and nothing else, is there for others to import.",
+        "These packages name what you can import, such as `from smarttac_can.bench import "
+        "Stimulator`. Names in other modules may change in any version.",
         "",
     ]
     yield "python.md", "\n".join([*lines, *table(("Package", "What it is"), *rows)])

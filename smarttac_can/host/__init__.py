@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from smarttac_can.host.front_ends import TimedFrontEnd
     from smarttac_can.host.local_bus import LocalBus
     from smarttac_can.host.log_file import CandumpWriter, read_candump
+    from smarttac_can.host.node_thread import node_in_thread
     from smarttac_can.host.process_signals import stop_on_signals
     from smarttac_can.host.python_can import PythonCanBus
     from smarttac_can.host.runner import run_node
@@ -23,6 +24,7 @@ __all__ = [
     "LocalBus",
     "PythonCanBus",
     "TimedFrontEnd",
+    "node_in_thread",
     "read_candump",
     "run_node",
     "stop_on_signals",
@@ -33,6 +35,7 @@ __getattr__ = lazily(
     {
         "CandumpWriter": "log_file",
         "read_candump": "log_file",
+        "node_in_thread": "node_thread",
         "FaultyBus": "faulty_bus",
         "Disturbance": "faulty_bus",
         "FrameFault": "faulty_bus",
