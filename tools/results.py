@@ -1,4 +1,4 @@
-"""Run the paper's experiments, and write docs/explanation/results.md with its figures.
+"""Run the paper's experiments, and write docs/explanation/results.md with its figures; minutes.
 
 Example: python tools/results.py
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pages import EXPLANATION, Pages, columns, filled, made
@@ -19,42 +19,98 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.paper.experiments import Conditions, experiments, loop_dead_time
+from smarttac_can.paper.experiments import (
+    Conditions,
+    SubjectSet,
+    experiments,
+    loop_dead_time,
+)
 from smarttac_can.paper.figures import BAND, CURVES
 from smarttac_can.paper.metrics import align_at_switch, find, from_switch_on
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.reproduce import reproduce, summary
-from smarttac_can.plant.parameters import PlateParameters, SensorParameters
+from smarttac_can.plant.parameters import ContactParameters, PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.population.steps import Step
+from smarttac_can.population.steps import STEP_METRICS, Step
 from smarttac_can.vocabulary.states import Law
 
-SEEDS = range(1, 12)
+SEEDS: Final = range(1, 12)
+FITTED_SEEDS: Final = range(1, 11)
+"""Seeds that the fingers were not fitted with."""
+FEW_SEEDS: Final = range(1, 3)
+"""Seeds of the variations."""
+NEAR: Final = {"rise_time_ms": 0.5, "overshoot_percent": 5.0}
+"""Distance from a figure of the paper beyond which a seed is off."""
 TABLE = frozenset({"table1"})
 VIBRATION = frozenset({"fig5", "fig6"})
 PUBLISHED_BY_KEY = {published.key: published for published in PUBLISHED}
 Results = Mapping[str, Any]
 
 
-class VariedPlate(PlateBlock):
-    """The plate with another force path, or with fingers whose W0 is scaled."""
+class Variation(NamedTuple):
+    """What differs from the plate and the fingers of Table I."""
 
-    def __init__(self, path_frequency: float = 100.0, W0_factor: float = 1.0) -> None:
-        sensors = SensorParameters(path_frequency=path_frequency)
-        self._parameters = PlateParameters(sensors=sensors)
-        self._W0_factor = W0_factor
+    plate: PlateParameters = PlateParameters()
+    W0: float = 1.0
+    """Factor of the characteristic amplitude of the finger."""
+    force: float = 0.5
+    """In N."""
+    speed: float = 60.0
+    """In mm/s."""
+    dead_time: float = 0.0
+    """In us, known to the controllers."""
+
+
+def with_path(frequency: float = 100.0, damping: float = 0.7, **contact: float) -> PlateParameters:
+    """Return the plate with another force path in Hz, and another contact."""
+    sensors = SensorParameters(path_frequency=frequency, path_damping=damping)
+    return PlateParameters(sensors=sensors, contact=ContactParameters(**contact))
+
+
+AS_IT_IS: Final = Variation()
+VARIATIONS: Final[Mapping[str, tuple[Variation, ...]]] = {
+    "as it is": (AS_IT_IS,),
+    "force path 80 and 120 Hz": (Variation(with_path(80.0)), Variation(with_path(120.0))),
+    "force path, damping 0.6 and 0.85": (
+        Variation(with_path(damping=0.6)),
+        Variation(with_path(damping=0.85)),
+    ),
+    "no lag: force path 1 kHz": (Variation(with_path(1000.0)),),
+    "no lag, W0 halved": (Variation(with_path(1000.0), W0=0.5),),
+    "force path 250 Hz": (Variation(with_path(250.0)),),
+    "force path 250 Hz, film lag 2 ms": (Variation(with_path(250.0, film_lag=2e-3)),),
+    "film lag 2 ms": (Variation(with_path(film_lag=2e-3)),),
+    "ripple of the mode 0.1": (Variation(with_path(ripple=0.1)),),
+    "W0 x 0.5, 0.75 and 1.25": tuple(Variation(W0=factor) for factor in (0.5, 0.75, 1.25)),
+    "0.4 and 0.7 N": (Variation(force=0.4), Variation(force=0.7)),
+    "40 and 80 mm/s": (Variation(speed=40.0), Variation(speed=80.0)),
+    "dead time 0.45 ms": (Variation(dead_time=450.0),),
+    "gauges of serial 2 and 3": tuple(
+        Variation(PlateParameters(sensors=SensorParameters(serial=serial))) for serial in (2, 3)
+    ),
+}
+"""What Table I is repeated with, by its name in the page."""
+
+
+class VariedPlate(PlateBlock):
+    """The plate of a variation."""
+
+    def __init__(self, variation: Variation) -> None:
+        self._variation = variation
         super().__init__(plate_od())
 
     def start_run(self) -> None:
         """Begin anew with the varied plate."""
+        od, varied = self.od, self._variation
+        for name, value in (("Finger.Force", varied.force), ("Finger.Speed", 1e-3 * varied.speed)):
+            od[name].value = round(value / od[name].si)
         super().start_run()
-        od = self.od
         subject = SUBJECTS[od["Simulation.Subject"].value - 1]
         assert isinstance(self.backend, SimulatedPlate)
         self.backend.plate = Plate(
-            self._parameters,
-            replace(subject, W0=self._W0_factor * subject.W0),
+            varied.plate,
+            replace(subject, W0=varied.W0 * subject.W0),
             self.backend.finger(),
             seed=od["Simulation.Seed"].value,
             ambient=od["Simulation.Ambient temperature"].si_value,
@@ -62,14 +118,23 @@ class VariedPlate(PlateBlock):
         )
 
 
-def run_varied(plate: PlateBlock, law: Law = Law.MEASURED) -> list[Trace]:
-    """Run Table I with a varied plate, or another law."""
-    block = StimulatorBlock(stimulator_od(), plate)
+def run_varied(
+    variation: Variation = AS_IT_IS, law: Law = Law.MEASURED, seed: int = 1
+) -> list[Trace]:
+    """Run Table I with a variation, another law or another seed."""
+    block = StimulatorBlock(stimulator_od(), VariedPlate(variation))
+    conditions = Conditions(seed=seed, law=law, dead_time=variation.dead_time)
     traces: list[Trace] = []
     with Stimulator(LocalLink(block), block.od) as bench:
-        for run in experiments(TABLE, Conditions(law=law)):
+        for run in experiments(TABLE, conditions):
             traces += run.run(bench)
     return traces
+
+
+def table1(traces: Iterable[Trace]) -> Results:
+    """Return the results of Table I."""
+    table: Results = summary(traces, Conditions(), link="local", trace_sha256="")["table1"]
+    return table
 
 
 def number(value: float | None, digits: int = 1) -> str:
@@ -104,27 +169,44 @@ def vibration_table(runs: Sequence[Results]) -> Iterator[str]:
 
 
 def seeds_table(runs: Sequence[Results]) -> Iterator[str]:
-    """Table I of every seed: mean over the four subjects, of mean curves and of single touches."""
+    """Means over the four subjects: mean over the seeds, and least and most of a seed."""
+    up = [run["table1"] for run in runs]
+    down = [table["down"] for table in up]
+    kinds = {
+        "up, mean curve": up,
+        "up, single touches": [table["touches"] for table in up],
+        "down, mean curve": down,
+        "down, single touches": [table["touches"] for table in down],
+    }
     rows = []
-    for run in runs:
-        up, down = run["table1"], run["table1"]["down"]
-        curves = [
-            number(up["mean"]["rise_time_ms"], 2),
-            number(up["mean"]["overshoot_percent"]),
-            number(up["mean"]["static_error_percent"], 2),
-        ]
-        others = [
-            number(part["mean"][metric], digits)
-            for part in (up["touches"], down, down["touches"])
-            for metric, digits in (("rise_time_ms", 2), ("overshoot_percent", 1))
-        ]
-        touches = min(row["whole"] for row in up["touches"]["subjects"])
-        rows.append([str(run["seed"]), str(touches), *curves, *others])
-    return columns(
-        "seed | touches | rise, ms | overshoot, % | static, % | touches: rise | overshoot "
-        "| down: rise | overshoot | down, touches: rise | overshoot",
-        rows,
-    )
+    for name, tables in kinds.items():
+        cells = []
+        for metric in STEP_METRICS:
+            values = [table["mean"][metric] for table in tables]
+            low, high = min(values), max(values)
+            cells.append(f"{np.mean(values):.3g} ({low:.3g} to {high:.3g})")
+        rows.append([name, *cells])
+    return columns("|rise, ms|overshoot, %|static error, %", rows)
+
+
+def off(runs: Sequence[Results], i: int, metric: str) -> int:
+    """Count the seeds that are off the paper's figure of subject i + 1 by more than `NEAR`."""
+    paper = get_published(i, metric)
+    values = [run["table1"]["subjects"][i][metric] for run in runs]
+    return sum(abs(value - paper) > NEAR[metric] for value in values)
+
+
+def off_in_all(runs: Sequence[Results]) -> str:
+    """Return how many figures of a subject and a seed are off, of how many."""
+    found = sum(off(runs, i, metric) for i in range(4) for metric in NEAR)
+    return f"{found} of {4 * len(NEAR) * len(runs)}"
+
+
+def get_published(i: int, metric: str) -> float:
+    """Return the paper's figure of subject i + 1."""
+    value = PUBLISHED_BY_KEY[f"table1.subjects[{i}].{metric}"].value
+    assert value is not None
+    return value
 
 
 def subjects_table(runs: Sequence[Results]) -> Iterator[str]:
@@ -132,14 +214,25 @@ def subjects_table(runs: Sequence[Results]) -> Iterator[str]:
     rows = []
     for i in range(4):
         cells = []
-        for metric in ("rise_time_ms", "overshoot_percent", "static_error_percent"):
+        for metric in STEP_METRICS:
             values = [run["table1"]["subjects"][i][metric] for run in runs]
-            cells.append(f"{np.mean(values):.2f} +- {np.std(values, ddof=1):.2f}")
-            published = PUBLISHED_BY_KEY.get(f"table1.subjects[{i}].{metric}")
-            if published:
-                cells.append(f"{published.value:g}")
+            cells.append(f"{np.mean(values):.2f} +-{np.std(values, ddof=1):.2f}")
+            if metric in NEAR:
+                cells += [f"{get_published(i, metric):g}", str(off(runs, i, metric))]
         rows.append([str(i + 1), *cells])
-    return columns("subject | rise, ms | paper | overshoot, % | paper | static, %", rows)
+    return columns("subject|rise, ms|paper|off|overshoot, %|paper|off|static error, %", rows)
+
+
+def variations_table(runs: Mapping[str, Sequence[Sequence[Results]]]) -> Iterator[str]:
+    """Means over subjects and seeds of each variation."""
+    rows = []
+    for name, variations in runs.items():
+        cells = []
+        for metric in STEP_METRICS:
+            values = [[table["mean"][metric] for table in tables] for tables in variations]
+            cells.append(" ".join(f"{np.mean(value):.2g}" for value in values))
+        rows.append([name, *cells])
+    return columns("|rise, ms|overshoot, %|static error, %", rows)
 
 
 def chatter(traces: Iterable[Trace]) -> float:
@@ -224,36 +317,49 @@ def plot_touches(variants: Mapping[str, list[Trace]]) -> None:
         save(figure, EXPLANATION / "figures" / "friction.svg")
 
 
+def runs_of(subjects: SubjectSet, seeds: range) -> list[Results]:
+    """Return the results of Table I for each seed."""
+    return [reproduce(TABLE, Conditions(seed=seed, subjects=subjects))[1] for seed in seeds]
+
+
 def pages(draw: bool) -> Pages:
     """Run everything, fill the template, draw the figures."""
     dead_time = loop_dead_time(1_000_000)
     vibration = [reproduce(VIBRATION, Conditions(dead_time=us)) for us in (0.0, dead_time)]
-    seeds = [reproduce(TABLE, Conditions(seed=seed))[1] for seed in SEEDS]
+    seeds, fitted = runs_of("presets", SEEDS), runs_of("fitted", FITTED_SEEDS)
     papers = (Law.MEASURED, Law.ACCUMULATE, Law.NOMINAL)
-    laws = {law.name.lower(): run_varied(VariedPlate(), law) for law in papers}
-    variants = {
-        "law measured": laws["measured"],
-        "law accumulate": laws["accumulate"],
-        "law nominal": laws["nominal"],
-        "force path without lag (1 kHz)": run_varied(VariedPlate(path_frequency=1000.0)),
-        "W0 halved": run_varied(VariedPlate(W0_factor=0.5)),
-        "W0 a quarter larger": run_varied(VariedPlate(W0_factor=1.25)),
+    laws = {law.name.lower(): run_varied(law=law) for law in papers}
+    halved = run_varied(Variation(W0=0.5))
+    varied = {
+        name: [[table1(run_varied(each, seed=seed)) for seed in FEW_SEEDS] for each in variations]
+        for name, variations in VARIATIONS.items()
     }
     judged = ("table1.mean.rise_time_ms", "table1.mean.overshoot_percent")
     fields: dict[str, str | Iterator[str]] = {
         "vibration": vibration_table([results for _, results in vibration]),
         "subjects": subjects_table(seeds),
+        "subjects_off": off_in_all(seeds),
         "seeds": seeds_table(seeds),
         "inside": str(sum(all(inside(run, key) for key in judged) for run in seeds)),
         "total": str(len(SEEDS)),
+        "fitted": subjects_table(fitted),
+        "fitted_off": off_in_all(fitted),
+        "variations": variations_table(varied),
         "laws": laws_table(laws),
         "lowest": f"{lowest_amplitude(laws['measured']):.2f}",
-        "halved": " ".join(f"{chatter([trace]):.3f}" for trace in variants["W0 halved"]),
+        "halved": " ".join(f"{chatter([trace]):.3f}" for trace in halved),
         "dead_time": f"{dead_time:.0f}",
     }
     if draw:
         plot_vibration([traces for traces, _ in vibration], [0.0, dead_time])
-        plot_touches(variants)
+        plot_touches(
+            {
+                **{f"law {name}": traces for name, traces in laws.items()},
+                "force path without lag (1 kHz)": run_varied(Variation(with_path(1000.0))),
+                "W0 halved": halved,
+                "W0 a quarter larger": run_varied(Variation(W0=1.25)),
+            }
+        )
     return {EXPLANATION / "results.md": filled(__file__, fields)}
 
 
