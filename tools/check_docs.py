@@ -1,7 +1,9 @@
-"""Check the pages: relative links lead to files of the repository, and sentences are short.
+"""Check the pages: links lead to files of the repository, sentences and pages are short.
 
 In the pages that users read (README, tutorial, how-to, explanation) a sentence has 18 words on
-average at most, and 3 in 100 have more than 30. Code, tables and headings are not counted.
+average at most, and 3 in 100 have more than 30. Code, tables and headings are not counted. A page
+of how-to has 1200 words at most, all pages for users 36 000, and the reference 25 000; here code
+and tables count, and a word has a letter or a digit.
 
 Example: python tools/check_docs.py --words
 """
@@ -21,6 +23,7 @@ LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]+)(?:#[^)]*)?\)")
 MEAN_WORDS: Final = 18
 LONG_WORDS: Final = 30
 LONG_SHARE: Final = 0.03
+MOST_WORDS: Final = {"how-to": 1200, "user pages": 36_000, "reference": 25_000}
 _NOT_FOR_USERS: Final = {"decisions", "reference", "dev"}
 _ITEM: Final = r"[ \t]*(?:[*-]|\d+\.) "
 _BLOCKS: Final = re.compile(rf"\n\s*\n|\n(?={_ITEM})")
@@ -54,6 +57,25 @@ def sentence_lengths(text: str) -> Iterator[int]:
                 yield words
 
 
+def words(page: Path) -> int:
+    """Count the words of a page, code and tables with it."""
+    return sum(any(map(str.isalnum, word)) for word in page.read_text(encoding="utf-8").split())
+
+
+def too_long() -> Iterator[str]:
+    """Name what has more words than it may have."""
+    docs = ROOT / "docs"
+    groups = {
+        **{f"how-to/{page.name}": [page] for page in sorted((docs / "how-to").glob("*.md"))},
+        "user pages": user_pages(),
+        "reference": list((docs / "reference").rglob("*.md")),
+    }
+    for name, pages in groups.items():
+        count, most = sum(map(words, pages)), MOST_WORDS[name.partition("/")[0]]
+        if count > most:
+            yield f"{name}: {count} words, at most {most}"
+
+
 def user_pages() -> list[Path]:
     """Return the pages that users read."""
     docs = ROOT / "docs"
@@ -70,6 +92,8 @@ def main() -> int:
     broken = [(document, target) for document in documents for target in broken_links(document)]
     for document, target in broken:
         print(f"{document.relative_to(ROOT)}: no such file: {target}")
+    long = list(too_long())
+    print("\n".join(long), end="\n" if long else "")
     found: list[int] = []
     for page in user_pages():
         lengths = list(sentence_lengths(page.read_text(encoding="utf-8")))
@@ -79,7 +103,7 @@ def main() -> int:
     wordy = sum(found) / len(found) > MEAN_WORDS or _long_share(found) > LONG_SHARE
     if wordy or arguments.words:
         print(f"user pages: {_figures(found)}")
-    return 1 if broken or wordy else 0
+    return 1 if broken or long or wordy else 0
 
 
 def _long_share(lengths: list[int]) -> float:

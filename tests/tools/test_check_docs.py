@@ -62,3 +62,16 @@ def test_a_link_to_nowhere_is_refused(tmp_path: Path) -> None:
     code, printed = judged(tmp_path, "See [this](nowhere.md), it is short.")
     assert code == 1
     assert "nowhere.md" in printed
+
+
+@pytest.mark.parametrize(("page", "most"), [("how-to/a.md", 1200), ("reference/a.md", 25_000)])
+def test_a_long_page_is_refused(tmp_path: Path, page: str, most: int) -> None:
+    file = tmp_path / "docs" / page
+    file.parent.mkdir(parents=True)
+    row = "| a |\n"  # a word, and two strokes that are none
+    for count, refused in ((most, 0), (most + 1, 1)):
+        file.write_text(row * count, encoding="utf-8")
+        shutil.rmtree(tmp_path / "tools", ignore_errors=True)
+        code, printed = judged(tmp_path, PAGE)
+        assert code == refused
+        assert (f"{count} words, at most {most}" in printed) == bool(refused)
