@@ -181,15 +181,15 @@ def page(columns: dict[str, list[Result]]) -> Iterator[str]:
     lines = zip(CASES, *columns.values(), strict=True)
     for group, cases in groupby(lines, key=lambda line: line[0].group):
         yield f"## {GROUPS[group]}\n"
-        yield "| Case | | Rule | Not passed |"
-        yield "|---|---|---|---|"
+        yield "| Case | Rule | Not passed |"
+        yield "|---|---|---|"
         for case, *results in cases:
             marks = [
                 letter + MARKS[result.verdict]
                 for letter, result in zip("ABC", results, strict=True)
                 if result.verdict != "pass"
             ]
-            yield f"| {case.number} | {case.title} | {case.rule} | {', '.join(marks)} |"
+            yield f"| {case.number} {case.title} | {case.rule} | {', '.join(marks)} |"
         yield ""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -86,7 +87,8 @@ frequency.
 ## How it fails, and what ends it
 
 - **Ended by**: how many cells each watchdog has ended first. *Not armed*: the failure was noticed
-  before anything was driven. *Nothing*: the run went on to the end of the cell.
+  before anything was driven. *Nothing*: the run went on to the end of the cell. The four most
+  frequent ones are named; `tools/fmeda.json` has all.
 - **After**: most cycles from the failure, or from the first drive if that is later, until something
   ended the run. A failure may show only when a finger comes.
 - **Reached**: largest true vibration, also in cycles above the bound.
@@ -202,16 +204,20 @@ def fmeda_page(made: Mapping[str, Any] | None = None) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+_SHOWN = 4
+"""Watchdogs of a row that are named."""
 _COLUMNS = (
     "Cells", "Ended by", "After [cycles]", "Reached [um]", "Above the bound [cycles]",
 )  # fmt: skip
 
 
 def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
-    ended = sorted(row["ended"].items(), key=lambda item: -item[1])
+    ended = [f"{count} {by}" for by, count in Counter(row["ended"]).most_common(_SHOWN)]
+    if others := row["cells"] - sum(sorted(row["ended"].values())[-_SHOWN:]):
+        ended.append(f"{others} others")
     return (
         f"{row['cells']}",
-        ", ".join(f"{count} {by}" for by, count in ended),
+        ", ".join(ended),
         f"{row['after']}",
         f"{row['peak_um']:.2f}",
         f"{row['above']}",

@@ -50,7 +50,7 @@ FACES: Final = (
 """From what most people import to what fewest do; a name that several have is of the first."""
 
 
-SHARED_BY: Final = 6
+SHARED_BY: Final = 2
 """Commands that an option has to be the same in, to be listed once for all of them."""
 
 
@@ -119,7 +119,7 @@ def objects() -> str:
 
 def _is_frame(line: str) -> bool:
     """Whether a line is no object: a heading, the head of a table, or what is between tables."""
-    return not line.startswith("| ") or line.startswith(("| Index |", "| PDO |"))
+    return not line.startswith("| ") or line.startswith(("| Object | Name |", "| PDO |"))
 
 
 def _argument(kind: click.ParamType[Any]) -> str:
@@ -145,6 +145,11 @@ def _parameter(context: click.Context, parameter: click.Parameter) -> tuple[str,
     return f"`{name}`", default, parameter.help or ""
 
 
+def _option(row: tuple[str, str, str]) -> str:
+    """Return the name of the option in a row."""
+    return row[0].strip("`").split()[0]
+
+
 def _commands(group: click.Group, prefix: str) -> Iterator[tuple[str, click.Command]]:
     context = click.Context(group)
     for name in group.list_commands(context):
@@ -165,7 +170,13 @@ def command_line() -> str:
         for name, command in _commands(smarttac, "smarttac")
     }
     counts = Counter(row for rows in parameters.values() for row in rows)
-    shared = [row for row, count in counts.items() if count >= SHARED_BY]
+    # Two options of one name are not both listed: a command names its shared options alone.
+    most = {_option(row): row for row, _ in reversed(counts.most_common())}
+    shared = [
+        row
+        for row, count in counts.items()
+        if _option(row).startswith("--") and count >= SHARED_BY and most[_option(row)] == row
+    ]
     lines = [
         "# Command line",
         "",
@@ -181,7 +192,7 @@ def command_line() -> str:
     for name, command in _commands(smarttac, "smarttac"):
         text = " ".join((command.help or "").split())
         own = [row for row in parameters[name] if row not in shared]
-        others = [f"`{row[0].strip('`').split()[0]}`" for row in parameters[name] if row in shared]
+        others = [f"`{_option(row)}`" for row in parameters[name] if row in shared]
         example = (command.epilog or "").replace("\b", "").partition(":")[2]
         lines += [
             f"## `{name}`",
@@ -259,7 +270,6 @@ def _names(face: str) -> list[Name]:
 
 def python_pages() -> Iterator[tuple[str, str]]:
     """Give the path of each page, from docs/reference, and its text."""
-    made = "Made by `tools/reference.py` from the docstrings: change those."
     seen: dict[int, Name] = {}
     rows = []
     for face in FACES:
@@ -267,12 +277,14 @@ def python_pages() -> Iterator[tuple[str, str]]:
         own = [name for name in names if seen.setdefault(id(name.value), name) is name]
         doc = (import_module(f"smarttac_can.{face}").__doc__ or "").strip()
         rows.append((f"[`smarttac_can.{face}`](python/{face}.md)", doc))
-        yield f"python/{face}.md", _page(face, f"{doc}\n\n{made}", names, own, seen)
+        yield f"python/{face}.md", _page(face, doc, names, own, seen)
     lines = [
         "# Python",
         "",
         "These packages name what you can import, such as `from smarttac_can.bench import "
         "Stimulator`. Names in other modules may change in any version.",
+        "",
+        "These pages are made by `tools/reference.py` from the docstrings: change those.",
         "",
     ]
     yield "python.md", "\n".join([*lines, *table(("Package", "What it is"), *rows)])

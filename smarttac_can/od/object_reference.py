@@ -15,8 +15,10 @@ from smarttac_can.od.entry import Entry
 
 LEGEND: Final = (
     "Limits and defaults are raw counts; *one count* says what a count stands for, and is empty "
-    "for a plain number. Sub-index 0 of arrays and records, the number of members, is left out. "
-    "Any object marked *PDO* may be mapped: `ro` and `rwr` into a TPDO, `rww` into an RPDO, `rw` "
+    "for a plain number. `1018h:2` is index 1018h, sub-index 2. Sub-index 0 of arrays and records, "
+    "the number of members, is left out. Members in a row that differ by name alone share a row: "
+    "in `Simulation.Seed, .Subject` the second is `Simulation.Subject`. "
+    "An object marked *PDO* may be mapped: `ro` and `rwr` into a TPDO, `rww` into an RPDO, `rw` "
     "into both."
 )
 """What a reader has to know about the tables."""
@@ -88,36 +90,45 @@ def _areas(od: ObjectDictionary) -> Iterator[tuple[str, list[Object]]]:
 
 
 def _rows(objects: Iterable[Object], other: ObjectDictionary) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each entry, and one for members in a row that differ by number alone."""
-    yield "Index", "Sub", "Name", "Type", "Access", "PDO", "Limits", "Default", "One count"
-    rows = _entry_rows(objects, other)
-    for _, alike in groupby(rows, lambda row: (row[0], _NUMBER.sub("", row[2]), *row[3:])):
-        first, *more = alike
-        if not more:
-            yield first
-            continue
-        (index, sub, name, *rest), (_, last_sub, last_name, *_) = first, more[-1]
-        numbers = "..".join(_NUMBER.findall(name) + _NUMBER.findall(last_name))
-        yield index, f"{sub}..{last_sub}", _NUMBER.sub(numbers, name), *rest
-
-
-def _entry_rows(objects: Iterable[Object], other: ObjectDictionary) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each entry, and one for members in a row that differ by name alone."""
+    yield "Object", "Name", "Type", "Access", "Limits", "Default", "One count"
     for item in objects:
-        structured = item.object_type in (cia.ObjectType.ARRAY, cia.ObjectType.RECORD)
-        for entry in item.entries.values():
-            if structured and entry.subindex == 0 and not entry.writable:
-                continue
-            yield (
-                f"{entry.index:04X}h",
-                f"{entry.subindex}",
-                entry.name,
+        # Of members in a row, sub-index less position is the same.
+        members = enumerate(_members(item, other))
+        for _, alike in groupby(members, lambda each: (each[1][0] - each[0], each[1][2])):
+            (first, name, columns), *more = [member for _, member in alike]
+            if more:
+                name = _joined([name, *(member[1] for member in more)])
+            span = f"{first}..{more[-1][0]}" if more else f"{first}"
+            yield f"{item.index:04X}h:{span}", name, *columns
+
+
+def _members(item: Object, other: ObjectDictionary) -> Iterator[tuple[int, str, tuple[str, ...]]]:
+    """Yield sub-index, name and other columns of the entries of an object."""
+    structured = item.object_type in (cia.ObjectType.ARRAY, cia.ObjectType.RECORD)
+    for entry in item.entries.values():
+        if structured and entry.subindex == 0 and not entry.writable:
+            continue
+        yield (
+            entry.subindex,
+            entry.name,
+            (
                 entry.data_type.name,
-                entry.access,
-                "yes" if entry.pdo else "",
+                f"{entry.access}, PDO" if entry.pdo else entry.access,
                 _limits(entry),
                 _default(entry, other.entry(entry.index, entry.subindex)),
                 str(entry.unit),
-            )
+            ),
+        )
+
+
+def _joined(names: list[str]) -> str:
+    """Name members in a row by their numbers if these alone differ, else each, the record once."""
+    if len({_NUMBER.sub("", name) for name in names}) == 1:
+        numbers = "..".join(_NUMBER.findall(names[0]) + _NUMBER.findall(names[-1]))
+        return _NUMBER.sub(numbers, names[0])
+    record, _, _ = names[0].rpartition(".")
+    return ", ".join([names[0], *(name.removeprefix(record) for name in names[1:])])
 
 
 def _pdo_rows(od: ObjectDictionary, other: ObjectDictionary) -> Iterator[tuple[str, ...]]:

@@ -1,6 +1,7 @@
 """Commands for any CANopen device, but for ``conform``."""
 
 import json
+import re
 import subprocess
 import sys
 import threading
@@ -129,10 +130,20 @@ def test_doc(tmp_path: Path) -> None:
     text = path.read_text()
     assert text == eds("doc", RICH).stdout
     assert text.startswith("# rich.eds\n")
-    row = "| 2100h | 1 | Setpoint.Voltage | UNSIGNED16 | rww | yes | 0..20000 | 0 | 10 mV |"
+    row = "| 2100h:1 | Setpoint.Voltage | UNSIGNED16 | rww, PDO | 0..20000 | 0 | 10 mV |"
     assert row in text.splitlines()
     assert "| TPDO 1 | 180h + node-ID | 255 |" in text
     assert "| TPDO 4 | off (480h + node-ID) | 0 |" in text
+
+
+def test_doc_has_a_row_for_neighbours_that_differ_by_name_alone(tmp_path: Path) -> None:
+    doc = eds("doc", "stimulator").stdout
+    assert "\n| 2010h:4..5 | Setpoint.COF left, .COF right | UNSIGNED16 |" in doc
+    assert "\n| 2008h:1..8 | Fault memory.Fault 1..8 | VISIBLE_STRING |" in doc
+    path = tmp_path / "gap.eds"
+    text = (RICH.parents[2] / "eds" / "plate.eds").read_text()
+    path.write_text(re.sub(r"\[2050sub3\][^[]*", "", text))
+    assert "\n| 2050h:1..2 | Cycle.Ticks, .Lost drives | UNSIGNED32 |" in eds("doc", path).stdout
 
 
 def test_dbc(tmp_path: Path) -> None:

@@ -28,4 +28,4 @@ def test_every_case_says_what_it_looks_at_and_by_which_rule() -> None:
 def test_the_page_has_every_case_as_it_is() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for case in CASES:
-        assert f"| {case.number} | {case.title} | {case.rule} |" in page
+        assert f"| {case.number} {case.title} | {case.rule} |" in page

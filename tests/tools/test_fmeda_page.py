@@ -24,7 +24,9 @@ MADE: dict[str, Any] = {
         {"name": "coarse", "seed": 1, "cells": 7, "violations": 0, "excluded": 0,
          "fingerprint": "0123abcd"},
     ],
-    "failures": {"pick-up d: stuck with noise": ROW, "normal gauge: noise": ROW},
+    "failures": {"pick-up d: stuck with noise": ROW, "normal gauge: noise": ROW | {
+        "ended": {"A": 1, "STUCK": 2, "B": 1, "nothing": 1, "C": 1, "D": 1},
+    }},
     "factors": {"motion": {"finger lifts": ROW | {"violations": 2}, "no finger": ROW}},
     "healthy": {"seed": 9, "runs": 500, "cycles": 4000, "limited": 500, "ended": 12, "false": 1},
 }  # fmt: skip
@@ -85,7 +87,7 @@ def test_the_page_says_what_was_promised_run_and_found(page: ModuleType) -> None
         "- 11 ended because the true vibration was beyond a limit.",
         "- The drive was limited in 12.5 % of the cycles.",
         "| pick-up d: stuck with noise | 7 | 5 nothing, 2 STUCK | 123 | 3.46 | 4 |",
-        "| normal gauge: noise | 7 | 5 nothing, 2 STUCK | 123 | 3.46 | 4 |",
+        "| normal gauge: noise | 7 | 2 STUCK, 1 A, 1 B, 1 nothing, 2 others | 123 | 3.46 | 4 |",
         "| finger lifts | 7 | 5 nothing, 2 STUCK | 123 | 3.46 | 4 |",
     ):
         assert line in lines
