@@ -137,10 +137,7 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
         "",
         *table(
             ("Gain", *(way.replace("_", " ") for way in ways)),
-            *(
-                (case.name, *(_reached(reached, case.name, way) for way in ways))
-                for case in NOT_SEEN
-            ),
+            *((", ".join(names), *um) for um, names in _alike(reached, ways).items()),
         ),
     ]
     return "\n".join(lines) + "\n"
@@ -192,6 +189,17 @@ def _digest(rows: Iterable[FaultRow]) -> str:
         for row in rows
     ]
     return sha256(json.dumps(shown).encode()).hexdigest()
+
+
+def _alike(
+    reached: dict[tuple[str, str], float], ways: Iterable[str]
+) -> dict[tuple[str, ...], list[str]]:
+    """Return the faults that are not seen by what they reach in each way."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for case in NOT_SEEN:
+        um = tuple(_reached(reached, case.name, way) for way in ways)
+        found.setdefault(um, []).append(case.name)
+    return found
 
 
 def _reached(reached: dict[tuple[str, str], float], name: str, way: str) -> str:
