@@ -305,6 +305,8 @@ def _page(face: str, head: str, names: list[Name], own: list[Name], seen: dict[i
                 lines += ["", f"   {name.summary}", ""]
             if name.directive == "autoclass":
                 lines += ["   :inherited-members: object, int, tuple, Exception, Enum"]
+                if issubclass(name.value, BaseException):
+                    lines += ["   :exclude-members: add_note, with_traceback"]
         lines += ["```", ""]
     return "\n".join(lines)
 
