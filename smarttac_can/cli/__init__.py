@@ -47,7 +47,7 @@ FAMILIES: Final = {
     "Commission": {
         "scan": _Command("commission", "List the devices on a bus."),
         "lss": _Command("commission", "Give a device its node-ID."),
-        "eds": _Command("commission", "Check an EDS; make documents, DBC and DCF of it."),
+        "eds": _Command("commission", "Check an EDS; make a DBC or DCF of it; load a DCF."),
         "device": _Command("nodes", "Run a simulated device of any EDS."),
         "conform": _Command("commission", "Test a CANopen device by its EDS."),
     },

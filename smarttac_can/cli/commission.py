@@ -31,9 +31,14 @@ from smarttac_can.cli.shared import (
     result_path,
     timeout_option,
 )
-from smarttac_can.commissioning.dcf import make_dcf
+from smarttac_can.commissioning.dcf import COMMISSIONING, make_dcf
 from smarttac_can.commissioning.node_ids import Identity, assign_node_id
-from smarttac_can.commissioning.scan import FoundDevice, compare_reads
+from smarttac_can.commissioning.scan import (
+    FoundDevice,
+    compare_reads,
+    stated_values,
+    write_dcf,
+)
 from smarttac_can.commissioning.scan import scan as scan_bus
 from smarttac_can.conformance.case import Case, DeviceDescription, Failure
 from smarttac_can.conformance.examiner import Examiner
@@ -49,7 +54,7 @@ from smarttac_can.host.files import (
 from smarttac_can.master.errors import NodeNotFoundError
 from smarttac_can.od.cia import IDENTITY
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds, read_sections
+from smarttac_can.od.eds import load_eds, parse_integer, read_sections
 from smarttac_can.od.eds_check import check_eds, shown
 from smarttac_can.od.object_reference import LEGEND, object_reference
 from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
@@ -252,6 +257,44 @@ def check(
         lines = [one_line(f"{file}: {finding}") for finding in findings]
         report_results({"file": str(file), "findings": rows}, lines, results)
     if any(finding.error for finding in findings):
+        raise SystemExit(1)
+
+
+@eds.command(
+    epilog="Example: smarttac eds load stimulator-32.dcf --interface socketcan --channel can0"
+)
+@click.argument("file", type=OLD_FILE, metavar="DCF")
+@click.option("--node-id", type=NODE_ID, help="Node-ID; that of the file unless given.")
+@timeout_option
+@bus_options
+@json_options(bare=True)
+def load(
+    file: Path, node_id: int | None, timeout: float, bus: BusChoice, json_file: Path | None
+) -> None:
+    """Write the values of a DCF to a device, and read them back; a refusal ends with exit code 1.
+
+    PDOs are written by the procedure of CiA 301. Nothing is stored: that is 1010h of the device.
+    """
+    with plain_errors(), ExitStack() as stack:
+        results = opened_results(stack, json_file)
+        text = read_eds_file(file)
+        sections = read_sections(text, [])
+        stated = sections.get(COMMISSIONING.lower(), {}).get("nodeid", "")
+        if node_id is None and not stated:
+            raise click.UsageError(f"{file} has no node-ID: give --node-id")
+        with naming(file, ValueError):
+            od = load_eds(text, node_id or parse_integer(stated, f"[{COMMISSIONING}]"))
+            values = stated_values(od, sections)
+            if not values:
+                raise ValueError("it states no value for the device: it is an EDS and no DCF")
+        with closing_network(bus) as network:
+            findings = list(write_dcf(network, od, sections, timeout))
+        rows = [{"section": shown(f.section), "message": f.message} for f in findings]
+        lines = [one_line(f"{file}: {finding}") for finding in findings]
+        done = f"node {od.node_id}: {len(values)} values, {len(findings)} refused or otherwise"
+        made = {"file": str(file), "node_id": od.node_id, "values": len(values), "findings": rows}
+        report_results(made, [*lines, done], results)
+    if findings:
         raise SystemExit(1)
 
 

@@ -1,11 +1,11 @@
-"""Who is on a bus, and whether a device reads as its EDS says."""
+"""Who is on a bus, whether a device reads as its EDS says, and a DCF written to it."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from time import sleep
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import can
 import canopen
@@ -16,14 +16,21 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.sdo_client import SharedSdoClient
 from smarttac_can.od.cia import (
+    COB_INVALID,
     COMMUNICATION_LAST,
     DEVICE_NAME,
     DEVICE_TYPE,
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
     IDENTITY,
+    PDO_COB_ID,
+    PDO_COUNT,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
     SDO_RX_ID,
     SDO_TX_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
     Abort,
     AbortCode,
 )
@@ -43,6 +50,7 @@ STATES: Final[dict[int, str]] = {
 UNKNOWN: Final = "unknown"
 UNCONFIGURED: Final = "unconfigured"
 
+_PDOS: Final = ((RPDO_COMMUNICATION, RPDO_MAPPING), (TPDO_COMMUNICATION, TPDO_MAPPING))
 _NODE_IDS: Final = range(1, 128)
 _SEND_PAUSE_S: Final = 0.001
 _SEND_TRIES: Final = 100
@@ -212,28 +220,128 @@ def compare_reads(
         For each object that the device refuses or reads otherwise. A device that does not answer
         is the last one.
     """
+    client = _client(network, od, timeout)
+    for entry in od:
+        if entry.readable:
+            keys = sections.get(_section(entry, sections), {})
+            stated = keys.get("parametervalue") or keys.get("defaultvalue")
+            judged = bool(stated) and not _is_process_data(entry)
+            try:
+                yield from _read(client, entry, sections, judged=judged)
+            except SdoCommunicationError:
+                yield _silent(od, entry, sections)
+                return
+
+
+def write_dcf(
+    network: canopen.Network, od: ObjectDictionary, sections: Sections, timeout: float
+) -> Iterator[Finding]:
+    """Write the values that a DCF states to its device, and read each of them back.
+
+    PDO parameters are written by the procedure of CiA 301, 7.5.2.36: COB-ID not valid, number of
+    entries 0, entries, number, COB-ID. What the device refuses is passed over.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen.
+    od
+        The DCF, loaded for the device's node-ID.
+    sections
+        The same, as it is written.
+    timeout
+        Longest wait for an answer in s.
+
+    Yields
+    ------
+    Finding
+        For each value that the device refuses or reads otherwise. A device that does not answer
+        is the last one.
+    """
+    client = _client(network, od, timeout)
+    values = stated_values(od, sections)
+    refused = set()
+    try:
+        for entry, data in _writes(od, values):
+            try:
+                client.download(entry.index, entry.subindex, data)
+            except SdoAbortedError as error:
+                if entry not in refused:
+                    text = f"the device refuses {entry.default!r}: {Abort(error.code)}"
+                    yield Finding(_section(entry, sections), text)
+                refused.add(entry)
+        for entry in values:
+            if entry.readable and entry not in refused:
+                yield from _read(client, entry, sections, judged=True)
+    except SdoCommunicationError:
+        yield _silent(od, entry, sections)
+
+
+def stated_values(od: ObjectDictionary, sections: Sections) -> list[Entry]:
+    """List the writable entries to which a DCF gives a ParameterValue."""
+    return [
+        entry
+        for entry in od
+        if entry.writable
+        and (
+            "parametervalue" in sections.get(_section(entry, sections), {})
+            or str(entry.subindex) in sections.get(f"{entry.index:04x}value", {})
+        )
+    ]
+
+
+def _writes(od: ObjectDictionary, entries: Iterable[Entry]) -> Iterator[tuple[Entry, bytes]]:
+    """Yield each entry with its bytes in the order in which a device takes them."""
+    pdos: dict[tuple[int, int], list[Entry]] = {}
+    for entry in entries:
+        for communication, mapping in _PDOS:
+            number = entry.index - (mapping if entry.index >= mapping else communication)
+            if entry.index >= communication and 0 <= number < PDO_COUNT:
+                key = communication + number, mapping + number
+                pdos.setdefault(key, []).append(entry)
+                break
+        else:
+            yield entry, entry.pack()
+    for (communication, mapping), members in pdos.items():
+        cob_id, count = od.entry(communication, PDO_COB_ID), od.entry(mapping, 0)
+        if cob_id.writable:
+            yield cob_id, (cob_id.default | COB_INVALID).to_bytes(4, "little")
+        if any(entry.index == mapping for entry in members) and count.writable:
+            yield count, bytes(1)
+            for position in range(1, count.default + 1):
+                yield (mapped := od.entry(mapping, position)), mapped.pack()
+            yield count, count.pack()
+        for entry in members:
+            if entry.index == communication and entry is not cob_id:
+                yield entry, entry.pack()
+        if cob_id.writable:
+            yield cob_id, cob_id.pack()
+
+
+def _client(network: canopen.Network, od: ObjectDictionary, timeout: float) -> Any:
     client = network.add_node(od.node_id, canopen.ObjectDictionary()).sdo
     client.RESPONSE_TIMEOUT = timeout
     client.MAX_RETRIES = 1
-    for entry in od:
-        if not entry.readable:
-            continue
-        section = _section(entry, sections)
-        try:
-            found = unpack(entry.data_type, client.upload(entry.index, entry.subindex))
-        except SdoAbortedError as error:
-            if error.code != AbortCode.NO_DATA:
-                yield Finding(section, f"the device refuses to read it: {Abort(error.code)}")
-        except SdoCommunicationError:
-            yield Finding(section, f"node {od.node_id} does not answer")
-            return
-        except Abort as error:
-            yield Finding(section, f"the device reads as no {entry.data_type.name}: {error}")
-        else:
-            keys = sections.get(section, {})
-            stated = keys.get("parametervalue") or keys.get("defaultvalue")
-            if stated and not _is_process_data(entry) and found != entry.default:
-                yield Finding(section, f"the device reads {found!r}, not {entry.default!r}")
+    return client
+
+
+def _read(client: Any, entry: Entry, sections: Sections, *, judged: bool) -> Iterator[Finding]:
+    """Read an entry; yield what is wrong with it, and with its value where that is judged."""
+    section = _section(entry, sections)
+    try:
+        found = unpack(entry.data_type, client.upload(entry.index, entry.subindex))
+    except SdoAbortedError as error:
+        if error.code != AbortCode.NO_DATA:
+            yield Finding(section, f"the device refuses to read it: {Abort(error.code)}")
+    except Abort as error:
+        yield Finding(section, f"the device reads as no {entry.data_type.name}: {error}")
+    else:
+        if judged and found != entry.default:
+            yield Finding(section, f"the device reads {found!r}, not {entry.default!r}")
+
+
+def _silent(od: ObjectDictionary, entry: Entry, sections: Sections) -> Finding:
+    return Finding(_section(entry, sections), f"node {od.node_id} does not answer")
 
 
 def _is_process_data(entry: Entry) -> bool:

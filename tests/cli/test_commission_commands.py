@@ -33,6 +33,7 @@ from smarttac_can.od.eds import load_eds
 
 ROOT = Path(__file__).parents[2]
 RICH = ROOT / "tests" / "eds" / "rich.eds"
+PLATE = RICH.parents[2] / "eds" / "plate.eds"
 COMMISSION = ("--node-id", "9", "--bitrate", "500000")
 
 
@@ -462,3 +463,42 @@ def test_a_device_reads_as_its_eds_says(tmp_path: Path) -> None:
     assert silent.exit_code == 1
     assert silent.stdout == f"{RICH}: [1000] node 6 does not answer\n"
     assert run("eds", "check", RICH, "--device").exit_code == 2
+
+
+def test_a_dcf_is_loaded_into_its_device(tmp_path: Path) -> None:
+    file = tmp_path / "rich-5.dcf"
+    values = ("--set", "1017=300", "--set", "1A00sub1=0x22000210", "--output", file)
+    assert run("eds", "dcf", RICH, "--node-id", "5", "--bitrate", "500000", *values).exit_code == 0
+    with running("load", rich(5)) as bus:
+        before = run("eds", "check", file, "--device", "--node-id", "5", *bus)
+        loaded = run("eds", "load", file, *bus)
+        after = run("eds", "check", file, "--device", "--node-id", "5", *bus)
+        again = json.loads(run("eds", "load", file, "--json", *bus).stdout)
+    assert before.exit_code == 1
+    assert "[1017] the device reads" in before.stdout
+    assert (loaded.exit_code, loaded.stderr) == (0, "")
+    assert re.fullmatch(r"node 5: \d+ values, 0 refused or otherwise\n", loaded.stdout)
+    assert (after.exit_code, after.stdout) == (0, "")
+    assert (again["node_id"], again["findings"]) == (5, [])
+
+
+def test_what_a_device_refuses_of_a_dcf_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "rich-5.dcf"
+    values = ("--set", "1017=300", "--set", "1A00sub1=0x77770008", "--output", file)
+    run("eds", "dcf", RICH, "--node-id", "5", "--bitrate", "500000", *values)
+    with running("refused", rich(5)) as bus:
+        loaded = run("eds", "load", file, *bus)
+        silent = run("eds", "load", file, "--node-id", "6", "--timeout", "0.05", *bus)
+    assert loaded.exit_code == 1
+    first, *_, last = loaded.stdout.splitlines()
+    assert first.startswith(f"{file}: [1A00sub1] the device refuses {0x77770008}: ")
+    assert " values, " in last
+    assert "[1017]" not in loaded.stdout
+    assert silent.exit_code == 1
+    assert "node 6 does not answer" in silent.stdout
+
+
+def test_an_eds_is_no_dcf() -> None:
+    bus = ("--interface", "virtual", "--channel", "none")
+    assert "has no node-ID: give --node-id" in refusal("load", RICH, *bus)
+    assert "it is an EDS and no DCF" in refusal("load", PLATE, "--node-id", "5", *bus)
