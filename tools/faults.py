@@ -113,7 +113,7 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
         *table(
             ("Fault", "Mode", "First", "Why that is right"),
             *(
-                (", ".join(names), *reason)
+                ("; ".join(names), *reason)
                 for reason, names in _instead((*CASES, *PREDICTED)).items()
             ),
         ),
@@ -137,7 +137,7 @@ def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
         "",
         *table(
             ("Gain", *(way.replace("_", " ") for way in ways)),
-            *((", ".join(names), *um) for um, names in _alike(reached, ways).items()),
+            *(("; ".join(names), *um) for um, names in _alike(reached, ways).items()),
         ),
     ]
     return "\n".join(lines) + "\n"
