@@ -41,6 +41,7 @@ FAMILIES: Final = {
         "reset": _Command("bench", "Reset the latched fault of a stimulator."),
         "watch": _Command("bench", "Show a stimulator live."),
         "record": _Command("recording", "Record a stimulator while others drive it."),
+        "log": _Command("log", "Show the frames of a log or a bus in plain text."),
         "calibrate": _Command("bench", "Calibrate the force gauges by known weights."),
         "selftest": _Command("bench", "Check timing, gauges, pick-up and resonance."),
     },

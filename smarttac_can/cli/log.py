@@ -1,0 +1,262 @@
+"""Command ``log``: the frames of a log or of a bus in plain text, by the EDS of each node."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from pathlib import Path
+from time import monotonic_ns
+from typing import Final
+
+import click
+
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
+from smarttac_can.cli.shared import (
+    EDS_FILE,
+    OLD_FILE,
+    BusChoice,
+    bus_options,
+    naming,
+    one_line,
+    plain_errors,
+)
+from smarttac_can.device.frame import Frame
+from smarttac_can.device.mapping import Direction, Mapping, compile_mapping
+from smarttac_can.device.nmt import NMTState
+from smarttac_can.host.files import read_eds, read_eds_file
+from smarttac_can.host.log_file import read_log
+from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    EMCY_ID,
+    FRAME_BYTES,
+    HEARTBEAT_ID,
+    NMT_ID,
+    PDO_COB_ID,
+    PDO_COUNT,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    SDO_RX_ID,
+    SDO_TX_ID,
+    SYNC_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    Abort,
+    NMTCommand,
+)
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import load_eds
+from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.meanings import FIELDS, emergency_text
+
+_PACKAGED: Final = {STIMULATOR_ID: "stimulator.eds", PLATE_ID: "plate.eds"}
+_DIRECTIONS: Final = (
+    ("RPDO", RPDO_COMMUNICATION, RPDO_MAPPING, Direction.RECEIVE),
+    ("TPDO", TPDO_COMMUNICATION, TPDO_MAPPING, Direction.TRANSMIT),
+)
+_NODE_IDS: Final = range(1, 128)
+_WAIT_S: Final = 0.1
+_ABORT: Final = 0x80
+_EXPEDITED, _SIZED = 0b10, 0b01
+_DOWNLOAD, _UPLOAD = 1, 2
+"""Command specifiers that begin a transfer: of a request to write, and to read or of its answer."""
+
+
+class FrameText:
+    """Says what frames mean; identifiers and mappings are those of the EDS files.
+
+    Parameters
+    ----------
+    nodes
+        What each node is called, and its object dictionary.
+    """
+
+    def __init__(self, nodes: Iterable[tuple[str, ObjectDictionary]]) -> None:
+        self._names: dict[int, str] = {}
+        self._ods: dict[int, ObjectDictionary] = {}
+        self._pdos: dict[int, list[tuple[str, Mapping]]] = {}
+        for name, od in nodes:
+            self._names[od.node_id] = f"{name} {od.node_id}"
+            self._ods[od.node_id] = od
+            self._add_pdos(self._names[od.node_id], od)
+
+    def of(self, frame: Frame) -> str:
+        """Return what a frame says, in one line."""
+        can_id, data = frame.can_id, frame.data
+        if can_id == SYNC_ID:
+            return f"SYNC {data[0]}" if data else "SYNC"
+        if can_id == NMT_ID:
+            return _nmt(data, self._names)
+        if pdos := self._pdos.get(can_id):
+            return "; ".join(f"{name}: {_pdo(mapping, data)}" for name, mapping in pdos)
+        for base, says in (
+            (EMCY_ID, _emergency),
+            (SDO_TX_ID, self._answer),
+            (SDO_RX_ID, self._request),
+            (HEARTBEAT_ID, _heartbeat),
+        ):
+            if can_id - base in _NODE_IDS:
+                node = can_id - base
+                return f"{self._names.get(node, f'node {node}')} {says(node, frame)}"
+        return "unknown"
+
+    def _add_pdos(self, name: str, od: ObjectDictionary) -> None:
+        for kind, communication, mapping, direction in _DIRECTIONS:
+            for number in range(PDO_COUNT):
+                cob_id = od.get(communication + number, PDO_COB_ID)
+                if cob_id is None or cob_id.default & COB_INVALID:
+                    continue
+                compiled = compile_mapping(od, mapping + number, direction)
+                same = self._pdos.setdefault(cob_id.default & CAN_ID_MASK, [])
+                same.append((f"{name} {kind} {number + 1}", compiled))
+
+    def _request(self, node: int, frame: Frame) -> str:
+        return f"is asked by SDO: {self._sdo(node, frame, ('write', 'read'))}"
+
+    def _answer(self, node: int, frame: Frame) -> str:
+        return f"answers by SDO: {self._sdo(node, frame, ('has read', 'written'))}"
+
+    def _sdo(self, node: int, frame: Frame, verbs: tuple[str, str]) -> str:
+        data = frame.data
+        if len(data) != FRAME_BYTES:
+            return f"{data.hex(' ')}, no SDO"
+        index, subindex, command = data[1] | data[2] << 8, data[3], data[0]
+        entry = self._ods[node].get(index, subindex) if node in self._ods else None
+        what = f"{index:04X}h:{subindex} {entry.name if entry else ''}".rstrip()
+        if command == _ABORT:
+            return f"abort, {what}: {Abort(int.from_bytes(data[4:], 'little'))}"
+        answer = SDO_TX_ID <= frame.can_id < SDO_RX_ID
+        carries = _UPLOAD if answer else _DOWNLOAD
+        specifier = command >> 5
+        if specifier == carries and command & _EXPEDITED:
+            size = 4 - (command >> 2 & 0b11) if command & _SIZED else 4
+            return f"{verbs[0]} {what} = {_value(entry, data[4 : 4 + size])}"
+        if specifier == carries:
+            return f"{verbs[0]} {what}, in segments"
+        if specifier == (3 if answer else _UPLOAD):
+            return f"{verbs[1]} {what}"
+        return f"segment {data.hex(' ')}"
+
+
+def _nmt(data: bytes, names: dict[int, str]) -> str:
+    known = [command for command in NMTCommand if data[:1] == bytes((command,))]
+    if not known or len(data) == 1:
+        return f"NMT {data.hex(' ')}, no command"
+    who = names.get(data[1], f"node {data[1]}") if data[1] else "all nodes"
+    return f"NMT {known[0].name.lower().replace('_', ' ')}: {who}"
+
+
+def _emergency(_node: int, frame: Frame) -> str:
+    code = int.from_bytes(frame.data[:2], "little")
+    return f"EMCY {code:04X}h: {emergency_text(code)}"
+
+
+def _heartbeat(_node: int, frame: Frame) -> str:
+    if frame.rtr:
+        return "is asked for its state"
+    if not frame.data:
+        return "heartbeat without a state"
+    state = frame.data[0] & 0x7F
+    if state == NMTState.INITIALISING:
+        return "boot-up"
+    known = state in list(NMTState)
+    return f"heartbeat, {NMTState(state).name.lower().replace('_', '-') if known else state}"
+
+
+def _pdo(mapping: Mapping, data: bytes) -> str:
+    if len(data) < mapping.size:
+        return f"{data.hex(' ')}, {mapping.size} bytes are mapped"
+    values = zip(mapping.entries, mapping.read(data[: mapping.size]), strict=True)
+    return ", ".join(f"{entry.name} {_shown(entry, raw)}" for entry, raw in values) or "empty"
+
+
+def _value(entry: Entry | None, data: bytes) -> str:
+    if entry is None:
+        return data.hex(" ")
+    try:
+        return _shown(entry, entry.unpack(data[: entry.size or None]))
+    except Abort:
+        return data.hex(" ")
+
+
+def _shown(entry: Entry, raw: object) -> str:
+    """Show a value in its unit; a word by its bits, a number with a name by its name."""
+    if not isinstance(raw, int):
+        return repr(raw)
+    fields = FIELDS.get(entry.name, ())
+    if fields:
+        parts = []
+        for field in fields:
+            bits = raw >> field.start & (1 << field.length) - 1
+            if field.values:
+                parts.append(field.values.get(bits, str(bits)))
+            elif bits:
+                parts.append(field.name)
+        return "+".join(parts) or "0"
+    return f"{raw * float(entry.unit.number):.12g} {entry.unit.symbol}".rstrip()
+
+
+def _node_eds(
+    _ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
+) -> dict[int, Path]:
+    found = {}
+    for text in given:
+        number, separator, file = text.partition("=")
+        if not (separator and number.isdecimal() and int(number) in _NODE_IDS):
+            raise click.BadParameter(f"{text!r} is not NODE=EDS with a node-ID of 1..127")
+        found[int(number)] = Path(EDS_FILE(file))
+    return found
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac log run.log\n"
+    "  smarttac log --interface socketcan --channel can0\n"
+    "  smarttac log run.blf --eds 12=drive.eds"
+)
+@click.argument("file", type=OLD_FILE, required=False)
+@click.option(
+    "--eds",
+    "eds_files",
+    multiple=True,
+    metavar="NODE=EDS",
+    callback=_node_eds,
+    help="EDS of a node; 32 is the stimulator and 33 the plate unless given otherwise.",
+)
+@bus_options
+def log(file: Path | None, eds_files: dict[int, Path], bus: BusChoice) -> None:
+    """Show the frames of a log FILE in plain text, or those of a bus until Ctrl-C.
+
+    FILE is a candump, ASC, BLF, CSV or TRC. Identifiers and mappings are those of the EDS files:
+    what a master changes is not followed. Times are in s, from the first frame on.
+    """
+    with plain_errors():
+        says = FrameText(_nodes(eds_files))
+        first: int | None = None
+        with naming(file or Path(bus.where), ValueError):
+            for time, frame in read_log(file) if file else _live(bus):
+                first = time if first is None else first
+                where = f"{(time - first) * 1e-6:12.6f}  {frame.can_id:03X}"
+                click.echo(f"{where}  {one_line(says.of(frame))}")
+
+
+def _nodes(eds_files: dict[int, Path]) -> Iterator[tuple[str, ObjectDictionary]]:
+    for node_id, name in _PACKAGED.items():
+        if node_id not in eds_files:
+            yield Path(name).stem, load_eds(read_eds(name), node_id)
+    for node_id, path in eds_files.items():
+        with naming(path, ValueError):
+            yield path.stem, load_eds(read_eds_file(path), node_id)
+
+
+def _live(bus: BusChoice) -> Iterator[tuple[int, Frame]]:
+    """Yield the frames of a bus with the time at which they were read, until a signal comes."""
+    frames: deque[Frame] = deque()
+    with stop_on_signals() as stop, closing(bus.open()) as connection:
+        while not stop():
+            connection.wait(_WAIT_S)
+            connection.read(frames)
+            time = monotonic_ns() // 1000
+            while frames:
+                yield time, frames.popleft()
