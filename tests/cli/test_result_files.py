@@ -12,6 +12,7 @@ from smarttac_can.cli import main
 from smarttac_can.cli.shared import result_folder
 from smarttac_can.host.files import result_file
 
+EDS = Path(__file__).parents[2] / "eds" / "plate.eds"
 CHANNEL = ("--interface", "virtual", "--channel", "results")
 OTHER_FILE = "choose another file, or replace it with --force"
 OTHER_FOLDER = "choose another folder, or replace older results in it with --force"
@@ -32,6 +33,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 FILES: dict[str, tuple[str | Path, ...]] = {
     "reproduce --json": ("reproduce", "fig3", "--json"),
+    "reproduce --animate": ("reproduce", "fig3", "--animate"),
     "campaign --json": ("campaign", "--fingers", "1", "--json"),
     "faults --json": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--json"),
     "faults --log": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--log"),
@@ -48,6 +50,7 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "status --json": ("status", *CHANNEL, "--json"),
     "calibrate --certificate": ("calibrate", __file__, *CHANNEL, "--certificate"),
     "eds check --json": ("eds", "check", "plate", "--json"),
+    "eds load --json": ("eds", "load", EDS, *CHANNEL, "--json"),
     "eds show --output": ("eds", "show", "plate", "--output"),
     "eds doc --output": ("eds", "doc", "plate", "--output"),
     "eds dbc --output": ("eds", "dbc", "plate", "--output"),
@@ -73,7 +76,8 @@ def test_each_command_with_a_file_for_results_has_force_and_a_case_here() -> Non
         f"{command.name} {parameter.opts[0]}"
         for _, command in commands_of(main)
         for parameter in command.params
-        if parameter.opts[0] in ("--json", "--output", "--report", "--log", "--certificate")
+        if parameter.opts[0]
+        in ("--json", "--output", "--report", "--log", "--certificate", "--animate")
     }
     with_force = {
         command.name
