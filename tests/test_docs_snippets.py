@@ -39,6 +39,8 @@ LONGEST_WAIT = 200
 ALONE = [page for page in PAGES if page != MASTER]
 SCRIPT = r"\$ python (?:friction|experiment)\.py"
 """Scripts that need no node, so that what they print is the same each time."""
+CSV = re.compile(r"^```\n(# format: .*?)```", re.DOTALL | re.MULTILINE)
+"""Lines of the file that the last script of a page has written."""
 WITHOUT_END = "run_node(node, PythonCanBus("
 """Runs until a signal comes, on a bus that is not there; the runner has tests of its own."""
 
@@ -106,6 +108,8 @@ def test_page(
     for shown in re.findall(f"{SCRIPT}\n(.*?)```", page.read_text("utf-8"), re.DOTALL):
         lines = shown.splitlines()
         assert printed[-len(lines) :] == lines
+    for shown in CSV.findall(page.read_text("utf-8")):
+        assert set(shown.splitlines()) <= set((tmp_path / "run.csv").read_text().splitlines())
 
 
 def test_the_page_of_bench_scripts_shows_the_model_and_the_load_of_a_new_simulation(
