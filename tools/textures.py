@@ -69,7 +69,7 @@ def followed() -> Iterator[str]:
             third = f"{found.harmonics[1].gain:.2f}" if shape == "square" else ""
             rows.append(
                 (
-                    f"{shape}, subject {subject}, {low:g} to {high:g}",
+                    f"{shape}, {low:g} to {high:g}",
                     f"{np.mean(found.correlations):.3f} ({min(found.correlations):.3f})",
                     f"{found.mean_correlation:.3f}",
                     f"{found.rms:.4f}",
