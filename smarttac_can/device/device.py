@@ -10,12 +10,12 @@ from smarttac_can.device.error_control import Guarding, HeartbeatConsumer, Heart
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.lss import LSS
 from smarttac_can.device.nmt import ALL_STATES, NMTState, commands_to
-from smarttac_can.device.pdo import RPDO, TPDO
+from smarttac_can.device.pdo import ProcessData
 from smarttac_can.device.port import Clock, Identifiers, Port
 from smarttac_can.device.sdo import SDOServer
 from smarttac_can.device.service import Access, Application, Service
 from smarttac_can.device.storage import Memory, ParameterStorage, Storage
-from smarttac_can.device.sync import Sync, TimeStamp
+from smarttac_can.device.sync import TimeStamp
 from smarttac_can.od.cia import (
     COMMUNICATION_FIRST,
     COMMUNICATION_LAST,
@@ -236,10 +236,8 @@ class Device:
         Device time, and when the next timer expires.
     ids
         CAN-IDs that matter now, another object whenever they have changed.
-    sync_counter
-        Counter of the last SYNC, 0 where SYNC carries none.
-    sync_own
-        Whether the device produced it.
+    sync
+        Consumer or producer of SYNC.
     """
 
     def __init__(
@@ -273,21 +271,13 @@ class Device:
         self._heartbeat = heartbeat = HeartbeatProducer(port, od)
         self._collision = Collision(port, od, application, lambda: self._services)
         self._error_behaviour = ErrorBehaviour(port, od, nmt.enter)
-        self._sync = sync = Sync(port, od, emergency, self._synchronise)
-        self._rpdos = {
-            n: RPDO(
-                port, od, n, emergency=emergency, sync=sync, application=application,
-                as_bytes=n in loop_rpdos,
-            )
-            for n in RPDO.numbers(od)
-        }  # fmt: skip
-        self._tpdos = {n: TPDO(port, od, n) for n in TPDO.numbers(od)}
+        self._pdos = pdos = ProcessData(port, od, emergency, application, loop_tpdos, loop_rpdos)
+        self.sync = pdos.sync
         self._access = access = Access(od, application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
         react = self._error_behaviour.react
         self._watches = HeartbeatConsumer(port, od, emergency, application, react)
         self._guarding = Guarding(port, od, emergency, application, react)
-        self._silences = (*self._watches.timers, self._guarding.timer)
         # Emergency comes first, so that what the others report on their way out is held there.
         self._services: tuple[Service, ...] = (
             emergency,
@@ -300,19 +290,14 @@ class Device:
             self._watches,
             EmergencyConsumer(port, od, application, emergencies_of),
             self._guarding,
-            sync,
+            pdos.sync,
             *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),
-            *self._rpdos.values(),
-            *self._tpdos.values(),
+            *pdos.rpdos.values(),
+            *pdos.tpdos.values(),
         )
         nmt.lead(self._services, self._lss, self._storage, heartbeat)
         access.ask(self._services)
-        self.sync_counter = 0
-        self.sync_own = False
-        self._loop_tpdos = [self._tpdos[number] for number in loop_tpdos]
         self.ids = Identifiers()
-        self._latching: list[RPDO] = []
-        self._sampling: list[TPDO] = []
 
     @property
     def node_id(self) -> int:
@@ -338,21 +323,6 @@ class Device:
     def collision(self) -> int:
         """Identifier of its own that another device has sent with, 0 for none: see `Collision`."""
         return self._collision.can_id
-
-    @property
-    def produces_sync(self) -> bool:
-        """Whether SYNC is its own."""
-        return self._sync.produces
-
-    @property
-    def sync_due(self) -> int:
-        """Device time in us of the next SYNC that it produces; `NEVER` if there is none."""
-        return self._sync.due
-
-    @property
-    def sync_missed(self) -> int:
-        """How many SYNCs it came too late to produce before the last one."""
-        return self._sync.missed
 
     @property
     def watched_in_time(self) -> frozenset[int]:
@@ -405,7 +375,10 @@ class Device:
 
     def unasked(self) -> dict[int, Frame]:
         """Return what timers would send now by CAN-ID: heartbeat, and TPDOs with an event timer."""
-        frames = [self._heartbeat.unasked(), *[tpdo.unasked() for tpdo in self._tpdos.values()]]
+        frames = [
+            self._heartbeat.unasked(),
+            *[tpdo.unasked() for tpdo in self._pdos.tpdos.values()],
+        ]
         return {frame.can_id: frame for frame in frames if frame is not None}
 
     def take(self) -> list[Frame]:
@@ -414,12 +387,12 @@ class Device:
 
     def carries(self, rpdo: int, entry: Entry) -> bool:
         """Return whether an RPDO, from 1, is valid and has the entry in its mapping."""
-        pdo = self._rpdos[rpdo]
+        pdo = self._pdos.rpdos[rpdo]
         return pdo.valid and pdo.mapping is not None and entry in pdo.mapping.entries
 
     def in_time(self, rpdo: int) -> bool:
         """Whether an RPDO, from 1, has a deadline, and has come within it."""
-        return self._rpdos[rpdo].in_time
+        return self._pdos.rpdos[rpdo].in_time
 
     def silence(self, ahead: int) -> float:
         """Largest share of its time that a watched node, or a master that guards, is silent.
@@ -429,11 +402,11 @@ class Device:
         ahead
             Time in us from now at which that is.
         """
-        return self.clock.share(self._silences, ahead)
+        return self.clock.share((*self._watches.timers, self._guarding.timer), ahead)
 
     def lateness(self, rpdos: tuple[int, ...], ahead: int) -> float:
         """Largest share of its deadline that passes for one of some RPDOs, as `silence`."""
-        return self.clock.share([self._rpdos[number].deadline for number in rpdos], ahead)
+        return self.clock.share([self._pdos.rpdos[number].deadline for number in rpdos], ahead)
 
     def put(self, entry: Entry, value: Any) -> None:
         """Put a parameter in force that the application has chosen, without the checks of a write.
@@ -449,7 +422,7 @@ class Device:
 
     def trigger(self, tpdo: int) -> None:
         """Trigger a TPDO, from 1; see `TPDO` for what each type does then."""
-        self._tpdos[tpdo].trigger()
+        self._pdos.tpdos[tpdo].trigger()
 
     def emergency(self, code: int, register: int, vendor: bytes = b"") -> None:
         """Report an error of the application; one that is known already is not sent again.
@@ -498,11 +471,9 @@ class Device:
         self._register([service for service in self._services if service.alive or not waiting])
         heard = frozenset(self._port.listeners)
         self._register([service for service in self._services if service.alive])
-        self._latching = [rpdo for rpdo in self._rpdos.values() if rpdo.synchronous]
-        self._sampling = [tpdo for tpdo in self._tpdos.values() if tpdo.synchronous]
-        sync, emcy = self._sync.can_id, self._emergency.can_id
-        loop = [tpdo.can_id for tpdo in self._loop_tpdos if tpdo.valid]
-        urgent = (sync, emcy, HEARTBEAT_ID + self.od.node_id, *loop)
+        self._pdos.follow_parameters()
+        sync, emcy = self.sync.can_id, self._emergency.can_id
+        urgent = (sync, emcy, HEARTBEAT_ID + self.od.node_id, *self._pdos.loop_ids)
         sent = frozenset(can_id for service in self._services for can_id in service.sends)
         self.ids = Identifiers(heard, frozenset(urgent), emcy, sent, sync)
 
@@ -516,12 +487,3 @@ class Device:
     def _take_parameters(self) -> None:
         self._listen()
         self._application.on_parameters()
-
-    def _synchronise(self, counter: int, own: bool) -> None:
-        self.sync_counter = counter
-        self.sync_own = own
-        for rpdo in self._latching:
-            rpdo.on_sync()
-        if self._application.on_sync():
-            for tpdo in self._sampling:
-                tpdo.on_sync(counter)

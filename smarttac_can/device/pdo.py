@@ -430,3 +430,61 @@ class TPDO(PDO):
             self._send(self._sampled)
         else:
             self._send(self._sample())
+
+
+class ProcessData:
+    """The PDOs of a device, and SYNC, which puts RPDOs in force and samples TPDOs.
+
+    Parameters
+    ----------
+    loop_tpdos, loop_rpdos
+        As for `Device`.
+
+    Attributes
+    ----------
+    sync
+        Consumer or producer of SYNC.
+    rpdos, tpdos
+        Those that the EDS has, by number.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        od: ObjectDictionary,
+        emergency: Emergency,
+        application: Application,
+        loop_tpdos: tuple[int, ...],
+        loop_rpdos: tuple[int, ...],
+    ) -> None:
+        self._application = application
+        self.sync = Sync(port, od, emergency, self._on_sync)
+        self.rpdos = {
+            n: RPDO(
+                port, od, n, emergency=emergency, sync=self.sync, application=application,
+                as_bytes=n in loop_rpdos,
+            )
+            for n in RPDO.numbers(od)
+        }  # fmt: skip
+        self.tpdos = {n: TPDO(port, od, n) for n in TPDO.numbers(od)}
+        self._loop = [self.tpdos[number] for number in loop_tpdos]
+        self._latching: list[RPDO] = []
+        self._sampling: list[TPDO] = []
+
+    @property
+    def loop_ids(self) -> list[int]:
+        """CAN-IDs of the valid TPDOs of the loop."""
+        return [tpdo.can_id for tpdo in self._loop if tpdo.valid]
+
+    def follow_parameters(self) -> None:
+        """Find anew which PDOs have something to do at SYNC."""
+        self._latching = [rpdo for rpdo in self.rpdos.values() if rpdo.synchronous]
+        self._sampling = [tpdo for tpdo in self.tpdos.values() if tpdo.synchronous]
+
+    def _on_sync(self) -> None:
+        for rpdo in self._latching:
+            rpdo.on_sync()
+        if self._application.on_sync():
+            counter = self.sync.counter
+            for tpdo in self._sampling:
+                tpdo.on_sync(counter)

@@ -41,13 +41,16 @@ class Sync(Service):
     Parameters
     ----------
     on_sync
-        Called at every SYNC with its counter, 0 where it has none, and whether the device has
-        produced it.
+        Called at every SYNC.
 
     Attributes
     ----------
     can_id
         Identifier of SYNC.
+    counter
+        Counter of the last SYNC, 0 where SYNC carries none.
+    own
+        Whether the device produced it.
 
     Notes
     -----
@@ -62,13 +65,15 @@ class Sync(Service):
         port: Port,
         od: ObjectDictionary,
         emergency: Emergency,
-        on_sync: Callable[[int, bool], None],
+        on_sync: Callable[[], None],
     ) -> None:
         super().__init__(port, od, (SYNC_COB_ID, SYNC_PERIOD, SYNC_COUNTER, SYNC_WINDOW))
         self._emergency = emergency
         self._on_sync = on_sync
         self._timer = port.clock.timer(self._produce)
         self.can_id = SYNC_ID
+        self.counter = 0
+        self.own = False
         self._produces = False
         self._period = 0
         self._overflow = 0
@@ -170,8 +175,7 @@ class Sync(Service):
         if self._wrong_length:
             self._wrong_length = False
             self._emergency.clear(EmergencyCode.SYNC_LENGTH)
-        self._heard = self.port.clock.now
-        self._on_sync(data[0] if data else 0, False)
+        self._act(data[0] if data else 0, own=False)
 
     def _start_or_stop(self) -> None:
         if self.alive and self.produces:
@@ -186,8 +190,13 @@ class Sync(Service):
             self.port.out.append(Frame(self.can_id, bytes((self._counter,))))
         else:
             self.port.out.append(Frame(self.can_id))
+        self._act(self._counter, own=True)
+
+    def _act(self, counter: int, own: bool) -> None:
         self._heard = self.port.clock.now
-        self._on_sync(self._counter, True)
+        self.counter = counter
+        self.own = own
+        self._on_sync()
 
 
 _DAY_MS: Final = 86_400_000

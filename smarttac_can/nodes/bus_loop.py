@@ -214,13 +214,13 @@ class BusLoop:
 
     def sync(self, device: Device) -> None:
         """Check when the SYNC comes, its counter, and who sent it."""
-        if device.sync_own:
-            self._missed.count(device.sync_missed)
+        if device.sync.own:
+            self._missed.count(device.sync.missed)
             self._sync.produced()
-        elif device.produces_sync:
+        elif device.sync.produces:
             return
         else:
-            self._sync.heard(device.sync_counter)
+            self._sync.heard(device.sync.counter)
         self.source.sync()
         self.late_answers.sync()
 

@@ -541,7 +541,7 @@ class StimulatorNode(DeviceNode):
     def _judge_time(self) -> None:
         """Stop if too much of a second of the run had no cycle."""
         missed = self._missed_time.cycle()
-        if self._plate_node_id and not self.device.sync_own:
+        if self._plate_node_id and not self.device.sync.own:
             self._missed.count(missed)
         running = self.block.state is State.RUNNING
         if running and missed * _PERCENT > self._missed_max.value * TICKS:

@@ -386,7 +386,7 @@ class ReplayedNode:
 
         Of what it may have heard before, it hears as little as explains the frame.
         """
-        if frame.can_id == self.sync_id and self._node.device.produces_sync:
+        if frame.can_id == self.sync_id and self._node.device.sync.produces:
             self._produce(time)
         self._said = time
         queue = self._computed.setdefault(frame.can_id, deque())
@@ -460,7 +460,7 @@ class ReplayedNode:
 
     def _pass_time(self, now: int) -> None:
         """Move device time on, in us, but not beyond the next SYNC of its own."""
-        now = min(now, self._node.device.sync_due - 1)
+        now = min(now, self._node.device.sync.due - 1)
         while self._expire(now):
             pass
         self._clock.now = max(self._clock.now, now)
@@ -468,7 +468,7 @@ class ReplayedNode:
     def _expire(self, end: int) -> bool:
         """Let the next timer expire that is due up to a device time, if there is one."""
         clock = self._clock
-        if clock.next_due > min(end, self._node.device.sync_due - 1):
+        if clock.next_due > min(end, self._node.device.sync.due - 1):
             return False
         clock.now = max(clock.now, clock.next_due)
         self._act()
@@ -481,7 +481,7 @@ class ReplayedNode:
         """
         while self._waiting and not self._first.undecided:
             self._hear(*self._waiting.popleft())
-        due = self._node.device.sync_due
+        due = self._node.device.sync.due
         if due == NEVER:
             return
         late = time - self._offset - due

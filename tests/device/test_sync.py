@@ -180,9 +180,9 @@ def test_after_a_late_sync_the_next_comes_a_whole_period_later() -> None:
     assert produced(device, 1251)
     assert not produced(device, 999)
     assert produced(device, 1)
-    assert device.sync_missed == 0
+    assert device.sync.missed == 0
     assert produced(device, 4750)
-    assert device.sync_missed == 4, "0.251 and 3.75 ms"
+    assert device.sync.missed == 4, "0.251 and 3.75 ms"
     assert not produced(device, 999)
     assert produced(device, 1)
 

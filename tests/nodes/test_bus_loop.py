@@ -41,7 +41,7 @@ class Loop:
         self.unanswered += 1
 
     def sync(self) -> None:
-        device: Any = SimpleNamespace(sync_own=False, produces_sync=False, sync_counter=0)
+        device: Any = SimpleNamespace(sync=SimpleNamespace(own=False, produces=False, counter=0))
         self.loop.sync(device)
 
     def take(self, *rpdos: int) -> list[bool]:

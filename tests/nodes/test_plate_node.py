@@ -56,7 +56,7 @@ def test_stage_is_told_with_each_sync_once_it_is_asked_for() -> None:
 
 def test_stage_that_is_not_asked_for_has_nothing_to_do_at_a_sync() -> None:
     _, plate = ready_plate()
-    assert [tpdo.can_id for tpdo in plate.device._sampling] == [*MEASUREMENT]
+    assert [tpdo.can_id for tpdo in plate.device._pdos._sampling] == [*MEASUREMENT]
 
 
 @pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
