@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 from transcript import frame, microseconds
 
@@ -17,6 +18,7 @@ from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.entry import Entry
+from smarttac_can.vocabulary.states import Mode, State
 
 START, STOP, PREOP, RESET, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82
 SYNC = Frame(0x80)
@@ -97,6 +99,14 @@ def ready_plate(node_id: int = PLATE_ID) -> tuple[Line, PlateNode]:
     return line, plate
 
 
+def driven_plate() -> tuple[Line, PlateNode]:
+    """A plate that puts out 20 V since tick 0."""
+    line, plate = ready_plate()
+    line.send(drive(2000, 0))
+    assert stage(plate) == 2000
+    return line, plate
+
+
 def stimulator_alone() -> tuple[Line, StimulatorNode]:
     """A stimulator that waits for the measurements of a plate node the test plays."""
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
@@ -110,12 +120,33 @@ def plate_inside(*, lockstep: bool = False, **presets: int) -> tuple[Line, Stimu
     return Line(node, lockstep=lockstep), node
 
 
-def both_nodes() -> tuple[Line, PlateNode, StimulatorNode]:
-    plate = PlateNode(plate_od(), deadline_ms=3)
+def both_nodes(
+    deadline_ms: int = 3, front_end: Any = None
+) -> tuple[Line, PlateNode, StimulatorNode]:
+    plate = PlateNode(plate_od(), front_end=front_end, deadline_ms=deadline_ms)
     stimulator = StimulatorNode(
-        stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3
+        stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=deadline_ms
     )
     return Line(plate, stimulator), plate, stimulator
+
+
+def ready_both(deadline_ms: int = 3) -> tuple[Line, PlateNode, StimulatorNode]:
+    """Both nodes, tared, with a set-point of 20 V."""
+    line, plate, stimulator = both_nodes(deadline_ms)
+    line.nmt(START)
+    line.sync(70)
+    assert stimulator.block.state is State.READY
+    assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
+    return line, plate, stimulator
+
+
+def driven_both(deadline_ms: int = 3) -> tuple[Line, PlateNode, StimulatorNode]:
+    """Both nodes, with 20 V in open loop."""
+    line, plate, stimulator = ready_both(deadline_ms)
+    line.run(stimulator, Mode.OPEN_LOOP)
+    line.sync(5)
+    assert stage(plate) == 2000
+    return line, plate, stimulator
 
 
 def drive(
@@ -152,3 +183,26 @@ def packed(frames: CheckedFrames, unsent: bytes = b"") -> bytes:
 
 def ids(frames: list[Frame]) -> list[int]:
     return [frame.can_id for frame in frames]
+
+
+def stage(plate: PlateNode) -> int:
+    """Voltage of the power stage in 10 mV."""
+    return int(plate.od["Stage.Voltage"].read())
+
+
+def tick_of(plate: PlateNode) -> int:
+    return int(plate.od["Vibration.Tick"].value)
+
+
+def emergencies(line: Line, can_id: int = EMCY_PLATE) -> list[int]:
+    """Codes of the emergency messages so far, by default of the plate."""
+    sent = [frame.data for frame in line.frames if frame.can_id == can_id]
+    return [int.from_bytes(data[:2], "little") for data in sent]
+
+
+def cycle(line: Line, plate: PlateNode, volts: float, *hardware: Frame) -> float:
+    """One cycle: SYNC, what hardware says, and a drive; return the voltage of the stage."""
+    line.sync()
+    line.send(*hardware)
+    line.send(drive(round(100 * volts), tick_of(plate), session=plate.block.session))
+    return stage(plate) / 100

@@ -7,20 +7,18 @@ from line import (
     PREOP,
     START,
     SYNC,
-    Line,
-    both_nodes,
     drive,
+    driven_both,
     ids,
     measurement,
     ready_plate,
+    stage,
     stimulator_alone,
 )
 
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.loop_frames import crc8
-from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.states import State
 
 BYTES = st.binary(min_size=1, max_size=23)
@@ -50,11 +48,11 @@ def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
     line, plate = ready_plate()
     for bit in range(64):
         line.send(flipped(drive(2000, 0), bit))
-        assert plate.od["Stage.Voltage"].read() == 0, f"bit {bit}"
+        assert stage(plate) == 0, f"bit {bit}"
     assert plate.od["Cycle.Corrupt drives"].value == 49, "the others are outside their limits"
     line.sync(22)
     line.send(drive(0, 99), drive(2000, 22))
-    assert plate.od["Stage.Voltage"].read() == 2000
+    assert stage(plate) == 2000
 
 
 def test_a_second_corrupt_drive_in_a_row_bars_the_plate() -> None:
@@ -62,37 +60,25 @@ def test_a_second_corrupt_drive_in_a_row_bars_the_plate() -> None:
     line.send(drive(2000, 0))
     for tick in (1, 2):
         line.send(SYNC, flipped(drive(2000, tick), 3))
-        assert plate.od["Stage.Voltage"].read() == 2000
+        assert stage(plate) == 2000
     line.send(SYNC)
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0
     line.send(drive(2000, 3))
-    assert plate.od["Stage.Voltage"].read() == 0, "it was not told 0 V"
+    assert stage(plate) == 0, "it was not told 0 V"
     assert plate.od["Cycle.Corrupt drives"].value == 2
 
 
 def test_a_disturbed_plate_takes_0_v_alone_until_20_cycles_without_a_wrong_check() -> None:
     line, plate = ready_plate()
-    stage = plate.od["Stage.Voltage"]
     for _ in range(4):
         line.send(flipped(drive(2000, 0), 3))
     line.send(drive(0, 0))
     for tick in range(1, 21):
         line.send(SYNC, drive(2000, tick))
-        assert stage.read() == 0, f"cycle {tick}"
+        assert stage(plate) == 0, f"cycle {tick}"
     line.send(SYNC, drive(0, 21))
     line.send(SYNC, drive(2000, 22))
-    assert stage.read() == 2000
-
-
-def running() -> tuple[Line, PlateNode, StimulatorNode]:
-    line, plate, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
-    line.write(stimulator, "Setpoint.Voltage", 2000)
-    line.run(stimulator, 1)
-    line.sync(5)
-    assert plate.od["Stage.Voltage"].read() == 2000
-    return line, plate, stimulator
+    assert stage(plate) == 2000
 
 
 def test_a_measurement_with_any_wrong_bit_is_not_answered() -> None:
@@ -148,7 +134,7 @@ def test_what_is_written_to_plate_input_is_used_by_no_cycle() -> None:
 
 
 def test_three_unusable_measurements_in_a_row_are_a_fault() -> None:
-    line, plate, stimulator = running()
+    line, plate, stimulator = driven_both()
     line.ports[0].close()
     tick = plate.od["Vibration.Tick"].value
     for count in range(1, 4):
@@ -171,7 +157,7 @@ def test_pdos_of_two_cycles_are_never_mixed() -> None:
 
 
 def test_a_drive_that_is_asked_for_is_0_v_once_the_stimulator_has_left_operational() -> None:
-    line, plate, _ = running()
+    line, plate, _ = driven_both()
     (asked,) = line.send(Frame(DRIVE, rtr=True))
     assert asked.data[:2] == b"\xd0\x07"
     line.nmt(PREOP, STIMULATOR_ID)
@@ -179,4 +165,4 @@ def test_a_drive_that_is_asked_for_is_0_v_once_the_stimulator_has_left_operation
     (asked,) = line.send(Frame(DRIVE, rtr=True))
     assert asked.data[:2] == bytes(2)
     line.sync(30)
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0

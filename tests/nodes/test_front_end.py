@@ -9,10 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from line import EMCY_STIMULATOR, PREOP, START, Line, drive
-from test_plate_watchdogs import emergencies, tick_of
+from line import (
+    EMCY_STIMULATOR,
+    PREOP,
+    START,
+    Line,
+    both_nodes,
+    cycle,
+    drive,
+    emergencies,
+    stage,
+    tick_of,
+)
 
-from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.bench.simulation import PLATE_ID, plate_od
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.plant.finger import Lifted
@@ -88,12 +98,6 @@ def ready(front_end: Any) -> tuple[Line, PlateNode]:
     return line, plate
 
 
-def cycle(line: Line, plate: PlateNode, volts: float) -> float:
-    line.sync()
-    line.send(drive(round(100 * volts), tick_of(plate), session=plate.block.session))
-    return plate.od["Stage.Voltage"].read() / 100
-
-
 def driven() -> tuple[Line, PlateNode, Fake]:
     fake = Fake()
     line, plate = ready(fake)
@@ -103,25 +107,14 @@ def driven() -> tuple[Line, PlateNode, Fake]:
     return line, plate, fake
 
 
-def pair(front_end: Any) -> tuple[Line, PlateNode, StimulatorNode]:
-    plate = PlateNode(plate_od(), front_end=front_end, deadline_ms=3)
-    stimulator = StimulatorNode(
-        stimulator_od(),
-        plate_node_id=PLATE_ID,
-        lockstep=True,
-        deadline_ms=3,
-    )
-    return Line(plate, stimulator), plate, stimulator
-
-
 def regulating(front_end: Any) -> tuple[Line, PlateNode, StimulatorNode]:
-    line, plate, stimulator = pair(front_end)
+    line, plate, stimulator = both_nodes(front_end=front_end)
     line.nmt(START)
     line.sync(200)
     line.write(stimulator, "Setpoint.Amplitude", 1000)
     line.run(stimulator, 2)
     line.sync(100)
-    assert plate.od["Stage.Voltage"].read() > 1000
+    assert stage(plate) > 1000
     return line, plate, stimulator
 
 
@@ -441,9 +434,7 @@ def test_a_stage_that_does_not_obey_0_v_is_told_again_with_each_sync(failure: st
     fake.read_back = read_back
     line.sync(4)
     assert emergencies(line)[-1] == STAGE
-    assert plate.od["Stage.Voltage"].read() >= 2000, (
-        "what is not known to be 0 V does not show as it"
-    )
+    assert stage(plate) >= 2000, "what is not known to be 0 V does not show as it"
     for nmt in (START, PREOP):
         line.nmt(nmt)
         count = len(fake.told)
@@ -453,7 +444,7 @@ def test_a_stage_that_does_not_obey_0_v_is_told_again_with_each_sync(failure: st
     line.nmt(START)
     for _ in range(22):
         cycle(line, plate, 0)
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0
     assert cycle(line, plate, 20) == 20
 
 
@@ -462,12 +453,11 @@ def test_the_stimulator_ends_its_run_for_what_the_front_end_does() -> None:
     line, plate, stimulator = regulating(hardware)
     hardware.sample = raises(OSError("cable out"))  # type: ignore[method-assign]
     line.sync()
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0
     assert hardware._drive.voltage == 0
     assert stimulator.block.state is State.FAULT
     assert stimulator.od["Diagnosis.Latched"].value == 1 << Watchdog.NOT_ENABLED
-    told = [frame.data[:2] for frame in line.frames if frame.can_id == EMCY_STIMULATOR]
-    assert told == [NOT_ENABLED.to_bytes(2, "little")]
+    assert emergencies(line, EMCY_STIMULATOR) == [NOT_ENABLED]
 
 
 def test_objects_of_the_simulation_are_refused_but_start_run() -> None:

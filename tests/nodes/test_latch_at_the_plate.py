@@ -12,12 +12,17 @@ from line import (
     START,
     Line,
     both_nodes,
+    cycle,
     drive,
+    driven_both,
+    driven_plate,
     ids,
     measurement,
     plate_alone,
     ready_plate,
+    stage,
     stimulator_alone,
+    tick_of,
 )
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
@@ -31,23 +36,9 @@ OPEN_LOOP = 1
 LATCHED = STIMULATOR_ID | 0x80
 
 
-def stage(plate: PlateNode) -> int:
-    return int(plate.od["Stage.Voltage"].read())
-
-
-def tick(plate: PlateNode) -> int:
-    return int(plate.od["Vibration.Tick"].value)
-
-
 def in_fault() -> tuple[Line, PlateNode, StimulatorNode]:
     """Both nodes after 20 V: the stimulator is in FAULT."""
-    line, plate, node = both_nodes()
-    line.nmt(START)
-    line.sync(70)
-    assert line.write(node, "Setpoint.Voltage", 2000) == 0
-    line.run(node, OPEN_LOOP)
-    line.sync(5)
-    assert stage(plate) == 2000
+    line, plate, node = driven_both()
     assert line.write(node, "Limit.Temperature", 1500) == 0
     line.sync()
     assert node.block.state is State.FAULT
@@ -63,7 +54,7 @@ def test_nobody_drives_the_plate_of_a_stimulator_in_fault_and_pre_operational() 
             continue
         for _ in range(10):
             line.sync()
-            now = tick(plate)
+            now = tick_of(plate)
             line.send(drive(0, now - 9 & 0xFF, source=sender))
             line.send(drive(15_000, now, source=sender))
             assert stage(plate) == 0
@@ -73,10 +64,8 @@ def test_nobody_drives_the_plate_of_a_stimulator_in_fault_and_pre_operational() 
 def test_0_v_in_fault_does_not_free_the_plate_and_the_reset_does() -> None:
     line, plate, node = in_fault()
     for _ in range(20):
-        line.sync()
+        assert cycle(line, plate, 150) == 0
         assert plate.block.inhibited
-        line.send(drive(15_000, tick(plate)))
-        assert stage(plate) == 0
     line.sync(3100)
     assert line.write(node, "Controlword", 0) == 0
     assert line.write(node, "Controlword", 0x80) == 0
@@ -118,7 +107,7 @@ def test_the_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
     line.nmt(RESET_COMMUNICATION)
     line.nmt(START)
     line.sync()
-    now = tick(plate)
+    now = tick_of(plate)
     line.send(drive(0, 99, session=1), drive(1000, now, session=1))
     assert stage(plate) == 1000
 
@@ -150,29 +139,21 @@ def test_a_plate_that_was_reset_is_driven_again_whatever_its_stimulator_says_mea
 
 
 def test_three_wrong_checks_bar_and_one_in_21_cycles_does_not() -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
+    line, plate = driven_plate()
+    strange = drive(15_000, 0, source=40)
     for at in range(84):
-        line.sync()
-        if at % 21 == 0:
-            line.send(drive(15_000, tick(plate), source=40))
-        line.send(drive(2000, tick(plate)))
-        assert stage(plate) == 2000
+        assert cycle(line, plate, 20, *[strange] * (at % 21 == 0)) == 20
     assert plate.od["Cycle.Corrupt drives"].value == 4
-    while tick(plate) % 16 != 14:
-        line.sync()
-        line.send(drive(2000, tick(plate)))
-    # Wherever they fall: these are in ticks 15, 16 and 17.
     for _ in range(3):
         assert stage(plate) == 2000
-        line.sync()
-        line.send(drive(2000, tick(plate)), drive(15_000, tick(plate), source=40))
+        cycle(line, plate, 20)
+        line.send(strange)
     assert stage(plate) == 0
     line.sync()
     assert line.frames[-4].data[:2] == bytes.fromhex("53 82"), "8253h"
     barred = 0
     while not stage(plate):
-        line.send(drive(0, 0), drive(2000, tick(plate)))
+        line.send(drive(0, 0), drive(2000, tick_of(plate)))
         barred += 1
         line.sync()
     assert barred <= 21
@@ -183,7 +164,7 @@ def test_a_new_session_of_the_plate_makes_old_drives_wrong() -> None:
     line.nmt(PREOP)
     line.nmt(START)
     line.sync()
-    now = tick(plate)
+    now = tick_of(plate)
     line.send(drive(0, 99), drive(2000, now))
     assert stage(plate) == 0
     line.send(drive(0, 99, session=1), drive(2000, now, session=1))

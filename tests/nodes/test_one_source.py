@@ -14,11 +14,14 @@ from line import (
     SYNC,
     Line,
     both_nodes,
+    cycle,
     drive,
+    driven_both,
+    driven_plate,
     ids,
     measurement,
     plate_inside,
-    ready_plate,
+    stage,
     stimulator_alone,
 )
 
@@ -34,22 +37,6 @@ COLLISION = bytes.fromhex("50 81")
 GONE_MS = 3000
 OPEN_LOOP = 1
 DOUBLE = 1 << Watchdog.DOUBLE
-
-
-def running(deadline_ms: int = 3) -> tuple[Line, PlateNode, StimulatorNode]:
-    """Both nodes, with 20 V."""
-    plate = PlateNode(plate_od(), deadline_ms=deadline_ms)
-    node = StimulatorNode(
-        stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=deadline_ms
-    )
-    line = Line(plate, node)
-    line.nmt(START)
-    line.sync(70)
-    assert line.write(node, "Setpoint.Voltage", 2000) == 0
-    line.run(node, OPEN_LOOP)
-    line.sync(5)
-    assert plate.od["Stage.Voltage"].read() == 2000
-    return line, plate, node
 
 
 def stranger(line: Line, tick: int) -> list[Frame]:
@@ -117,22 +104,22 @@ def test_two_plates_do_not_give_two_cycles_a_sync() -> None:
 
 
 def test_a_second_plate_ends_a_run_at_once() -> None:
-    line, plate, node = running()
+    line, plate, node = driven_both()
     second = PlateNode(plate_od(), deadline_ms=3)
     line.bus.attach(second)
-    assert plate.od["Stage.Voltage"].read() == 0, "its boot-up message is enough"
+    assert stage(plate) == 0, "its boot-up message is enough"
     assert node.block.state is State.FAULT
     assert node.od["Diagnosis.Code"].value == 0x8150
     assert node.od["Message"].value == TWO
     line.nmt(START)
     for _ in range(50):
         line.sync()
-        assert plate.od["Stage.Voltage"].read() == second.od["Stage.Voltage"].read() == 0
+        assert stage(plate) == stage(second) == 0
 
 
 @pytest.mark.parametrize("deadline_ms", [3, 20])
 def test_a_stranger_with_a_measurement_a_sync_is_a_fault_after_a_deadline(deadline_ms: int) -> None:
-    line, _, node = running(deadline_ms)
+    line, _, node = driven_both(deadline_ms)
     cycles = node.od["Cycle.Cycles"].value
     for count in range(2 * deadline_ms + 1):
         if node.block.state is State.FAULT:
@@ -147,7 +134,7 @@ def test_a_stranger_with_a_measurement_a_sync_is_a_fault_after_a_deadline(deadli
 
 @pytest.mark.parametrize("deadline_ms", [3, 20])
 def test_what_unheard_syncs_leave_is_no_fault(deadline_ms: int) -> None:
-    line, _, node = running(deadline_ms)
+    line, _, node = driven_both(deadline_ms)
     node_port = line.ports[1]
     receive = node_port._receive
     for _ in range(3):
@@ -228,16 +215,16 @@ OWN = {
 
 @pytest.mark.parametrize("frame", OWN.values(), ids=OWN)
 def test_a_frame_with_an_identifier_of_the_stimulator_ends_a_run(frame: Frame) -> None:
-    line, plate, node = running()
+    line, plate, node = driven_both()
     line.send(frame)
     assert node.block.state is State.FAULT
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0
     (emcy,) = told(line, EMCY_STIMULATOR)[-1:]
     assert emcy[:4] == COLLISION + bytes((0x11, Watchdog.DOUBLE))
 
 
 def test_it_is_present_until_none_came_for_3_s_and_bars_the_reset() -> None:
-    line, _, node = running()
+    line, _, node = driven_both()
     line.send(OWN["heartbeat"])
     line.sync(GONE_MS - 1)
     assert line.write(node, "Controlword", 0) == 0
@@ -254,7 +241,7 @@ def test_it_is_present_until_none_came_for_3_s_and_bars_the_reset() -> None:
 
 
 def test_before_arming_it_bars_and_is_no_fault() -> None:
-    line, _, node = running()
+    line, _, node = driven_both()
     assert line.write(node, "Controlword", 0) == 0
     line.send(OWN["SDO"])
     assert line.write(node, "Controlword", 1) == STATE
@@ -276,7 +263,7 @@ def test_a_plate_inside_is_at_0_v_too() -> None:
 
 
 def test_remote_frames_are_anybodys() -> None:
-    line, _, node = running()
+    line, _, node = driven_both()
     line.send(Frame(0x2A0, rtr=True), Frame(0x720, rtr=True), Frame(MEASUREMENT[0], rtr=True))
     line.sync(5)
     assert node.block.state is State.RUNNING
@@ -292,28 +279,21 @@ PLATES = {
 
 @pytest.mark.parametrize("frame", PLATES.values(), ids=PLATES)
 def test_a_plate_that_is_not_alone_is_at_0_v_and_barred(frame: Frame) -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
-    assert plate.od["Stage.Voltage"].read() == 2000
+    line, plate = driven_plate()
     (emcy,) = line.send(frame)
     assert emcy == Frame(EMCY_PLATE, COLLISION + bytes((0x11, 0, 0, 0, 0, 0)))
     for _ in range(GONE_MS - 1):
-        line.sync()
         # The last 0 V has freed it, but for the other.
-        for voltage in (2000, 0):
-            line.send(drive(voltage, plate.od["Vibration.Tick"].value))
-            assert plate.od["Stage.Voltage"].read() == 0
+        assert cycle(line, plate, 20) == 0
+        line.send(drive(0, 99))
     assert told(line, EMCY_PLATE)[-1] == emcy.data, "it is not taken back before"
-    line.sync()
-    line.send(drive(0, plate.od["Vibration.Tick"].value))
+    assert cycle(line, plate, 0) == 0
     assert told(line, EMCY_PLATE)[-1] == bytes(8)
-    line.sync()
-    line.send(drive(2000, plate.od["Vibration.Tick"].value))
-    assert plate.od["Stage.Voltage"].read() == 2000
+    assert cycle(line, plate, 20) == 20
 
 
 def test_nmt_is_obeyed_and_the_boot_up_sent_all_the_same() -> None:
-    line, plate, _ = running()
+    line, plate, _ = driven_both()
     line.send(PLATES["heartbeat"])
     line.nmt(PREOP)
     assert plate.device.nmt_state == 0x7F
@@ -323,24 +303,24 @@ def test_nmt_is_obeyed_and_the_boot_up_sent_all_the_same() -> None:
 
 
 def test_two_stimulators_of_one_node_id_cannot_drive() -> None:
-    line, plate, node = running()
+    line, plate, node = driven_both()
     second = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
     line.bus.attach(second)
     line.nmt(START)
     for _ in range(100):
         line.sync()
-        assert plate.od["Stage.Voltage"].read() == 0
+        assert stage(plate) == 0
     for each in (node, second):
         assert each.od["Diagnosis.Present"].value & DOUBLE
 
 
 def test_two_stimulators_at_one_plate_cannot_drive() -> None:
-    line, plate, node = running()
+    line, plate, node = driven_both()
     second = StimulatorNode(stimulator_od(40), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
     line.bus.attach(second)
     line.nmt(START)
     line.sync()
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0
     assert node.block.state is State.FAULT
 
 
@@ -370,7 +350,7 @@ def test_both_nodes_hear_what_is_their_own() -> None:
 
 
 def test_level_of_doubles_rises_with_measurements_that_nobody_asked_for() -> None:
-    line, _, node = running()
+    line, _, node = driven_both()
     while node.levels()[COUNTED.index(Watchdog.DOUBLE)]:
         line.sync()
     levels = []

@@ -6,11 +6,23 @@ import struct
 from collections.abc import Iterable
 
 import pytest
-from line import EMCY_STIMULATOR, PREOP, START, Line, both_nodes, drive, ready_plate
-from test_plate_watchdogs import emergencies, tick_of
+from line import (
+    EMCY_STIMULATOR,
+    PREOP,
+    START,
+    Line,
+    both_nodes,
+    cycle,
+    drive,
+    emergencies,
+    ready_plate,
+    stage,
+    tick_of,
+)
 
-from smarttac_can.bench.simulation import plate_od
+from smarttac_can.bench.simulation import PLATE_ID, plate_od
 from smarttac_can.device.frame import Frame
+from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import AbortCode
@@ -27,28 +39,25 @@ def says(enable: int = 1, volts: float = 0.0) -> Frame:
     return Frame(0x321, struct.pack("<BH", enable, round(100 * volts)))
 
 
-def stage(plate: PlateNode) -> float:
-    return plate.od["Stage.Voltage"].read() / 100
+def write(line: Line, plate: PlateNode, index: int, subindex: int, value: int) -> int:
+    return line.write_entry(plate, plate.od.entry(index, subindex), value)
 
 
 def map_inputs(line: Line, plate: PlateNode, *mapped: int, timer_ms: int = 3) -> None:
     """Configure RPDO 2 as a master does; by default it carries both inputs."""
-    entry = plate.od.entry
-    assert line.write_entry(plate, entry(0x1401, 5), timer_ms) == 0
+    writes = [(0x1401, 5, timer_ms)]
     if mapped:
-        assert line.write_entry(plate, entry(0x1601, 0), 0) == 0
-        for subindex, value in enumerate(mapped, 1):
-            assert line.write_entry(plate, entry(0x1601, subindex), value) == 0
-        assert line.write_entry(plate, entry(0x1601, 0), len(mapped)) == 0
-    assert line.write_entry(plate, entry(0x1401, 1), 0x321) == 0
+        writes += [(0x1601, subindex, value) for subindex, value in enumerate((0, *mapped))]
+        writes += [(0x1601, 0, len(mapped))]
+    for where in (*writes, (0x1401, 1, 0x321)):
+        assert write(line, plate, *where) == 0
 
 
-def cycle(line: Line, plate: PlateNode, volts: float, *hardware: Frame) -> float:
-    """One cycle: SYNC, what the hardware says, and a drive; return the voltage of the stage."""
-    line.sync()
-    line.send(*hardware)
-    line.send(drive(round(100 * volts), tick_of(plate)))
-    return stage(plate)
+def configured(*mapped: int) -> tuple[Line, PlateNode]:
+    """A plate at 0 V whose hardware has said nothing yet."""
+    line, plate = ready_plate()
+    map_inputs(line, plate, *mapped)
+    return line, plate
 
 
 def watched(timer_ms: int = 3) -> tuple[Line, PlateNode]:
@@ -91,8 +100,7 @@ def test_hardware_is_not_asked_by_default_and_its_frame_is_not_heard() -> None:
 
 
 def test_hardware_that_stops_a_free_stage_for_an_instant_makes_it_wait_for_0_v() -> None:
-    line, plate = ready_plate()
-    map_inputs(line, plate)
+    line, plate = configured()
     assert cycle(line, plate, 0, says()) == 0
     assert cycle(line, plate, 20, says(enable=0), says()) == 0
     assert not emergencies(line), "the stage was not in use"
@@ -103,8 +111,7 @@ def test_hardware_that_stops_a_free_stage_for_an_instant_makes_it_wait_for_0_v()
 
 @pytest.mark.parametrize("mapped", [(), (ENABLE,), (READ_BACK,)])
 def test_before_it_is_heard_the_stage_is_barred(mapped: tuple[int, ...]) -> None:
-    line, plate = ready_plate()
-    map_inputs(line, plate, *mapped)
+    line, plate = configured(*mapped)
     assert_barred(line, plate)
     assert emergencies(line) == [NOT_ENABLED, 0, NOT_ENABLED], "once for each time it is asked"
 
@@ -119,15 +126,13 @@ def test_a_mapping_that_comes_while_the_stage_is_in_use_ends_that() -> None:
 
 
 def test_a_mapping_that_carries_neither_input_is_none() -> None:
-    line, plate = ready_plate()
-    map_inputs(line, plate, 0x0005_0008)
+    line, plate = configured(0x0005_0008)
     assert cycle(line, plate, 20) == 20
 
 
 def test_an_input_in_the_mapping_of_a_pdo_that_is_not_valid_is_not_mapped() -> None:
-    line, plate = ready_plate()
-    map_inputs(line, plate)
-    assert line.write_entry(plate, plate.od.entry(0x1401, 1), 0x8000_0321) == 0
+    line, plate = configured()
+    assert write(line, plate, 0x1401, 1, 0x8000_0321) == 0
     assert cycle(line, plate, 0) == 0
     assert cycle(line, plate, 20) == 20
 
@@ -142,8 +147,7 @@ def test_enable_lets_the_stage_drive_and_ends_it_between_two_cycles() -> None:
 
 
 def test_enable_that_goes_before_a_run_is_told_when_a_voltage_is_asked_for() -> None:
-    line, plate = ready_plate()
-    map_inputs(line, plate)
+    line, plate = configured()
     for _ in range(5):
         assert cycle(line, plate, 0, says(enable=0)) == 0
     assert not emergencies(line)
@@ -173,11 +177,11 @@ def test_what_is_out_of_range_does_not_count_as_heard() -> None:
 def test_no_event_timer_is_no_watch() -> None:
     line, plate = ready_plate()
     for timer_ms in (0, 101):
-        assert line.write_entry(plate, plate.od.entry(0x1401, 5), timer_ms) in (
+        assert write(line, plate, 0x1401, 5, timer_ms) in (
             0x0609_0031, 0x0609_0032
         )  # fmt: skip
     plate.od.entry(0x1401, 5).value = 0
-    assert line.write_entry(plate, plate.od.entry(0x1401, 1), 0x321) == 0
+    assert write(line, plate, 0x1401, 1, 0x321) == 0
     assert_barred(line, plate, says())
 
 
@@ -219,7 +223,7 @@ def test_a_reading_may_be_a_cycle_old_whatever_the_stage_is_told(age: int, when:
         line.send(drive(round(100 * told[n]), tick_of(plate)))
         if when == "after the drive":
             line.send(says(volts=told[n - age]))
-        assert stage(plate) == told[n]
+        assert stage(plate) == round(100 * told[n])
     assert not emergencies(line)
 
 
@@ -256,8 +260,7 @@ def test_readings_that_are_wrong_now_and_then_are_a_fault(
 
 
 def test_a_stage_that_is_live_at_0_v_does_not_get_a_voltage() -> None:
-    line, plate = ready_plate()
-    map_inputs(line, plate)
+    line, plate = configured()
     for _ in range(5):
         cycle(line, plate, 0, says(volts=30))
     assert emergencies(line) == [STAGE]
@@ -286,25 +289,23 @@ def test_the_third_cycle_after_a_first_reading_that_is_wrong_is_a_fault(by_defau
 
 
 def test_a_read_back_that_is_mapped_no_more_does_not_bar_the_stage() -> None:
-    line, plate = ready_plate()
-    map_inputs(line, plate)
+    line, plate = configured()
     for _ in range(5):
         cycle(line, plate, 0, says(volts=30))
-    assert line.write_entry(plate, plate.od.entry(0x1401, 1), 0x8000_0321) == 0
+    assert write(line, plate, 0x1401, 1, 0x8000_0321) == 0
     assert cycle(line, plate, 0) == 0
     assert cycle(line, plate, 20) == 20
 
 
-def defeats(plate: PlateNode) -> dict[str, tuple[int, int, int]]:
-    return {
-        "not valid": (0x1401, 1, 0x8000_0321),
-        "another COB-ID": (0x1401, 1, 0x322),
-        "at SYNC": (0x1401, 2, 1),
-        "a longer timer": (0x1401, 5, 4),
-        "nothing mapped": (0x1601, 0, 0),
-        "enabled by SDO": (0x2031, 0, 0),
-        "read back by SDO": (0x2032, 0, 1),
-    }
+DEFEATS = {
+    "not valid": (0x1401, 1, 0x8000_0321),
+    "another COB-ID": (0x1401, 1, 0x322),
+    "at SYNC": (0x1401, 2, 1),
+    "a longer timer": (0x1401, 5, 4),
+    "nothing mapped": (0x1601, 0, 0),
+    "enabled by SDO": (0x2031, 0, 0),
+    "read back by SDO": (0x2032, 0, 1),
+}
 
 
 @pytest.mark.parametrize("value", [0x0005_0008, 0x2031_0008])
@@ -315,25 +316,26 @@ def test_the_mapping_is_protected_by_its_number_of_objects(value: int) -> None:
     assert line.write_entry(plate, entry, value) == AbortCode.ACCESS
     assert line.write_entry(plate, entry, before) == AbortCode.ACCESS
     assert entry.value == before
-    assert stage(plate) == 20
+    assert stage(plate) == 2000
 
 
-@pytest.mark.parametrize("name", defeats(PlateNode.__new__(PlateNode)))
-def test_nothing_takes_the_watch_away_while_the_stage_is_in_use(name: str) -> None:
+@pytest.mark.parametrize(("index", "subindex", "value"), DEFEATS.values(), ids=DEFEATS)
+def test_nothing_takes_the_watch_away_while_the_stage_is_in_use(
+    index: int, subindex: int, value: int
+) -> None:
     line, plate = watched()
-    index, subindex, value = defeats(plate)[name]
     entry = plate.od.entry(index, subindex)
     before = entry.value
     assert line.write_entry(plate, entry, value) == STATE
     assert entry.value == before
     assert line.write_entry(plate, entry, before) == 0, "what it is may be written"
-    assert stage(plate) == 20
+    assert stage(plate) == 2000
 
 
 def test_a_shorter_timer_is_taken_while_the_stage_is_in_use() -> None:
     line, plate = watched()
-    assert line.write_entry(plate, plate.od.entry(0x1401, 5), 1) == 0
-    assert stage(plate) == 20
+    assert write(line, plate, 0x1401, 5, 1) == 0
+    assert stage(plate) == 2000
     line.sync()
     assert stage(plate) == 0
 
@@ -344,14 +346,13 @@ def test_a_timer_that_becomes_shorter_and_shorter_does_not_stand_for_the_hardwar
     for timer_ms in range(99, 0, -1):
         for _ in range(timer_ms - 1):
             cycles += cycle(line, plate, 20) > 0
-        assert line.write_entry(plate, plate.od.entry(0x1401, 5), timer_ms) == 0
+        assert write(line, plate, 0x1401, 5, timer_ms) == 0
     assert 90 <= cycles <= 100, "from the last frame of the hardware on"
     assert stage(plate) == 0
 
 
 def test_a_mapped_input_is_not_written_by_sdo_at_0_v_either() -> None:
-    line, plate = ready_plate()
-    map_inputs(line, plate)
+    line, plate = configured()
     line.send(says(enable=0))
     assert line.write(plate, "Enable", 1) == STATE
     cycle(line, plate, 0)
@@ -362,23 +363,16 @@ def test_the_watch_may_be_taken_away_at_rest() -> None:
     line, plate = watched()
     cycle(line, plate, 0, says())
     line.nmt(PREOP)
-    assert line.write_entry(plate, plate.od.entry(0x1401, 1), 0x8000_0321) == 0
+    assert write(line, plate, 0x1401, 1, 0x8000_0321) == 0
     line.nmt(START)
-    line.sync()
-    for volts in (0, 2000):
-        line.sync()
-        line.send(drive(volts, tick_of(plate), session=1))
-    assert stage(plate) == 20
+    assert [cycle(line, plate, volts) for volts in (0, 0, 20)] == [0, 0, 20]
 
 
 def test_leaving_operational_forgets_what_was_heard() -> None:
     line, plate = watched()
     line.nmt(PREOP)
     line.nmt(START)
-    for volts in (0, 2000):
-        line.sync()
-        line.send(drive(volts, tick_of(plate), session=1))
-    assert stage(plate) == 0
+    assert [cycle(line, plate, volts) for volts in (0, 20)] == [0, 0]
 
 
 def driven_both() -> tuple[Line, PlateNode, StimulatorNode]:
@@ -394,28 +388,40 @@ def driven_both() -> tuple[Line, PlateNode, StimulatorNode]:
     line.sync(2)
     line.send(says(volts=20))
     line.sync(3)
-    assert stage(plate) == 20
+    assert stage(plate) == 2000
     return line, plate, node
 
 
-def said_by(line: Line, node: StimulatorNode) -> list[int]:
-    frames = [f.data for f in line.frames if f.can_id == EMCY_STIMULATOR]
-    return [int.from_bytes(data[:2], "little") for data in frames]
+def limit(subindex: int, raw: int) -> Frame:
+    """The write of a limit of the plate."""
+    return requests.download(PLATE_ID, plate_od().entry(0x2041, subindex), raw)
 
 
-def test_the_stimulator_names_hardware_that_does_not_enable() -> None:
+@pytest.mark.parametrize(
+    ("act", "watchdog", "code"),
+    [
+        (says(enable=0, volts=20), Watchdog.NOT_ENABLED, NOT_ENABLED),
+        (says(volts=140), Watchdog.STAGE, STAGE),
+        (limit(1, 1000), Watchdog.VOLTAGE, 0x3310),
+        (limit(2, 1500), Watchdog.TEMPERATURE, 0x4210),
+    ],
+)
+def test_the_stimulator_names_why_the_plate_goes_to_0_v(
+    act: Frame, watchdog: Watchdog, code: int
+) -> None:
     line, plate, node = driven_both()
-    line.send(says(enable=0, volts=20))
-    assert (stage(plate), node.block.state) == (0, State.FAULT)
-    assert node.block.supervisor.latched == 1 << Watchdog.NOT_ENABLED
-    assert line.read(node, "Diagnosis.Code") == NOT_ENABLED
+    line.send(act)
     line.sync(30)
-    assert said_by(line, node) == [NOT_ENABLED]
+    assert (stage(plate), node.block.state) == (0, State.FAULT)
+    assert node.block.supervisor.latched == 1 << watchdog
+    assert line.read(node, "Diagnosis.Code") == code
+    assert emergencies(line, EMCY_STIMULATOR) == [code]
 
 
 def test_the_stimulator_names_it_again_when_it_tries_again() -> None:
-    line, _, node = driven_both()
+    line, plate, node = driven_both()
     line.send(says(enable=0, volts=20))
+    assert (stage(plate), node.block.state) == (0, State.FAULT), "at once"
     for _ in range(2):
         for word in (0, 0x80, 0):
             line.write(node, "Controlword", word)
@@ -425,29 +431,3 @@ def test_the_stimulator_names_it_again_when_it_tries_again() -> None:
         line.run(node, 1)
         line.sync(5)
         assert node.block.supervisor.latched == 1 << Watchdog.NOT_ENABLED
-
-
-def test_the_stimulator_names_a_stage_that_does_not_obey() -> None:
-    line, _, node = driven_both()
-    line.send(says(volts=140))
-    line.sync(5)
-    assert node.block.supervisor.latched == 1 << Watchdog.STAGE
-    assert said_by(line, node) == [STAGE]
-
-
-@pytest.mark.parametrize(
-    ("limit", "raw", "watchdog", "code"),
-    [
-        ("Voltage", 1000, Watchdog.VOLTAGE, 0x3310),
-        ("Temperature", 1500, Watchdog.TEMPERATURE, 0x4210),
-    ],
-)
-def test_the_stimulator_names_a_limit_of_the_plate(
-    limit: str, raw: int, watchdog: Watchdog, code: int
-) -> None:
-    line, plate, node = driven_both()
-    assert line.write(plate, f"Limit.{limit}", raw) == 0
-    line.sync(30)
-    assert node.block.state is State.FAULT
-    assert node.block.supervisor.latched == 1 << watchdog
-    assert said_by(line, node) == [code]

@@ -13,10 +13,13 @@ from line import (
     STOP,
     SYNC,
     Line,
+    cycle,
     drive,
+    driven_plate,
     ids,
     plate_alone,
     ready_plate,
+    stage,
 )
 
 from smarttac_can.bench.simulation import PLATE_ID, plate_od
@@ -26,10 +29,6 @@ from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.plant.finger import Trajectory
 
 STATE, TOO_HIGH, TOO_LOW = 0x08000022, 0x06090031, 0x06090032
-
-
-def stage(plate: PlateNode) -> int:
-    return int(plate.od["Stage.Voltage"].read())
 
 
 def test_silent_outside_operational() -> None:
@@ -61,10 +60,8 @@ def test_stage_that_is_not_asked_for_has_nothing_to_do_at_a_sync() -> None:
 
 @pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
 def test_leaving_operational_is_0_v(command: int) -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
+    line, plate = driven_plate()
     line.sync()
-    assert stage(plate) == 2000
     line.nmt(command)
     assert stage(plate) == 0
     line.nmt(START)
@@ -77,8 +74,7 @@ def test_leaving_operational_is_0_v(command: int) -> None:
 
 @pytest.mark.parametrize("begin", ["power-on", "reset", "start run"])
 def test_the_first_drive_is_0_v(begin: str) -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
+    line, plate = driven_plate()
     if begin == "power-on":
         line, plate = plate_alone()
         line.nmt(START)
@@ -91,16 +87,11 @@ def test_the_first_drive_is_0_v(begin: str) -> None:
         assert EMCY_PLATE not in ids(line.sync()), "nothing was lost"
         line.send(drive(2000, tick))
         assert stage(plate) == 0
-    line.sync()
-    line.send(drive(0, 5))
-    line.sync()
-    line.send(drive(2000, 6))
-    assert stage(plate) == 2000
+    assert [cycle(line, plate, volts) for volts in (0, 20)] == [0, 20]
 
 
 def test_a_period_that_disagrees_is_0_v() -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
+    line, plate = driven_plate()
     period = plate.od.entry(0x1006)
     assert line.write_entry(plate, period, 2000) == STATE, "not under a drive"
     period.value = 2000
@@ -145,40 +136,19 @@ def test_0_v_of_the_plate_itself_waits_for_no_dead_time(instant_us: int) -> None
 
 
 def test_shutdown_is_0_v() -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
+    _, plate = driven_plate()
     assert plate.shutdown() == []
     assert stage(plate) == 0
 
 
 def test_a_full_transmit_queue_is_0_v_until_told_0_v() -> None:
     line, plate = ready_plate()
-    assert plate.transmit_failed() == [], "at rest it is nothing to report"
-    line.send(drive(2000, 0))
-    assert stage(plate) == 0
-    line.send(drive(0, 0))
-    line.sync()
-    line.send(drive(2000, 1))
-    assert stage(plate) == 2000
     report = Frame(EMCY_PLATE, struct.pack("<HB5x", 0x8253, 0x11))
-    assert plate.transmit_failed() == [report]
-    assert plate.transmit_failed() == []
-    assert stage(plate) == 0
-    line.sync()
-    line.send(drive(2000, 2))
-    assert stage(plate) == 0
-    line.send(drive(0, 2))
-    line.sync()
-    line.send(drive(2000, 3))
-    assert stage(plate) == 2000
-
-
-def test_a_drive_before_the_first_tick_is_foreign() -> None:
-    line, plate = plate_alone()
-    line.nmt(START)
-    line.send(drive(0, 255))
-    line.send(drive(2000, 255))
-    assert (stage(plate), plate.od["Cycle.Foreign ticks"].value) == (0, 1)
+    for reports in ([], [report]):
+        assert plate.transmit_failed() == reports, "at rest it is nothing to report"
+        assert plate.transmit_failed() == []
+        assert stage(plate) == 0
+        assert [cycle(line, plate, volts) for volts in (20, 0, 20)] == [0, 0, 20]
 
 
 def test_each_tick_takes_one_drive_that_answers_it() -> None:
@@ -191,37 +161,6 @@ def test_each_tick_takes_one_drive_that_answers_it() -> None:
         line.sync()
     assert plate.od["Cycle.Foreign ticks"].value == 600
     assert plate.od["Cycle.Lost drives"].value == 0
-
-
-def test_late_drives_are_in_force_until_the_deadline() -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
-    for tick in (1, 2):
-        line.sync()
-        line.send(drive(2000 + tick, tick - 1))
-        assert stage(plate) == (2000 if tick == 1 else 2002), "that of tick 0 has come before"
-    line.sync()
-    assert stage(plate) == 0, "none was in time"
-    assert plate.od["Cycle.Lost drives"].value == 1
-
-
-def test_no_voltage_begins_late() -> None:
-    line, plate = ready_plate()
-    for tick in range(1, 300):
-        line.sync()
-        line.send(drive(2000, tick - 1 & 0xFF))
-        assert stage(plate) == 0
-    assert plate.od["Cycle.Foreign ticks"].value == 299
-
-
-@pytest.mark.parametrize("silent", [2, 3, 100])
-def test_a_late_drive_after_silence_is_not_taken(silent: int) -> None:
-    line, plate = ready_plate()
-    line.send(drive(0, 0))
-    line.sync(silent)
-    line.send(drive(15_000, silent - 1 & 0xFF))
-    plate.advance(3_000_000)
-    assert stage(plate) == 0
 
 
 @pytest.mark.parametrize("silent", [2, 100])
@@ -237,20 +176,7 @@ def test_a_plate_that_has_left_operational_is_told_0_v_again() -> None:
     line, plate = ready_plate()
     line.nmt(PREOP)
     line.nmt(START)
-    line.sync()
-    line.send(drive(2000, plate.block.tick.value, session=1))
-    assert stage(plate) == 0
-    line.send(drive(0, plate.block.tick.value, session=1))
-    line.sync()
-    line.send(drive(2000, plate.block.tick.value, session=1))
-    assert stage(plate) == 2000
-
-
-def test_0_v_is_taken_at_any_tick() -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0), drive(0, 77))
-    assert stage(plate) == 0
-    assert plate.od["Cycle.Foreign ticks"].value == 0
+    assert [cycle(line, plate, volts) for volts in (20, 0, 20)] == [0, 0, 20]
 
 
 @pytest.mark.parametrize(
@@ -303,8 +229,7 @@ def test_the_instant_is_that_of_the_run() -> None:
 
 
 def test_a_missing_drive_is_counted_and_keeps_the_old_one_until_the_deadline() -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
+    line, plate = driven_plate()
     assert EMCY_PLATE not in ids(line.sync(2))
     assert (stage(plate), plate.od["Cycle.Lost drives"].value) == (2000, 1)
     assert ids(line.sync()) == [EMCY_PLATE, EMCY_PLATE, *MEASUREMENT]

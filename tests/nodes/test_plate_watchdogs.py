@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from line import DRIVE, PREOP, RESET_COMMUNICATION, START, Line, drive, ready_plate
+from line import (
+    DRIVE,
+    RESET_COMMUNICATION,
+    START,
+    Line,
+    cycle,
+    drive,
+    driven_plate,
+    emergencies,
+    ready_plate,
+    stage,
+    tick_of,
+)
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_node import PlateNode
@@ -13,54 +25,25 @@ from smarttac_can.od.cia import EmergencyCode
 from smarttac_can.vocabulary.faults import FaultCode
 
 
-def driven_plate() -> tuple[Line, PlateNode]:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
-    assert plate.od["Stage.Voltage"].read() == 2000
-    return line, plate
-
-
-def tick_of(plate: PlateNode) -> int:
-    return int(plate.od["Vibration.Tick"].value)
-
-
-def emergencies(line: Line) -> list[int]:
-    return [
-        int.from_bytes(frame.data[:2], "little") for frame in line.frames if frame.can_id == 0xA1
-    ]
-
-
 def assert_barred_until_0_v(line: Line, plate: PlateNode) -> None:
-    for _ in range(5):
-        line.sync()
-        line.send(drive(2000, tick_of(plate)))
-        assert plate.od["Stage.Voltage"].read() == 0
-    line.send(drive(0, tick_of(plate)))
-    line.sync()
-    line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].read() == 2000
+    asked = (20, 20, 20, 20, 20, 0, 20)
+    assert [cycle(line, plate, volts) for volts in asked] == [0, 0, 0, 0, 0, 0, 20]
     assert emergencies(line)[-1] == 0
 
 
 def test_plate_without_drives() -> None:
     line, plate = driven_plate()
     line.sync(3)
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0
     assert emergencies(line) == [EmergencyCode.RPDO_TIME_OUT, FaultCode.DRIVE_LOST]
     assert_barred_until_0_v(line, plate)
-
-
-def test_plate_without_drives_and_without_sync() -> None:
-    line, plate = driven_plate()
-    line.advance(3)
-    assert plate.od["Stage.Voltage"].read() == 0
 
 
 def test_plate_whose_measurements_are_not_answered_in_time() -> None:
     line, plate = driven_plate()
     for count in range(3):
         line.sync()
-        assert (plate.od["Stage.Voltage"].read() == 0) == (count == 2)
+        assert (stage(plate) == 0) == (count == 2)
         line.send(drive(2000, tick_of(plate) - 1 & 0xFF))
     assert emergencies(line) == [FaultCode.DRIVE_LOST]
     assert_barred_until_0_v(line, plate)
@@ -68,12 +51,8 @@ def test_plate_whose_measurements_are_not_answered_in_time() -> None:
 
 def test_plate_asked_for_more_than_its_limit() -> None:
     line, plate = driven_plate()
-    line.sync()
-    line.send(drive(15_000, 1))
-    assert plate.od["Stage.Voltage"].read() == 15_000
-    line.sync()
-    line.send(drive(15_001, 2))
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert cycle(line, plate, 150) == 150
+    assert cycle(line, plate, 150.01) == 0
     assert emergencies(line) == [FaultCode.VOLTAGE]
     assert plate.od["Error register"].value & 4
     assert_barred_until_0_v(line, plate)
@@ -81,8 +60,7 @@ def test_plate_asked_for_more_than_its_limit() -> None:
 
 def test_a_plate_that_was_reset_says_again_that_it_waits_for_0_v() -> None:
     line, plate = driven_plate()
-    line.sync()
-    line.send(drive(15_001, tick_of(plate)))
+    cycle(line, plate, 150.01)
     line.nmt(RESET_COMMUNICATION)
     line.nmt(START)
     line.sync()
@@ -93,34 +71,16 @@ def test_plate_too_hot() -> None:
     line, plate = driven_plate()
     assert line.write(plate, "Limit.Temperature", 1500) == 0
     line.sync()
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0
     for _ in range(5):
         line.sync()
         # 0 V of any tick frees it, but for the heat.
         line.send(drive(0, 99), drive(2000, tick_of(plate)))
-        assert plate.od["Stage.Voltage"].read() == 0
+        assert stage(plate) == 0
     assert emergencies(line) == [FaultCode.TEMPERATURE], "once"
     assert line.write(plate, "Limit.Temperature", 7000) == 0
-    line.sync()
-    line.send(drive(0, tick_of(plate)))
-    assert_barred_after_reset(line, plate)
-
-
-def assert_barred_after_reset(line: Line, plate: PlateNode) -> None:
-    line.sync()
-    line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].read() == 2000
+    assert [cycle(line, plate, volts) for volts in (0, 20)] == [0, 20]
     assert emergencies(line)[-1] == 0
-
-
-def test_plate_that_left_operational_waits_for_0_v() -> None:
-    line, plate = driven_plate()
-    line.nmt(PREOP)
-    assert plate.od["Stage.Voltage"].read() == 0
-    line.nmt(START)
-    line.sync()
-    line.send(drive(2000, tick_of(plate), session=1))
-    assert plate.od["Stage.Voltage"].read() == 0
 
 
 @pytest.mark.parametrize(("name", "cap"), [("Voltage", 20_000), ("Temperature", 8000)])
@@ -136,24 +96,21 @@ def test_plate_keeps_its_deadline() -> None:
     assert deadline.value == 3
     assert line.write_entry(plate, deadline, 0) == 0
     plate.advance(1000)
-    assert plate.od["Stage.Voltage"].read() == 0, "no deadline is no drive"
+    assert stage(plate) == 0, "no deadline is no drive"
 
 
 def test_a_first_drive_above_the_limit_bars_as_well() -> None:
     line, plate = ready_plate()
     line.send(drive(15_001, tick_of(plate)))
-    line.sync()
-    line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].read() == 0
     assert_barred_until_0_v(line, plate)
 
 
 @pytest.mark.parametrize(
     ("begun", "meanwhile", "after", "codes"),
     [
-        (ready_plate, 2000, 0, [FaultCode.TEMPERATURE]),
-        (driven_plate, 2000, 0, [FaultCode.TEMPERATURE]),
-        (driven_plate, 0, 2000, [FaultCode.TEMPERATURE, 0]),
+        (ready_plate, 20, 0, [FaultCode.TEMPERATURE]),
+        (driven_plate, 20, 0, [FaultCode.TEMPERATURE]),
+        (driven_plate, 0, 20, [FaultCode.TEMPERATURE, 0]),
     ],
 )
 def test_a_plate_that_cools_down_waits_for_0_v_which_may_come_while_it_is_hot(
@@ -161,12 +118,9 @@ def test_a_plate_that_cools_down_waits_for_0_v_which_may_come_while_it_is_hot(
 ) -> None:
     line, plate = begun()
     line.write(plate, "Limit.Temperature", 1500)
-    line.sync()
-    line.send(drive(meanwhile, tick_of(plate)))
+    cycle(line, plate, meanwhile)
     line.write(plate, "Limit.Temperature", 7000)
-    line.sync()
-    line.send(drive(2000, tick_of(plate)))
-    assert plate.od["Stage.Voltage"].read() == after
+    assert cycle(line, plate, 20) == after
     assert emergencies(line) == codes
 
 
@@ -181,4 +135,4 @@ def test_plate_without_sync_is_not_fed_by_drives_that_do_not_count(kind: str) ->
     for _ in range(3):
         plate.advance(1000)
         line.send(frame)
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0

@@ -15,9 +15,10 @@ from line import (
     PREOP,
     START,
     Line,
-    both_nodes,
     drive,
+    driven_both,
     measurement,
+    stage,
 )
 
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
@@ -44,10 +45,6 @@ def driven_plate(**options: int) -> PlateNode:
     plate.receive(drive(2000, 1))
     assert stage(plate) == 2000
     return plate
-
-
-def stage(plate: PlateNode) -> int:
-    return int(plate.od["Stage.Voltage"].read())
 
 
 @pytest.mark.parametrize(("options", "deadline_us"), [({}, DEFAULT_US), ({"deadline_ms": 3}, 3000)])
@@ -161,12 +158,7 @@ def test_nothing_is_stored_while_something_drives(server: int) -> None:
 
 
 def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> None:
-    line, plate, node = both_nodes()
-    line.nmt(START)
-    line.sync(70)
-    line.write(node, "Setpoint.Voltage", 2000)
-    line.run(node, 1)
-    line.sync(5)
+    line, plate, node = driven_both()
     plate.receive(requests.sync())  # two SYNCs that the stimulator does not hear the answer to
     plate.receive(requests.sync())
     plate.advance(3000)
