@@ -131,18 +131,18 @@ def both_nodes(
 
 
 def ready_both(deadline_ms: int = 3) -> tuple[Line, PlateNode, StimulatorNode]:
-    """Both nodes, tared, with a set-point of 20 V."""
+    """Both nodes, tared, so that the stimulator can be armed."""
     line, plate, stimulator = both_nodes(deadline_ms)
     line.nmt(START)
     line.sync(70)
     assert stimulator.block.state is State.READY
-    assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
     return line, plate, stimulator
 
 
 def driven_both(deadline_ms: int = 3) -> tuple[Line, PlateNode, StimulatorNode]:
     """Both nodes, with 20 V in open loop."""
     line, plate, stimulator = ready_both(deadline_ms)
+    assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
     line.run(stimulator, Mode.OPEN_LOOP)
     line.sync(5)
     assert stage(plate) == 2000

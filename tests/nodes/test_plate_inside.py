@@ -101,13 +101,6 @@ def test_shutdown_is_0_v() -> None:
     assert node.od["Drive.Voltage"].value == node.od["Mode"].value == 0
 
 
-@pytest.mark.parametrize("mode", [1, 5])
-def test_mode_is_refused_outside_operational(mode: int) -> None:
-    line, node = plate_inside()
-    assert line.write(node, "Mode", mode) == STATE
-    assert line.read(node, "Mode") == OFF
-
-
 def test_reset_restores_defaults_presets_and_the_plate() -> None:
     line, node = plate_inside(Simulation__Seed=9, Finger__Motion=1)
 

@@ -169,6 +169,7 @@ def test_an_identification_shows_how_far_it_is(loop: Loop) -> None:
     loop.tick(100)
     assert 1 <= loop.shown("Model.Progress")[0] <= 50
     identified(loop)
+    assert loop.message == ""
 
 
 def test_an_identification_that_ends_leaves_a_message_about_something_else(loop: Loop) -> None:

@@ -1,7 +1,6 @@
 """The stimulator node with a plate node: pairing, answers, states, refusals."""
 
 import struct
-from itertools import pairwise
 
 import pytest
 from driven import driven as driven_rig
@@ -12,7 +11,6 @@ from line import (
     MEASUREMENT,
     PREOP,
     PUBLIC,
-    RESET,
     RESET_COMMUNICATION,
     START,
     STOP,
@@ -21,6 +19,8 @@ from line import (
     both_nodes,
     ids,
     measurement,
+    ready_both,
+    stage,
     stimulator_alone,
 )
 
@@ -33,7 +33,6 @@ from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort, DataType, NMTCommand
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import Watchdog
 
 STATE, VALUE, READ_ONLY = 0x08000022, 0x06090030, 0x06010002
 NO_DATA = 0x08000024
@@ -54,23 +53,13 @@ def driven(frames: list[Frame]) -> list[tuple[int, int, int]]:
 
 def driving(mode: int = AMPLITUDE) -> tuple[Line, PlateNode, StimulatorNode]:
     """Both nodes, with 1 um of vibration."""
-    line, plate, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
+    line, plate, stimulator = ready_both()
     assert line.write(stimulator, "Setpoint.Amplitude", 1000) == 0
     assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
     line.run(stimulator, mode)
     line.sync(10)
-    assert plate.od["Stage.Voltage"].read() > 1000
+    assert stage(plate) > 1000
     return line, plate, stimulator
-
-
-def test_the_last_measurement_is_answered_and_no_other() -> None:
-    line, _ = waiting()
-    for tick in range(300):
-        first, second, last = measurement(tick & 0xFF)
-        assert DRIVE not in ids(line.send(SYNC, first, second))
-        assert driven(line.send(last)) == [(0, 4_339_000, tick & 0xFF)]
 
 
 def test_the_drive_goes_out_before_the_public_pdos() -> None:
@@ -145,7 +134,7 @@ def test_a_master_that_downloads_the_defaults_stops_no_loop(produce_sync: bool) 
     assert line.write(node, "Setpoint.Voltage", 2000) == 0
     line.run(node, OPEN_LOOP)
     cycles(5)
-    assert plate.od["Stage.Voltage"].read() == 2000
+    assert stage(plate) == 2000
 
 
 def test_event_timers_alone_publish_every_100_ms() -> None:
@@ -192,38 +181,11 @@ def test_sync_producer(produce: bool) -> None:
     assert [can_id for can_id in frames if can_id not in PUBLIC] == cycle * 3 * produce
 
 
-@pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
-def test_a_stimulator_that_leaves_operational_ends_the_drive_by_the_deadline(command: int) -> None:
-    line, plate, stimulator = driving()
-    line.nmt(command, 0x20)
-    line.sync(3)
-    assert plate.od["Stage.Voltage"].read() == 0
-    line.nmt(START, 0x20)
-    line.sync(20)
-    assert line.read(stimulator, "Mode") == line.read(stimulator, "Mode display") == OFF
-    assert plate.od["Stage.Voltage"].read() == 0
-
-
-@pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
-def test_stopping_all_is_0_v_at_once(command: int) -> None:
-    line, plate, stimulator = driving()
-    line.nmt(command)
-    assert plate.od["Stage.Voltage"].read() == stimulator.od["Drive.Voltage"].value == 0
-
-
 def test_shutdown_tells_the_plate_0_v() -> None:
     line, plate, _ = driving()
     line.bus.shutdown()
     ((voltage, _, _),) = driven(line.frames[-5:])
-    assert voltage == plate.od["Stage.Voltage"].read() == 0
-
-
-def test_without_a_plate_there_are_no_cycles() -> None:
-    line, plate, stimulator = driving()
-    cycles = stimulator.od["Cycle.Cycles"].value
-    line.ports[line.nodes.index(plate)].close()
-    assert [voltage for voltage, _, _ in driven(line.sync(20))] == [0], "0 V when it is noticed"
-    assert stimulator.od["Cycle.Cycles"].value == cycles
+    assert voltage == stage(plate) == 0
 
 
 @pytest.mark.parametrize("mode", range(1, 6))
@@ -246,7 +208,7 @@ def test_mode_by_pdo() -> None:
     assert abs(plate.od["Vibration.W_d"].value - 5000) < 100, "0.5 um in 0.1 nm"
     line.send(Frame(0x220, struct.pack("<HB", 3, OFF)))
     line.sync()
-    assert plate.od["Stage.Voltage"].read() == 0
+    assert stage(plate) == 0
 
 
 @pytest.mark.parametrize(
@@ -383,9 +345,7 @@ def test_what_is_accepted_then_takes_the_reason_away() -> None:
 def test_a_run_that_is_asked_for_nothing_says_what_is_missing(
     mode: int, name: str, hint: str, by_rpdo: bool
 ) -> None:
-    line, _, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
+    line, _, stimulator = ready_both()
     for word in (0, 1):
         assert line.write(stimulator, "Controlword", word) == 0
     assert line.write(stimulator, "Mode", mode) == 0
@@ -406,9 +366,7 @@ def test_a_run_that_is_asked_for_nothing_says_what_is_missing(
 
 
 def test_the_hint_of_a_run_ends_with_it() -> None:
-    line, _, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
+    line, _, stimulator = ready_both()
     line.run(stimulator, OPEN_LOOP)
     assert stimulator.od["Message"].value.startswith("running at 0 V")
     assert line.write(stimulator, "Controlword", 0) == 0
@@ -425,42 +383,13 @@ def test_a_run_that_is_asked_for_something_says_nothing(mode: int) -> None:
 
 
 def test_a_refusal_outlasts_the_hint_of_a_run() -> None:
-    line, _, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
+    line, _, stimulator = ready_both()
     line.run(stimulator, OPEN_LOOP)
     line.sync()
     assert line.write(stimulator, "Limit.Voltage", 20_001) == TOO_HIGH
     assert line.write(stimulator, "Setpoint.Voltage", 2000) == 0
     line.sync(3)
     assert stimulator.od["Message"].value == "Limit.Voltage 20001 is above 20000"
-
-
-def test_parameters_are_in_force_from_the_next_cycle() -> None:
-    line, _, stimulator = driving()
-    assert line.write(stimulator, "Limit.Voltage", 500) == 0
-    line.sync()
-    assert stimulator.od["Drive.Voltage"].value == 500
-    assert stimulator.od["Statusword"].value & 1 << 3, (
-        "a limit cuts off what the controllers ask for"
-    )
-    assert line.write(stimulator, "Controlword", 0) == 0
-    assert line.write(stimulator, "Limit.Voltage", 15_000) == 0
-    line.run(stimulator, AMPLITUDE)
-    line.sync(60)
-    assert abs(stimulator.od["Vibration.Amplitude"].read() - 10_000) < 200
-
-
-def test_a_change_of_mode_keeps_the_vibration() -> None:
-    line, _, stimulator = driving(OPEN_LOOP)
-    line.sync(20)
-    voltages = []
-    for mode in (AMPLITUDE, AMPLITUDE_RESONANCE, AMPLITUDE, OPEN_LOOP):
-        assert line.write(stimulator, "Mode", mode) == 0
-        for _ in range(15):
-            line.sync()
-            voltages.append(stimulator.od["Drive.Voltage"].value)
-    assert max(abs(b - a) for a, b in pairwise(voltages)) < 100, "1 V"
 
 
 def test_tare_takes_the_offsets_away() -> None:
@@ -497,60 +426,8 @@ def test_tare_on_request_and_at_power_on_agree() -> None:
     assert zeros[0] == zeros[1]
 
 
-def test_analogue_inputs_follow_the_contact() -> None:
-    line, plate, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
-    assert line.read(stimulator, "AI status.AI status COF") == 1, "not valid without a finger"
-    assert line.write(plate, "Finger.Motion", 1) == 0
-    zeros = [stimulator.od[f"Gauge zero.Zero of S{n}"].value for n in range(1, 7)]
-    assert line.write(plate, "Simulation.Start run", 1) == 0
-    assert line.write(stimulator, "Simulation.Start run", 1) == 0
-    line.sync(400)
-    assert [stimulator.od[f"Gauge zero.Zero of S{n}"].value for n in range(1, 7)] == zeros
-    assert line.read(stimulator, "AI status.AI status COF") == 0
-    for channel, source in (
-        ("force x", "Contact.Force x"),
-        ("normal force", "Contact.Normal force"),
-        ("COF", "Contact.COF"),
-        ("amplitude", "Vibration.Amplitude"),
-        ("temperature", "Plate temperature"),
-    ):
-        value = line.read(stimulator, f"AI input PV.AI input PV {channel}")
-        assert value == line.read(stimulator, source) != 0 or channel == "amplitude"
-    assert abs(line.read(stimulator, "Contact.Normal force") - 500) < 60
-
-
-def test_the_tick_is_extended_to_16_bits() -> None:
-    line, _, stimulator = both_nodes()
-    line.nmt(START)
-    for tick in range(600):
-        line.sync()
-        assert stimulator.od["Contact.Tick"].value == tick
-
-
-def test_identification_by_sdo() -> None:
-    line, _, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
-    assert line.write(stimulator, "Model.Gain per volt", 20_000) == 0
-    line.run(stimulator, IDENTIFY)
-    for _ in range(3000):
-        line.sync()
-        if stimulator.od["Model.State"].value > 1:
-            break
-    assert line.read(stimulator, "Model.Progress") == 100
-    assert line.read(stimulator, "Mode") == line.read(stimulator, "Mode display") == OFF
-    assert abs(line.read(stimulator, "Model.Resonance") - 4_339_000) < 200
-    assert abs(line.read(stimulator, "Model.Tau") - 9440) < 200
-    assert abs(line.read(stimulator, "Model.Gain per volt") - 50_000) < 1000
-    assert stimulator.od["Message"].value == ""
-
-
 def test_why_it_turned_itself_off_is_told_until_the_next_mode() -> None:
-    line, plate, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
+    line, plate, stimulator = ready_both()
     assert line.write(plate, "Finger.Motion", 1) == 0
     assert line.write(plate, "Simulation.Start run", 1) == 0
     assert line.write(stimulator, "Simulation.Start run", 1) == 0
@@ -607,9 +484,7 @@ def test_only_a_new_run_answers_the_tick_that_was_answered_last() -> None:
 def test_a_change_of_state_is_0_v_for_a_plate_that_drives_and_nothing_for_others(
     words: tuple[int, ...], sent: list[int]
 ) -> None:
-    line, _, stimulator = both_nodes()
-    line.nmt(START)
-    line.sync(70)
+    line, _, stimulator = ready_both()
     before = len(line.frames)
     for word in words:
         assert line.write(stimulator, "Controlword", word) == 0
@@ -624,21 +499,6 @@ def test_a_reset_of_the_fault_is_0_v_for_a_plate_that_awaits_it() -> None:
     before = len(line.frames)
     assert line.write(stimulator, "Controlword", 0x80) == 0
     assert [voltage for voltage, _, _ in driven(line.frames[before:])] == [0]
-
-
-def test_setpoints_that_stay_away_are_a_fault_of_their_own() -> None:
-    line, _, stimulator = driving()
-    assert line.write(stimulator, "Controlword", 0) == 0
-    assert line.write_entry(stimulator, stimulator.od.entry(0x1401, 5), 5) == 0
-    setpoint = Frame(0x320, struct.pack("<HI", 2000, 4_339_000))
-    line.send(setpoint)
-    line.run(stimulator, OPEN_LOOP)
-    for _ in range(20):
-        line.sync()
-        line.send(setpoint)
-    assert stimulator.block.state is State.RUNNING
-    line.sync(5)
-    assert stimulator.od["Diagnosis.Latched"].value == 1 << Watchdog.SETPOINT
 
 
 def test_links_that_a_master_took_back_are_made_anew_at_the_start_and_not_before() -> None:
