@@ -1,5 +1,7 @@
 """While armed or running no write makes a limit or a watch laxer."""
 
+from typing import NamedTuple
+
 import pytest
 from driven import STATE, driven, write, write_entry
 from line import plate_inside
@@ -8,92 +10,97 @@ from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.nodes.lock import OF_PLATE, OF_STIMULATOR, Lock, Table
 from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.trials.fault_cases import disturb
+from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
 
 OK = 0
 
+
+class Case(NamedTuple):
+    """An entry, its value under a drive, a laxer one, a stricter one; None is any, or none."""
+
+    index: int
+    subindex: int
+    present: int | None
+    laxer: int | None
+    stricter: int | None
+
+
 CASES = (
-    # index, sub-index, present, laxer, stricter
-    (0x2041, 1, 15_000, 15_001, 14_999),
-    (0x2041, 2, 3000, None, 2999),
-    (0x2041, 3, 4_270_000, 4_269_999, 4_270_001),
-    (0x2041, 4, 4_400_000, 4_400_001, 4_399_999),
-    (0x2041, 5, 3200, 3201, 3199),
-    (0x2041, 6, 6000, 6001, 5999),
-    (0x2041, 7, 4000, 4001, 3999),
-    (0x2041, 8, 3000, 3001, 2999),
-    (0x2041, 9, 200, 201, 199),
-    (0x2041, 10, 5000, 5001, 4999),
-    (0x2041, 11, 20, 21, 19),
-    (0x2043, 1, None, 1, None),
-    (0x1400, 1, 0x220, 0x8000_0220, None),
-    (0x1401, 2, 255, 1, None),
-    (0x1401, 5, 5, 6, 4),
-    (0x1401, 5, 5, 0, 4),
-    (0x1400, 5, 0, None, 50),
-    (0x1404, 5, 3, 4, 2),
-    (0x1406, 1, None, 0x8000_0000, None),
-    (0x1601, 0, 2, 0, None),
-    (0x1804, 1, None, 0x8000_0000, None),
-    (0x1804, 5, 0, 100, None),
-    (0x1005, 0, 0x80, 0x4000_0080, None),
-    (0x1006, 0, 1000, 2000, None),
-    (0x1016, 1, 1 << 16 | 1000, 1 << 16 | 1001, 1 << 16 | 999),
-    (0x1016, 1, 1 << 16 | 1000, 1 << 16, None),
-    (0x1016, 1, 1 << 16 | 1000, 2 << 16 | 1000, None),
-    (0x1016, 1, 1 << 16 | 1000, 0, None),
-    (0x1016, 2, 0, None, 7 << 16 | 100),
+    Case(0x2041, 1, 15_000, 15_001, 14_999),
+    Case(0x2041, 2, 3000, None, 2999),
+    Case(0x2041, 3, 4_270_000, 4_269_999, 4_270_001),
+    Case(0x2041, 4, 4_400_000, 4_400_001, 4_399_999),
+    Case(0x2041, 5, 3200, 3201, 3199),
+    Case(0x2041, 6, 6000, 6001, 5999),
+    Case(0x2041, 7, 4000, 4001, 3999),
+    Case(0x2041, 8, 3000, 3001, 2999),
+    Case(0x2041, 9, 200, 201, 199),
+    Case(0x2041, 10, 5000, 5001, 4999),
+    Case(0x2041, 11, 20, 21, 19),
+    Case(0x2043, 1, None, 1, None),
+    Case(0x1400, 1, 0x220, 0x8000_0220, None),
+    Case(0x1401, 2, 255, 1, None),
+    Case(0x1401, 5, 5, 6, 4),
+    Case(0x1401, 5, 5, 0, 4),
+    Case(0x1400, 5, 0, None, 50),
+    Case(0x1404, 5, 3, 4, 2),
+    Case(0x1406, 1, None, 0x8000_0000, None),
+    Case(0x1601, 0, 2, 0, None),
+    Case(0x1804, 1, None, 0x8000_0000, None),
+    Case(0x1804, 5, 0, 100, None),
+    Case(0x1005, 0, 0x80, 0x4000_0080, None),
+    Case(0x1006, 0, 1000, 2000, None),
+    Case(0x1016, 1, 1 << 16 | 1000, 1 << 16 | 1001, 1 << 16 | 999),
+    Case(0x1016, 1, 1 << 16 | 1000, 1 << 16, None),
+    Case(0x1016, 1, 1 << 16 | 1000, 2 << 16 | 1000, None),
+    Case(0x1016, 1, 1 << 16 | 1000, 0, None),
+    Case(0x1016, 2, 0, None, 7 << 16 | 100),
 )
 
 
+def takes_no_laxer(rig: Rig, case: Case, node: StimulatorNode | PlateNode) -> None:
+    """Under a drive only what is there and what is stricter is taken."""
+    entry, node_id = node.od.entry(case.index, case.subindex), node.device.node_id
+    before = entry.value
+    assert case.present in (None, before)
+    assert write_entry(rig, entry, before, node_id) == OK, "what was read may be written back"
+    if case.laxer is not None:
+        assert write_entry(rig, entry, case.laxer, node_id) == STATE
+        assert entry.value == before
+    if case.stricter is not None:
+        assert write_entry(rig, entry, case.stricter, node_id) == OK
+
+
+def takes_all(rig: Rig, case: Case, node: StimulatorNode | PlateNode) -> None:
+    entry = node.od.entry(case.index, case.subindex)
+    for raw in (case.laxer, case.stricter):
+        if raw is not None:
+            assert write_entry(rig, entry, raw, node.device.node_id) == OK
+
+
 @pytest.mark.parametrize("state", [State.RUNNING, State.ARMED])
-@pytest.mark.parametrize(("index", "subindex", "present", "laxer", "stricter"), CASES)
-def test_laxer_is_refused_and_stricter_taken(
-    index: int,
-    subindex: int,
-    present: int | None,
-    laxer: int | None,
-    stricter: int | None,
-    state: State,
-) -> None:
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_laxer_is_refused_and_stricter_taken(case: Case, state: State) -> None:
+    """And at rest all that the device takes."""
     rig = driven()
     if state is State.ARMED:
         assert write(rig, "Controlword", 1) == OK
-    entry = rig.od.entry(index, subindex)
-    before = entry.value
-    assert present in (None, before)
-    assert write_entry(rig, entry, before) == OK, "what was read may be written back"
-    if laxer is not None:
-        assert write_entry(rig, entry, laxer) == STATE
-        assert entry.value == before
-    if stricter is not None:
-        assert write_entry(rig, entry, stricter) == OK
+    takes_no_laxer(rig, case, rig.stimulator)
     rig.cycle(2)
     assert rig.state is state
-
-
-@pytest.mark.parametrize(("index", "subindex", "present", "laxer", "stricter"), CASES)
-def test_at_rest_all_is_taken_that_the_device_takes(
-    index: int,
-    subindex: int,
-    present: int | None,
-    laxer: int | None,
-    stricter: int | None,
-) -> None:
-    rig = driven()
     assert write(rig, "Controlword", 0) == OK
-    entry = rig.od.entry(index, subindex)
-    if index == 0x1601:
-        invalid = rig.od.entry(index - 0x200, 1)
+    if case.index == 0x1601:
+        invalid = rig.od.entry(case.index - 0x200, 1)
         assert write_entry(rig, invalid, invalid.value | 1 << 31) == OK
-    for raw in (laxer, stricter):
-        if raw is not None:
-            assert write_entry(rig, entry, raw) == OK
+    takes_all(rig, case, rig.stimulator)
 
 
 def test_a_refused_deadline_does_not_move_the_one_in_force() -> None:
@@ -124,55 +131,36 @@ def test_all_limits_have_a_rule(od: ObjectDictionary, table: Table, least: int) 
 
 
 OF_THE_PLATE = (
-    # index, sub-index, present, laxer, stricter
-    (0x2041, 1, 15_000, 15_001, 14_999),
-    (0x2041, 2, 7000, 7001, 6999),
-    (0x1400, 1, 0x221, 0x8000_0221, None),
-    (0x1400, 2, 255, 1, None),
-    (0x1400, 5, 3, 4, 2),
-    (0x1400, 5, 3, 100, 0),
-    (0x1800, 1, 0x1A1, 0x8000_01A1, None),
-    (0x1801, 2, 1, 254, None),
-    (0x1802, 1, 0x3A1, 0x8000_03A1, None),
-    (0x1005, 0, 0x80, 0x81, None),
-    (0x1006, 0, 1000, 2000, None),
-    (0x1014, 0, 0xA1, 0x8000_00A1, None),
-    (0x1016, 1, 1 << 16 | 50, 1 << 16 | 51, 1 << 16 | 49),
-    (0x1016, 1, 1 << 16 | 50, 0, None),
-    (0x1016, 1, 1 << 16 | 50, 2 << 16 | 50, None),
-    (0x1016, 2, 0, None, 7 << 16 | 100),
+    Case(0x2041, 1, 15_000, 15_001, 14_999),
+    Case(0x2041, 2, 7000, 7001, 6999),
+    Case(0x1400, 1, 0x221, 0x8000_0221, None),
+    Case(0x1400, 2, 255, 1, None),
+    Case(0x1400, 5, 3, 4, 2),
+    Case(0x1400, 5, 3, 100, 0),
+    Case(0x1800, 1, 0x1A1, 0x8000_01A1, None),
+    Case(0x1801, 2, 1, 254, None),
+    Case(0x1802, 1, 0x3A1, 0x8000_03A1, None),
+    Case(0x1005, 0, 0x80, 0x81, None),
+    Case(0x1006, 0, 1000, 2000, None),
+    Case(0x1014, 0, 0xA1, 0x8000_00A1, None),
+    Case(0x1016, 1, 1 << 16 | 50, 1 << 16 | 51, 1 << 16 | 49),
+    Case(0x1016, 1, 1 << 16 | 50, 0, None),
+    Case(0x1016, 1, 1 << 16 | 50, 2 << 16 | 50, None),
+    Case(0x1016, 2, 0, None, 7 << 16 | 100),
 )
 
 
-@pytest.mark.parametrize(("index", "subindex", "present", "laxer", "stricter"), OF_THE_PLATE)
-def test_the_plate_refuses_laxer_while_its_stage_is_in_use(
-    index: int, subindex: int, present: int | None, laxer: int | None, stricter: int | None
-) -> None:
+@pytest.mark.parametrize("case", OF_THE_PLATE, ids=str)
+def test_the_plate_refuses_laxer_while_its_stage_is_in_use(case: Case) -> None:
+    """And in PRE-OPERATIONAL takes all that the device takes."""
     rig = driven()
     watch = rig.plate.od.entry(0x1016, 1)
     assert write_entry(rig, watch, 1 << 16 | 50, PLATE_ID) == OK
-    entry = rig.plate.od.entry(index, subindex)
-    before = entry.value
-    assert present in (None, before)
-    assert write_entry(rig, entry, before, PLATE_ID) == OK, "what was read may be written back"
-    if laxer is not None:
-        assert write_entry(rig, entry, laxer, PLATE_ID) == STATE
-        assert entry.value == before
     rig.cycle(30)
+    takes_no_laxer(rig, case, rig.plate)
     assert rig.stage.read() > 0
-    if stricter is not None:
-        assert write_entry(rig, entry, stricter, PLATE_ID) == OK
-
-
-@pytest.mark.parametrize(("index", "subindex", "present", "laxer", "stricter"), OF_THE_PLATE)
-def test_a_plate_at_rest_takes_what_the_device_takes(
-    index: int, subindex: int, present: int | None, laxer: int | None, stricter: int | None
-) -> None:
-    rig = driven()
     rig.nmt(0x80, PLATE_ID)
-    for raw in (laxer, stricter):
-        if raw is not None:
-            assert write_entry(rig, rig.plate.od.entry(index, subindex), raw, PLATE_ID) == OK
+    takes_all(rig, case, rig.plate)
 
 
 Where = int | tuple[int, int]
