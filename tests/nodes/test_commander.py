@@ -21,8 +21,8 @@ BOOT_UP, PREOP, STOPPED, OPERATIONAL = 0, 127, 4, 5
 SETPOINT = Frame(0x320, struct.pack("<HI", 2000, 4_339_000))
 
 
-def say(rig: Rig, state: int, node_id: int = MASTER) -> None:
-    rig.master.send(Frame(0x700 + node_id, bytes((state,))))
+def say(rig: Rig, state: int) -> None:
+    rig.master.send(Frame(0x700 + MASTER, bytes((state,))))
 
 
 def cycles_until_fault(rig: Rig, most: int, state: int | None = None) -> int:
@@ -208,35 +208,6 @@ def test_what_kept_it_from_arming_is_told_until_it_arms() -> None:
     assert node.od["Message"].value == ""
 
 
-def test_another_message_outlasts_arming() -> None:
-    line, node = ready(Drive_unwatched=1)
-    node.od["Message"].value = "identification: the plate is loaded with 0.51 N"
-    assert arm(line, node) == 0
-    assert node.od["Message"].value == "identification: the plate is loaded with 0.51 N"
-
-
-def test_a_new_run_begins_without_the_message_of_the_last_one() -> None:
-    line, node = ready()
-    assert arm(line, node) == STATE
-    assert line.write(node, "Simulation.Start run", 1) == 0
-    assert node.od["Message"].value == ""
-
-
-def test_a_new_run_keeps_what_is_latched_and_its_message() -> None:
-    line, node = ready(Drive_unwatched=1)
-    line.run(node, 1)
-    line.nmt(0x80)
-    assert node.block.state is State.FAULT
-    assert line.write(node, "Simulation.Start run", 1) == 0
-    assert node.block.state is State.FAULT
-    assert node.od["Message"].value == "NMT left OPERATIONAL while running"
-
-
-def test_who_wants_no_watch_says_so() -> None:
-    line, node = ready(Drive_unwatched=1)
-    assert arm(line, node) == 0
-
-
 def test_in_lockstep_the_master_is_the_time() -> None:
     line, node = plate_inside(lockstep=True)
     line.nmt(START)
@@ -276,18 +247,6 @@ def test_the_controlword_that_arms_may_be_the_pdo_that_is_awaited() -> None:
     assert line.write_entry(node, node.od.entry(0x1400, 5), 10) == 0
     line.send(Frame(0x220, bytes(3)), Frame(0x220, bytes((1, 0, 0))))
     assert node.block.state is State.ARMED
-
-
-def test_the_plate_is_no_master() -> None:
-    rig = driven()
-    od = rig.od
-    assert od.entry(0x1016, 4).value >> 16 == 0x21, "watched by default"
-    assert write(rig, "Controlword", 0) == 0
-    for index, subindex in ((0x1016, 1), (0x1401, 5)):
-        assert write_entry(rig, od.entry(index, subindex), 0) == 0
-    say(rig, OPERATIONAL, 0x21)
-    assert 0x21 in rig.stimulator.device.watched_in_time
-    assert write(rig, "Controlword", 1) == STATE
 
 
 def test_a_master_that_guards_counts() -> None:
@@ -350,11 +309,14 @@ def test_a_refused_arming_says_which_watch_is_missing(
     assert node.od["Message"].value == REFUSED + advice
 
 
-def test_the_plate_is_not_named_as_a_master_that_is_silent() -> None:
+def test_the_plate_is_no_master_and_not_named_as_one_that_is_silent() -> None:
     rig = driven()
+    assert rig.od.entry(0x1016, 4).value >> 16 == 0x21, "watched by default"
     assert write(rig, "Controlword", 0) == 0
     for index, subindex in ((0x1016, 1), (0x1401, 5)):
         assert write_entry(rig, rig.od.entry(index, subindex), 0) == 0
+    rig.cycle(500)
+    assert 0x21 in rig.stimulator.device.watched_in_time, "its heartbeat comes each 500 ms"
     assert write(rig, "Controlword", 1) == STATE
     assert rig.od["Message"].value.startswith(f"{REFUSED}enter your heartbeat")
     for subindex in (1, 2, 3):

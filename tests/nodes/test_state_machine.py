@@ -262,21 +262,6 @@ def controlword(word: int, mode: int = OPEN_LOOP) -> Frame:
     return Frame(0x220, bytes((word, 0, mode)))
 
 
-def test_by_rpdo_the_illegal_is_ignored_and_counted() -> None:
-    line, node = ready()
-    line.send(controlword(0), controlword(ARM))
-    assert state(node) is State.ARMED
-    line.send(controlword(ARM | RUN))
-    line.advance(1)
-    assert node.od["Drive.Voltage"].value == 2000
-    line.send(controlword(RUN), controlword(RUN), controlword(RUN))
-    assert (state(node), node.od["Cycle.Ignored controlwords"].value) == (State.RUNNING, 1)
-    line.send(controlword(0x70))
-    assert node.od["Cycle.Ignored controlwords"].value == 2
-    line.send(controlword(QUICK_STOP))
-    assert state(node) is State.QUICK_STOP
-
-
 def test_a_controlword_that_stands_by_rpdo_does_not_arm() -> None:
     line, node = ready()
     line.send(controlword(ARM), controlword(ARM))
