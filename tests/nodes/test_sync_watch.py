@@ -73,13 +73,19 @@ def test_no_sync_for_the_deadline_is_lost() -> None:
 
 
 @pytest.mark.parametrize(
-    ("period_us", "drifts"), [(1010, False), (1012, False), (1016, True), (985, True), (990, False)]
-)
-def test_13_of_1000_too_many_or_too_few_are_no_drift(period_us: int, drifts: bool) -> None:
-    watch = Watch()
-    now = 0
-    while now < 2_500_000:
-        now += period_us
+    ("deadline_ms", "period_us", "drifts"),
+    [
+        *((3, us, drifts) for us, drifts in
+          ((800, True), (985, True), (990, False), (1012, False), (1016, True))),
+        *((20, us, drifts) for us, drifts in
+          ((800, True), (965, True), (973, False), (1030, False), (1034, True))),
+    ],
+)  # fmt: skip
+def test_1_percent_and_the_deadline_too_many_or_too_few_are_no_drift(
+    deadline_ms: int, period_us: int, drifts: bool
+) -> None:
+    watch = Watch(deadline_ms)
+    for _ in range(2_500_000 // period_us):
         watch.clock.advance(period_us)
         watch.sync.heard(0)
     assert (Watchdog.SYNC_IRREGULAR in watch.tripped) == drifts
