@@ -387,16 +387,26 @@ def test_a_first_measurement_may_come_a_cycle_late(missing: int, sound: int) -> 
     assert not plate.block.backend.trouble
 
 
+NO_ANSWER = RuntimeError("no answer")
+
+
 @pytest.mark.parametrize(
-    "answer", [22.01, 19.99, NAN, None, "20", True, 1 + 0j, pytest.param(10**400, id="huge")]
-)
-def test_a_stage_that_says_something_else_is_told_0_v(answer: Any) -> None:
+    ("answer", "trouble"),
+    [
+        *((answer, f"put_out() of 21 V returned {answer!r}") for answer in
+          (22.01, 19.99, NAN, None, "20", True, 1 + 0j)),
+        pytest.param(10**400, f"put_out() of 21 V returned {str(10**400)[:200]}", id="huge"),
+        (NO_ANSWER, f"put_out() of 21 V failed: {NO_ANSWER!r}"),
+    ],
+)  # fmt: skip
+def test_a_stage_that_says_something_else_or_nothing_is_told_0_v(answer: Any, trouble: str) -> None:
     line, plate, fake = driven()
-    fake.read_back = lambda told: answer if told else 0.0
+    says = raises(answer) if answer is NO_ANSWER else lambda: answer
+    fake.read_back = lambda told: says() if told else 0.0
     assert cycle(line, plate, 21) == 0
     assert set(fake.told[fake.told.index(21) + 1 :]) == {0}
     assert emergencies(line) == [STAGE]
-    assert plate.block.backend.trouble == f"put_out() of 21 V returned {repr(answer)[:200]}"
+    assert plate.block.backend.trouble == trouble
 
 
 @pytest.mark.parametrize("off", [1.0, -1.0])
@@ -408,30 +418,12 @@ def test_a_stage_may_be_off_by_1_v(off: float) -> None:
     assert not emergencies(line)
 
 
-def test_a_stage_that_raises_is_told_0_v() -> None:
-    line, plate, fake = driven()
-
-    def read_back(told: float) -> float:
-        if told:
-            raise RuntimeError("no answer")
-        return 0.0
-
-    fake.read_back = read_back
-    assert cycle(line, plate, 21) == 0
-    assert set(fake.told[fake.told.index(21) + 1 :]) == {0}
-    assert emergencies(line) == [STAGE]
-
-
 @pytest.mark.parametrize("failure", ["reads back 20 V", "raises"])
 def test_a_stage_that_does_not_obey_0_v_is_told_again_with_each_sync(failure: str) -> None:
     line, plate, fake = driven()
 
-    def read_back(_told: float) -> float:
-        if failure == "raises":
-            raise OSError("no answer")
-        return 20.0
-
-    fake.read_back = read_back
+    says = raises(OSError("no answer")) if failure == "raises" else lambda: 20.0
+    fake.read_back = lambda _told: says()
     line.sync(4)
     assert emergencies(line)[-1] == STAGE
     assert stage(plate) >= 2000, "what is not known to be 0 V does not show as it"
