@@ -1,33 +1,26 @@
 """There is no way round a fault, or into a drive, but the one that is meant."""
 
-import struct
-
 import pytest
 from driven import (
     FAULT_RESET,
     MASTER,
-    SETPOINT_DEADLINE_MS,
     STATE,
     driven,
     reset_fault,
     write,
     write_entry,
 )
-from line import PREOP, RESET_COMMUNICATION, START, SYNC, Line
+from line import RESET_COMMUNICATION, START, SYNC, Line
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
-from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Image, Memory, pack_image
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.trials.fault_cases import Act, put
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import THERMOMETER, FaultKind
 from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import Watchdog
-
-ZERO = int.from_bytes(b"zero", "little")
 
 
 def latched(rig: Rig, watchdog: Watchdog) -> bool:
@@ -46,26 +39,6 @@ def test_start_run_does_not_hide_what_is_still_wrong() -> None:
     rig.mend()
     rig.cycle(20)
     assert reset_fault(rig) == 0
-
-
-def test_the_gauges_are_not_tared_while_armed_or_running() -> None:
-    rig = driven(Mode.AMPLITUDE_RESONANCE)
-    for state, word in ((State.RUNNING, 3), (State.ARMED, 1)):
-        assert write(rig, "Controlword", word) == 0
-        assert rig.state is state
-        assert write(rig, "AI auto-zero.AI auto-zero normal force", ZERO) == STATE
-    assert write(rig, "Controlword", 0) == 0
-    assert write(rig, "AI auto-zero.AI auto-zero normal force", ZERO) == 0
-
-
-def test_a_force_above_its_limit_is_not_tared_away() -> None:
-    rig = driven(Mode.AMPLITUDE_RESONANCE)
-    rig.write("Limit.Normal force", 100)
-    rig.cycle(100)
-    assert latched(rig, Watchdog.NORMAL_FORCE)
-    assert write(rig, "AI auto-zero.AI auto-zero normal force", ZERO) == STATE
-    rig.cycle()
-    assert reset_fault(rig) == STATE
 
 
 def test_a_heartbeat_that_was_lost_before_a_reset_can_be_reset() -> None:
@@ -88,35 +61,6 @@ def test_a_setpoint_that_is_waited_for_no_more_can_be_reset() -> None:
     assert reset_fault(rig) == STATE
     assert write_entry(rig, rig.od.entry(0x1401, 5), 0) == 0
     assert reset_fault(rig) == 0
-
-
-@pytest.mark.parametrize(
-    ("index", "subindex", "raw", "silence", "watchdog", "cycles"),
-    [
-        (0x1016, 1, MASTER << 16 | 400, put("heartbeat", False), Watchdog.HEARTBEAT, 401),
-        (0x1401, 5, 3, put("each_cycle", []), Watchdog.SETPOINT, 4),
-    ],
-    ids=["heartbeat", "set-points"],
-)
-def test_rewriting_a_watch_does_not_end_it(
-    index: int, subindex: int, raw: int, silence: Act, watchdog: Watchdog, cycles: int
-) -> None:
-    rig = driven()
-    assert write_entry(rig, rig.od.entry(index, subindex), raw) == 0
-    silence(rig)
-    rig.cycle(cycles)
-    assert latched(rig, watchdog)
-    assert rig.stage.read() == 0
-
-
-def test_setpoints_outside_their_limits_are_none() -> None:
-    rig = driven()
-    rig.each_cycle.clear()
-    for _ in range(SETPOINT_DEADLINE_MS + 1):
-        rig.master.send(Frame(0x320, struct.pack("<HI", 0xFFFF, 4_339_000)))
-        rig.cycle()
-    assert latched(rig, Watchdog.SETPOINT)
-    assert rig.stage.read() == 0
 
 
 def test_a_period_that_disagrees_ends_the_drive_at_once() -> None:
@@ -154,46 +98,6 @@ def test_nobody_else_produces_the_sync_of_a_producer() -> None:
     assert plate.od["Stage.Voltage"].read() == 2000
 
 
-def test_a_loop_that_pauses_does_not_hide_a_lost_resonance() -> None:
-    rig = driven(Mode.AMPLITUDE_RESONANCE)
-    rig.inject(FaultKind.RESONANCE_SHIFT, 1, -1500)
-    for amplitude in (0, 1000) * 10:
-        if rig.state is State.RUNNING:
-            assert write(rig, "Setpoint.Amplitude", amplitude) == 0
-        rig.cycle(40)
-    assert latched(rig, Watchdog.RESONANCE)
-    assert rig.stage.read() == 0
-
-
-PRESSED = ("Gauge zero.Zero of S3", "Calibration.Fx from S1", "Calibration.Position of S3")
-
-
-@pytest.mark.parametrize("name", PRESSED)
-def test_zeros_and_calibration_do_not_change_under_a_drive_or_hide_a_force(name: str) -> None:
-    rig = driven(Mode.AMPLITUDE_RESONANCE)
-    raw = rig.od[name].value
-    assert write(rig, name, raw + 1) == STATE
-    assert write(rig, name, raw) == 0, "what was read may be written back"
-    rig.write("Limit.Normal force", 100)
-    rig.cycle(100)
-    assert latched(rig, Watchdog.NORMAL_FORCE)
-    assert write(rig, name, raw + 1) == STATE
-    rig.write("Limit.Normal force", 4000)
-    rig.cycle(10)
-    assert reset_fault(rig) == 0
-    assert write(rig, name, raw + 1) == 0
-
-
-def test_a_calibration_that_hides_forces_is_none() -> None:
-    rig = driven()
-    assert write(rig, "Controlword", 0) == 0
-    for lateral in ("Fx from S1", "Fy from S1"):
-        assert write(rig, f"Calibration.{lateral}", 0) == 0
-    rig.cycle(2)
-    assert rig.od["Diagnosis.Present"].value == 1 << Watchdog.CALIBRATION
-    assert write(rig, "Controlword", 1) == STATE
-
-
 def test_the_tare_at_power_on_does_not_come_while_armed() -> None:
     rig = driven(Mode.AMPLITUDE_RESONANCE)
     names = [f"Gauge zero.Zero of S{number}" for number in range(1, 7)]
@@ -220,19 +124,6 @@ def test_a_measurement_pdo_that_is_disabled_makes_not_ready(rpdo: int) -> None:
     rig.cycle(4)
     assert not latched(rig, Watchdog.MEASUREMENT)
     assert rig.state is State.NOT_READY
-
-
-def test_a_standing_controlword_is_not_obeyed_after_another_pdo() -> None:
-    rig = driven()
-    rig.nmt(PREOP, 0x20)
-    rig.cycle(5)
-    rig.nmt(START, 0x20)
-    rig.cycle(5)
-    assert rig.state is State.FAULT
-    for _ in range(5):
-        rig.master.send(Frame(0x220, bytes((FAULT_RESET, 0, 1))))
-        rig.cycle()
-    assert rig.state is State.FAULT, "it stood there before"
 
 
 def test_a_node_that_is_watched_twice_is_found_once() -> None:
