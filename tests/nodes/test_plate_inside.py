@@ -5,12 +5,10 @@ import struct
 import pytest
 from line import (
     DRIVE,
-    PREOP,
     PUBLIC,
     RESET,
     RESET_COMMUNICATION,
     START,
-    STOP,
     SYNC,
     Line,
     ids,
@@ -78,19 +76,6 @@ def test_any_cycle_period_is_as_good_as_any() -> None:
     line.nmt(START)
     assert 0xA0 not in ids(line.advance(50) + line.sync(5) + line.advance(50))
     assert node.od["Cycle.Cycles"].value == 100
-
-
-@pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
-def test_leaving_operational_is_0_v_at_once(command: int) -> None:
-    line, node = driving()
-    line.nmt(command)
-    assert node.od["Drive.Voltage"].value == 0
-    line.advance(20)
-    assert abs(node.od["Vibration.Amplitude"].read()) < 100, "the vibration has died down"
-    line.nmt(START)
-    line.advance(20)
-    assert line.read(node, "Mode") == OFF
-    assert node.od["Vibration.Voltage"].read() == 0
 
 
 def test_shutdown_is_0_v() -> None:
