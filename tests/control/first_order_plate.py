@@ -4,6 +4,8 @@ import cmath
 import math
 import random
 
+from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import TICK, Drive, Measurement, Setpoint
 
@@ -79,3 +81,21 @@ class Finger:
         self._felt = held + shrink * (away * cos + (rate + decay * away) * sin)
         self._rate = shrink * (rate * cos - (decay * rate + natural**2 * away) * sin)
         return gauges(Fx=self._felt * self.Fn, Fn=self.Fn, x=x)
+
+
+def run(cascade, plate, target, ticks, forces=None):
+    """Step the closed loop, with gauge forces that may follow from W; return the drives."""
+    drives = []
+    for _ in range(ticks):
+        measurement = plate.measure(forces(plate.W) if forces else (0.0,) * 6)
+        drives.append(cascade.update(measurement, target))
+        plate.step(drives[-1])
+    return drives
+
+
+def begun(mode, ticks=0, target=None, forces=None, **parameters):
+    """Return a cascade after some ticks in a mode, and its plate."""
+    cascade, plate = Cascade(CascadeParameters(**parameters)), FirstOrderPlate()
+    cascade.set_mode(mode)
+    run(cascade, plate, target or setpoint(), ticks, forces)
+    return cascade, plate

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from first_order_plate import FirstOrderPlate, gauges, setpoint
+from first_order_plate import FirstOrderPlate, gauges, run, setpoint
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.design import Gains, row_of
@@ -28,11 +28,6 @@ def driven(law, mode):
     assert cascade.drive.voltage == pytest.approx(20.0, abs=0.1)
     assert cascade.limited == 0
     return cascade, plate, parameters
-
-
-def run(cascade, plate, target, ticks):
-    for _ in range(ticks):
-        plate.step(cascade.update(plate.measure(), target))
 
 
 @pytest.mark.parametrize(("asked", "cut"), [(43_900.0, 43_800.0), (42_900.0, 43_000.0)])

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from first_order_plate import FirstOrderPlate, gauges, setpoint
+from first_order_plate import FirstOrderPlate, gauges, run, setpoint
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -117,6 +117,15 @@ class Seen(FirstOrderPlate):
         self.peak = max(self.peak, abs(self.W))
 
 
+def amplitudes(cascade, plate, target, ticks):
+    """The amplitudes in m that some ticks begin with."""
+    found = []
+    for _ in range(ticks):
+        found.append(abs(plate.W))
+        run(cascade, plate, target, 1)
+    return np.array(found)
+
+
 def settled(W, reference, band):
     """Time in ms of the last entry into the band, linear between samples."""
     outside = np.flatnonzero(np.abs(W - reference) > band)
@@ -128,16 +137,13 @@ def settled(W, reference, band):
 def response(plate, mode, told, W_ref=1e-6, frequency=43250.0, ticks=60):
     """5 % response time in ms and overshoot in %, from rest."""
     law = CascadeParameters(vibration_law=VibrationLaw.PREDICTIVE, dead_time=told)
-    cascade, old = Cascade(law), []
+    cascade = Cascade(law)
     target = setpoint(amplitude=W_ref, frequency=frequency)
-    for _ in range(5):
-        plate.step(cascade.update(plate.measure(), target))
+    run(cascade, plate, target, 5)
     cascade.set_mode(mode)
-    for _ in range(ticks):
-        old.append(abs(plate.W))
-        plate.step(cascade.update(plate.measure(), target))
+    old = amplitudes(cascade, plate, target, ticks)
     assert cascade.mode is mode
-    return settled(np.array(old), W_ref, 0.05 * W_ref), 100 * (plate.peak / W_ref - 1)
+    return settled(old, W_ref, 0.05 * W_ref), 100 * (plate.peak / W_ref - 1)
 
 
 @pytest.mark.parametrize("mode", [BOTH, ALONE])
@@ -182,11 +188,9 @@ def test_small_and_large_amplitudes(W_ref, most):
 def test_the_noise_of_the_pickup_moves_the_plate_by_less_than_itself():
     plate = FirstOrderPlate(dead_time=BUS, noise=1e-9)
     law = CascadeParameters(vibration_law=VibrationLaw.PREDICTIVE, dead_time=BUS)
-    cascade, W = Cascade(law), []
+    cascade = Cascade(law)
     cascade.set_mode(BOTH)
-    for _ in range(1000):
-        W.append(abs(plate.W))
-        plate.step(cascade.update(plate.measure(), setpoint()))
+    W = amplitudes(cascade, plate, setpoint(), 1000)
     assert np.std(W[100:]) < 1.0e-9
     assert np.mean(W[100:]) == pytest.approx(1e-6, rel=1e-3)
 
@@ -194,12 +198,10 @@ def test_the_noise_of_the_pickup_moves_the_plate_by_less_than_itself():
 def test_a_frequency_at_its_limit_costs_voltage_and_no_time():
     plate = Seen(dead_time=BUS, noise=1e-9)
     law = CascadeParameters(vibration_law=VibrationLaw.PREDICTIVE, dead_time=BUS, f_max=43_300.0)
-    cascade, W = Cascade(law), []
+    cascade = Cascade(law)
     cascade.set_mode(BOTH)
-    for _ in range(40):
-        W.append(abs(plate.W))
-        plate.step(cascade.update(plate.measure(), setpoint()))
-    assert settled(np.array(W), 1e-6, 5e-8) < 4.0
+    W = amplitudes(cascade, plate, setpoint(), 40)
+    assert settled(W, 1e-6, 5e-8) < 4.0
     assert cascade.drive.frequency == 43_300.0
     assert cascade.limited == Limit.FREQUENCY
 
@@ -209,15 +211,11 @@ def test_a_voltage_at_its_limit_winds_nothing_up():
     law = CascadeParameters(vibration_law=VibrationLaw.PREDICTIVE, dead_time=BUS, V_max=24.0)
     cascade = Cascade(law)
     cascade.set_mode(BOTH)
-    for _ in range(40):
-        plate.step(cascade.update(plate.measure(), setpoint(amplitude=1.5e-6)))
+    run(cascade, plate, setpoint(amplitude=1.5e-6), 40)
     assert cascade.drive.voltage == 24.0
     assert cascade.limited == Limit.VOLTAGE
-    W = []
-    for _ in range(20):
-        W.append(abs(plate.W))
-        plate.step(cascade.update(plate.measure(), setpoint(amplitude=0.8e-6)))
-    assert settled(np.array(W), 0.8e-6, 0.02e-6) < 2.5
+    W = amplitudes(cascade, plate, setpoint(amplitude=0.8e-6), 20)
+    assert settled(W, 0.8e-6, 0.02e-6) < 2.5
 
 
 def driven(ticks=60, **parameters):
@@ -225,8 +223,7 @@ def driven(ticks=60, **parameters):
     law = CascadeParameters(vibration_law=VibrationLaw.PREDICTIVE, dead_time=BUS, **parameters)
     cascade, plate = Cascade(law), FirstOrderPlate(dead_time=BUS, noise=1e-9)
     cascade.set_mode(BOTH)
-    for _ in range(ticks):
-        plate.step(cascade.update(plate.measure(), setpoint()))
+    run(cascade, plate, setpoint(), ticks)
     return cascade, plate
 
 
@@ -325,8 +322,7 @@ def test_after_a_bad_measurement_it_starts_from_two_good_ones():
     plate.step(cascade.update(plate.measure(), setpoint()))
     assert cascade.state.learned.belief == learned
     cascade.set_mode(BOTH)
-    for _ in range(20):
-        plate.step(cascade.update(plate.measure(), setpoint()))
+    run(cascade, plate, setpoint(), 20)
     assert abs(plate.W) == pytest.approx(1e-6, rel=0.02)
 
 
@@ -379,8 +375,7 @@ def test_a_plate_that_changes_in_a_step_is_not_taken_for_lost_drives(change, amp
     """One drive may seem lost by chance, where a volt does less just as more volts are asked."""
     cascade, plate = driven()
     plate.model = PlateModel(gain=50e-9 * change)
-    for _ in range(30):
-        plate.step(cascade.update(plate.measure(), setpoint(amplitude=amplitude)))
+    run(cascade, plate, setpoint(amplitude=amplitude), 30)
     assert abs(plate.W) == pytest.approx(amplitude, rel=0.02)
     learned = cascade.state.learned.plate
     assert learned.kappa / learned.rate == pytest.approx(50e-9 * change, rel=0.02)
