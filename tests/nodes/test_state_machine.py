@@ -91,6 +91,8 @@ def test_a_word_that_asks_for_what_is_is_obeyed() -> None:
     for word in (ARM, ARM, ARM | RUN, ARM | RUN):
         assert machine.command(word, Guard(7))
     assert machine.state is State.RUNNING
+    assert not machine.command(RUN, Guard(7)), "it takes the arming back, and is no stop"
+    assert machine.state is State.RUNNING
 
 
 @settings(max_examples=300)
