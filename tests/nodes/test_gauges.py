@@ -60,8 +60,10 @@ def ticks(block: StimulatorBlock, count: int) -> None:
 
 
 @pytest.mark.parametrize("mode", DRIVING, ids=lambda mode: mode.name)
-@pytest.mark.parametrize(("sensor", "mN"), [(1, 1500), (2, -1500), (3, 600), (6, -600)])
-@pytest.mark.parametrize(("off", "sound", "bound"), [(4, 1, 7), (1, 1, 11), (1, 2, 16)])
+@pytest.mark.parametrize(
+    ("sensor", "mN", "off", "sound", "bound"),
+    [(1, 1500, 4, 1, 7), (2, -1500, 1, 1, 11), (3, 600, 1, 2, 16), (6, -600, 4, 1, 7)],
+)
 def test_a_gauge_that_is_off_now_and_then_is_a_fault_in_every_mode(
     mode: Mode, sensor: int, mN: int, off: int, sound: int, bound: int
 ) -> None:

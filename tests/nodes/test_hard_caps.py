@@ -28,6 +28,8 @@ MOST = {
     "Stage.Voltage": 20_000,
 }
 """Highest raw values: 200 V, 3 um, 3.27 um, 6 um, 80 degC."""
+WRONG_UNITS = ("V", "0.01 V", "mV", "um", "0.1 degC", "1.0 ")
+DEFAULT = {text: load_eds(text, node_id) for text, node_id in NODE_IDS.items()}
 ALL = [(STIMULATOR, cap) for cap in STIMULATOR_CAPS] + [(PLATE, cap) for cap in PLATE_CAPS]
 CAPPED = [(text, cap) for text, cap in ALL if cap.name in MOST]
 
@@ -38,7 +40,7 @@ def name_of(value: object) -> str:
 
 def edited(text: str, name: str, **keys: str | None) -> str:
     """The EDS with other values of some keys of an object, or without them."""
-    entry = load_eds(text, 1)[name]
+    entry = DEFAULT[text][name]
     subindex = f"sub{entry.subindex:X}" if "." in name else ""
     head, title, rest = text.partition(f"[{entry.index:04X}{subindex}]\n")
     assert title
@@ -53,7 +55,7 @@ def refusal(text: str, changed: str) -> str:
     od = load_eds(changed, NODE_IDS[text])
     said = []
     for make in (PlateNode, PlateBlock) if text is PLATE else (StimulatorNode, StimulatorBlock):
-        inside = (PlateBlock(load_eds(PLATE, 33)),) if make is StimulatorNode else ()
+        inside = (PlateBlock(DEFAULT[PLATE]),) if make is StimulatorNode else ()
         with pytest.raises(ValueError) as caught:
             make(od, *inside)
         said.append(str(caught.value))
@@ -64,16 +66,16 @@ def refusal(text: str, changed: str) -> str:
 
 @pytest.mark.parametrize("text", [STIMULATOR, PLATE], ids=["stimulator", "plate"])
 def test_everything_in_volts_is_capped_at_200_v(text: str) -> None:
-    in_volts = {entry.name for entry in load_eds(text, 1) if entry.unit.symbol.endswith("V")}
+    in_volts = {entry.name for entry in DEFAULT[text] if entry.unit.symbol.endswith("V")}
     in_volts -= {"Stage read-back"}  # What is measured may be anything, and is compared.
     assert in_volts == {cap.name for of, cap in CAPPED if of is text and "Voltage" in cap.name}
-    assert all(load_eds(text, 1)[name].high == 20_000 for name in in_volts)
+    assert all(DEFAULT[text][name].high == 20_000 for name in in_volts)
 
 
 def test_every_object_that_sets_or_limits_is_capped() -> None:
     wanted = re.compile(r"(Setpoint|Limit)\.(Voltage|Amplitude|Temperature)|(Drive|Stage)\.Voltage")
     for text in (STIMULATOR, PLATE):
-        names = {entry.name for entry in load_eds(text, 1) if wanted.match(entry.name)}
+        names = {entry.name for entry in DEFAULT[text] if wanted.match(entry.name)}
         assert names <= {cap.name for of, cap in CAPPED if of is text}
 
 
@@ -104,12 +106,15 @@ def test_a_limit_that_grows_with_the_node_id_is_refused(text: str, cap: Cap) -> 
     assert "node-ID" in refusal(text, edited(text, cap.name, HighLimit=formula))
 
 
-@pytest.mark.parametrize(("text", "cap"), ALL, ids=name_of)
-def test_another_unit_factor_or_type_is_refused(text: str, cap: Cap) -> None:
+@pytest.mark.parametrize(
+    ("text", "cap", "unit"),
+    [(text, cap, WRONG_UNITS[n % len(WRONG_UNITS)]) for n, (text, cap) in enumerate(ALL)],
+    ids=name_of,
+)
+def test_another_unit_factor_or_type_is_refused(text: str, cap: Cap, unit: str) -> None:
     own = cap.name.rpartition(".")[2]
-    for unit in ("V", "0.01 V", "mV", "um", "0.1 degC", "1.0 "):
-        said = refusal(text, edited(text, cap.name, ParameterName=f"{own} [{unit}]"))
-        assert said.startswith(f"{cap.name} has the unit [")
+    said = refusal(text, edited(text, cap.name, ParameterName=f"{own} [{unit}]"))
+    assert said.startswith(f"{cap.name} has the unit [")
     assert "has the unit []" in refusal(text, edited(text, cap.name, ParameterName=own))
     real = edited(text, cap.name, DataType="0x0008")
     assert refusal(text, real) == f"{cap.name} is REAL32, not an integer"
