@@ -228,69 +228,58 @@ def test_simulation_is_refused_without_the_plate_inside(name: str, raw: int) -> 
     assert line.read(stimulator, name) == before
 
 
+AUTO_ZERO = "AI auto-zero.AI auto-zero force x"
+
+
 @pytest.mark.parametrize(
-    ("name", "raw", "code"),
+    ("command", "name", "raw", "code", "reason"),
     [
-        ("Limit.Lowest frequency", 4_400_001, VALUE),
-        ("Limit.Highest frequency", 4_269_999, VALUE),
-        ("Controller.Amplitude pole", 951, TOO_HIGH),
-        ("Controller.Contact force", 19, TOO_LOW),
-        ("Setpoint.Voltage", 20_001, TOO_HIGH),
-        ("Setpoint.COF left", 499, TOO_LOW),
-        ("Mode", 7, TOO_HIGH),
-        ("Statusword", 0, READ_ONLY),
-        ("AI auto-zero.AI auto-zero force x", 0x6F72657A, STATE),
-        ("AI auto-zero.AI auto-zero force x", 1, VALUE),
+        (PREOP, "Mode", 1, STATE,
+         "Mode 1 needs NMT OPERATIONAL: start the node, it goes on with Mode 0"),
+        (PREOP, "Controlword", 1, STATE,
+         "not armed: the node is not in NMT OPERATIONAL, start it, and the gauges are not tared"
+         ", lift the finger and tare"),
+        (PREOP, "Simulation.Seed", 77, STATE,
+         "Simulation.Seed is an object of the plate node here"),
+        (START, "Mode", 7, TOO_HIGH, "Mode 7 is above 6"),
+        (START, "Controlword", 0x40, VALUE, "Controlword 0040h has bits without a meaning"),
+        (START, "Limit.Lowest frequency", 4_400_001, VALUE,
+         "f_max 44000 is outside 44000..1e+06"),
+        (START, "Limit.Highest frequency", 4_269_999, VALUE,
+         "f_max 42700 is outside 42700..1e+06"),
+        (START, "Controller.Amplitude pole", 951, TOO_HIGH,
+         "Controller.Amplitude pole 951 is above 950"),
+        (START, "Controller.Contact force", 19, TOO_LOW,
+         "Controller.Contact force 19 is below 20"),
+        (START, "Setpoint.Voltage", 20_001, TOO_HIGH, "Setpoint.Voltage 20001 is above 20000"),
+        (START, "Setpoint.COF left", 499, TOO_LOW, "Setpoint.COF left 499 is below 500"),
+        (START, "Texture.Slot", 9, TOO_HIGH, "Texture.Slot 9 is above 4"),
+        (START, "Statusword", 0, READ_ONLY,
+         "Statusword: abort 06010002: attempt to write a read only object"),
+        (START, AUTO_ZERO, 1, VALUE,
+         "not tared: the value is not the signature 6F72657Ah, 'zero'"),
+        (START, AUTO_ZERO, 0x6F72657A, STATE,
+         "not tared: a tare needs 64 samples, 1 were seen"),
     ],
-)
-def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
+)  # fmt: skip
+def test_a_refused_write_changes_nothing_and_the_message_says_why(
+    command: int, name: str, raw: int, code: int, reason: str
+) -> None:
+    """Instead of the reason of a refusal before."""
     line, _, stimulator = both_nodes()
-    line.nmt(START)
+    line.nmt(command)
     line.sync()
+    assert line.write(stimulator, "Limit.Voltage", 20_001) == TOO_HIGH
     before = [entry.read() for entry in stimulator.od]
     parameters = stimulator.block.cascade.parameters
     assert line.write(stimulator, name, raw) == code
+    assert stimulator.od["Message"].value == reason
     line.sync()
     assert stimulator.block.cascade.parameters == parameters
     changing = {"Contact", "Vibration", "Plate input", "Cycle", "AI input PV", "Drive"}
     for entry, value in zip(stimulator.od, before, strict=True):
         if entry.name.partition(".")[0] not in {*changing, "Plate temperature", "Message"}:
             assert entry.read() == value, entry.name
-
-
-AUTO_ZERO = "AI auto-zero.AI auto-zero force x"
-
-
-@pytest.mark.parametrize(
-    ("name", "raw", "reason"),
-    [
-        ("Mode", 1, "Mode 1 needs NMT OPERATIONAL: start the node, it goes on with Mode 0"),
-        (
-            "Controlword",
-            1,
-            "not armed: the node is not in NMT OPERATIONAL, start it, and the gauges are not tared"
-            ", lift the finger and tare",
-        ),
-        ("Controlword", 0x40, "Controlword 0040h has bits without a meaning"),
-        ("Setpoint.Voltage", 20_001, "Setpoint.Voltage 20001 is above 20000"),
-        ("Setpoint.COF left", 499, "Setpoint.COF left 499 is below 500"),
-        (AUTO_ZERO, 1, "not tared: the value is not the signature 6F72657Ah, 'zero'"),
-        (AUTO_ZERO, 0x6F72657A, "not tared: a tare needs 64 samples, 0 were seen"),
-        ("Simulation.Seed", 77, "Simulation.Seed is an object of the plate node here"),
-        ("Texture.Slot", 9, "Texture.Slot 9 is above 4"),
-        (
-            "Statusword",
-            0,
-            "Statusword: abort 06010002: attempt to write a read only object",
-        ),
-    ],
-)
-def test_the_message_says_why_a_write_was_refused(name: str, raw: int, reason: str) -> None:
-    """Also in PRE-OPERATIONAL, and instead of the reason of a refusal before."""
-    line, _, stimulator = both_nodes()
-    assert line.write(stimulator, "Limit.Voltage", 20_001) == TOO_HIGH
-    assert line.write(stimulator, name, raw) != 0
-    assert stimulator.od["Message"].value == reason
 
 
 @pytest.mark.parametrize(
