@@ -260,11 +260,6 @@ def test_a_master_that_guards_counts() -> None:
     assert node.block.state is State.FAULT
 
 
-def test_drive_unwatched_is_not_raised_under_a_drive() -> None:
-    rig = driven()
-    assert write(rig, "Drive unwatched", 1) == STATE
-
-
 SEND = "send the heartbeat of node"
 ENTERED = "entered in Consumer heartbeat time but not heard yet"
 GUARD = "guard this node: its life time is set, but no remote frame has come yet"

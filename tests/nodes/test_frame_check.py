@@ -55,32 +55,6 @@ def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
     assert stage(plate) == 2000
 
 
-def test_a_second_corrupt_drive_in_a_row_bars_the_plate() -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0))
-    for tick in (1, 2):
-        line.send(SYNC, flipped(drive(2000, tick), 3))
-        assert stage(plate) == 2000
-    line.send(SYNC)
-    assert stage(plate) == 0
-    line.send(drive(2000, 3))
-    assert stage(plate) == 0, "it was not told 0 V"
-    assert plate.od["Cycle.Corrupt drives"].value == 2
-
-
-def test_a_disturbed_plate_takes_0_v_alone_until_20_cycles_without_a_wrong_check() -> None:
-    line, plate = ready_plate()
-    for _ in range(4):
-        line.send(flipped(drive(2000, 0), 3))
-    line.send(drive(0, 0))
-    for tick in range(1, 21):
-        line.send(SYNC, drive(2000, tick))
-        assert stage(plate) == 0, f"cycle {tick}"
-    line.send(SYNC, drive(0, 21))
-    line.send(SYNC, drive(2000, 22))
-    assert stage(plate) == 2000
-
-
 def test_a_measurement_with_any_wrong_bit_is_not_answered() -> None:
     line, stimulator = stimulator_alone()
     line.nmt(START)
@@ -145,15 +119,6 @@ def test_three_unusable_measurements_in_a_row_are_a_fault() -> None:
     assert told.data[:2] == bytes(2), "0 V"
     assert stimulator.block.state is State.FAULT
     assert stimulator.od["Diagnosis.Code"].value == 0x8251
-
-
-def test_pdos_of_two_cycles_are_never_mixed() -> None:
-    line, _ = stimulator_alone()
-    line.nmt(START)
-    first, second, last = measurement(0)
-    assert DRIVE not in ids(line.send(SYNC, first, last, second))
-    assert DRIVE not in ids(line.send(second, first, last))
-    assert DRIVE in ids(line.send(first, second, last))
 
 
 def test_a_drive_that_is_asked_for_is_0_v_once_the_stimulator_has_left_operational() -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from line import (
-    DRIVE,
     PREOP,
     RESET_COMMUNICATION,
     START,
@@ -16,24 +14,19 @@ from line import (
     drive,
     driven_both,
     driven_plate,
-    ids,
-    measurement,
     plate_alone,
     ready_plate,
     stage,
-    stimulator_alone,
     tick_of,
 )
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.loop_frames import crc8, last_unsent
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.states import State
 
 OPEN_LOOP = 1
-LATCHED = STIMULATOR_ID | 0x80
 
 
 def in_fault() -> tuple[Line, PlateNode, StimulatorNode]:
@@ -87,14 +80,6 @@ def test_a_run_right_after_the_reset_is_driven() -> None:
     assert stage(plate) == 2000
 
 
-def test_a_latched_drive_with_a_voltage_is_wrong() -> None:
-    line, plate = ready_plate()
-    line.send(drive(2000, 0, source=LATCHED))
-    assert stage(plate) == 0
-    line.send(drive(2000, 0))
-    assert stage(plate) == 2000
-
-
 def test_the_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
     line, plate = plate_alone()
     line.nmt(START)
@@ -110,18 +95,6 @@ def test_the_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
     now = tick_of(plate)
     line.send(drive(0, 99, session=1), drive(1000, now, session=1))
     assert stage(plate) == 1000
-
-
-def test_one_drive_alone_names_nobody() -> None:
-    line, plate = plate_alone()
-    line.nmt(START)
-    line.sync()
-    line.send(drive(0, 99, source=77), drive(0, 0), drive(2000, 0, source=77))
-    assert stage(plate) == 0
-    line.send(drive(0, 99, source=77), drive(0, 0), drive(0, 0), drive(0, 99, source=77))
-    line.sync()
-    line.send(drive(2000, 1))
-    assert stage(plate) == 2000
 
 
 def test_a_plate_that_was_reset_is_driven_again_whatever_its_stimulator_says_meanwhile() -> None:
@@ -186,23 +159,6 @@ def test_a_stimulator_follows_the_session_of_its_plate() -> None:
     assert stage(plate) == 2000
 
 
-def test_one_measurement_of_another_session_is_foreign_and_two_are_the_plates() -> None:
-    line, node = stimulator_alone()
-    line.nmt(START)
-
-    def answer(number: int, session: int) -> list[Frame]:
-        line.sync()
-        return line.send(*measurement(number, number + session & 0xFF))
-
-    assert DRIVE in ids(answer(0, 7))
-    assert DRIVE not in ids(answer(1, 9))
-    assert DRIVE in ids(answer(2, 7))
-    assert DRIVE not in ids(answer(3, 9))
-    (sent,) = [frame for frame in answer(4, 9) if frame.can_id == DRIVE]
-    assert sent.data[7] == crc8(sent.data[:7] + bytes((9, STIMULATOR_ID)))
-    assert node.od["Cycle.Foreign ticks"].value == 2
-
-
 @given(st.binary(min_size=8, max_size=8))
 def test_what_a_stranger_makes_up_passes_with_one_of_256(data: bytes) -> None:
     """The byte that the check stands for is another for each check."""
@@ -211,12 +167,3 @@ def test_what_a_stranger_makes_up_passes_with_one_of_256(data: bytes) -> None:
     assert len(named) == 256
     check = crc8(body + bytes((0, STIMULATOR_ID)))
     assert last_unsent(body + bytes((check,)), b"\0") == STIMULATOR_ID
-
-
-@pytest.mark.parametrize("sender", [0, 128])
-def test_a_sender_that_is_no_node_is_not_taken(sender: int) -> None:
-    line, plate = plate_alone()
-    line.nmt(START)
-    line.sync()
-    line.send(drive(0, 0, source=sender))
-    assert plate.block.inhibited

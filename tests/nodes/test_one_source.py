@@ -13,7 +13,6 @@ from line import (
     START,
     SYNC,
     Line,
-    both_nodes,
     cycle,
     drive,
     driven_both,
@@ -280,13 +279,6 @@ def test_an_eds_that_names_a_plate_wins() -> None:
     node = StimulatorNode(od, plate_node_id=5)
     node.start()
     assert node.od["Calibration.Plate serial number"].value == 4711
-
-
-def test_both_nodes_hear_what_is_their_own() -> None:
-    line, plate, node = both_nodes()
-    line.nmt(START)
-    assert {EMCY_PLATE, *MEASUREMENT, 0x5A1, 0x721} <= plate.ids.heard
-    assert {EMCY_STIMULATOR, DRIVE, 0x1A0, 0x2A0, 0x3A0, 0x4A0, 0x5A0, 0x720} <= node.ids.heard
 
 
 def test_level_of_doubles_rises_with_measurements_that_nobody_asked_for() -> None:
