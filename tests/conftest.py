@@ -11,6 +11,7 @@ from typing import Any
 
 import can.interfaces.virtual
 import pytest
+from compile_once import compile_once
 from hypothesis import HealthCheck, settings
 
 # How long an example takes is up to the machine and to what else it does.
@@ -44,6 +45,16 @@ def leaves_nothing() -> Iterator[None]:
     assert not can.interfaces.virtual.channels
     with pytest.raises(ChildProcessError):
         os.waitpid(-1, os.WNOHANG)
+
+
+@pytest.fixture(scope="session")
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Have the loop of a campaign compiled once for all workers and their processes."""
+    run = tmp_path_factory.getbasetemp()
+    folder = (run.parent if "PYTEST_XDIST_WORKER" in os.environ else run) / "numba"
+    folder.mkdir(exist_ok=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    compile_once()
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import sys
 import threading
 from concurrent.futures import Future
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,12 +16,13 @@ from smarttac_can.campaign.runner import ClusterError, run_campaign
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.trial import Campaign
 
+pytestmark = pytest.mark.usefixtures("compiled_once")
 CAMPAIGN = Campaign(seed=5, dead_time=540e-6)
 FINGERS = 2 * SIZE + 3
 
 
 @pytest.fixture(scope="module")
-def rows():
+def rows(compiled_once):
     return run_campaign(CAMPAIGN, FINGERS, workers=1).rows
 
 
@@ -132,13 +134,18 @@ def test_a_worker_that_does_not_compile_where_others_do_is_refused():
 
 
 MANY = 40
+TESTS = Path(__file__).parent.parent
 
 
 CLUSTER = """
 import sys
+sys.path.append(sys.argv.pop(1))
+from compile_once import compile_once
 from smarttac_can.campaign import record
 from distributed import LocalCluster
 workers, lacking = int(sys.argv[1]), sys.argv[2:]
+if workers:
+    compile_once()
 if lacking:
     record.can_compile = lambda: False
 with LocalCluster(
@@ -152,7 +159,7 @@ with LocalCluster(
 @contextmanager
 def cluster_of(*arguments):
     """Give the address of a cluster in another process, and end it."""
-    command = [sys.executable, "-c", CLUSTER, *arguments]
+    command = [sys.executable, "-c", CLUSTER, str(TESTS), *arguments]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:
@@ -181,8 +188,12 @@ def test_a_worker_that_fails_is_one_error():
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x"])
 def test_no_scheduler_is_one_line(address):
     """In a process of its own: a client that finds nobody leaves a thread behind."""
-    command = [sys.executable, "-m", "smarttac_can", "campaign", "--fingers", "3"]
-    run = subprocess.run([*command, "--dask", address], capture_output=True, text=True, check=False)
+    code = (
+        "from smarttac_can.campaign import runner; runner.PATIENCE_S = 1;"
+        "from smarttac_can.__main__ import run; run()"
+    )
+    command = [sys.executable, "-c", code, "campaign", "--fingers", "3", "--dask", address]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 1
     last = run.stderr.splitlines()[-1]
     assert last.startswith(f"Error: no Dask scheduler at '{address}': ")

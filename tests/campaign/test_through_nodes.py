@@ -10,6 +10,7 @@ from smarttac_can.population.fingers import CASES, F0, TRAVEL, draw_finger
 from smarttac_can.population.trial import Campaign, outcome, traces_of
 from smarttac_can.vocabulary.states import Law, VibrationLaw
 
+pytestmark = pytest.mark.usefixtures("compiled_once")
 CASE = CASES["nominal"]
 DEAD_TIME_US = 540
 

@@ -12,6 +12,7 @@ from smarttac_can.campaign import record, runner
 from smarttac_can.cli import main
 from smarttac_can.population import trial
 
+pytestmark = pytest.mark.usefixtures("compiled_once")
 # The package shows the command under the name of its module.
 command = import_module("smarttac_can.cli.experiments")
 FEW = ("campaign", "--fingers", "4", "--dead-time", "auto", "--workers", "2")

@@ -10,6 +10,7 @@ from smarttac_can.population.loop import lift
 from smarttac_can.population.trial import Campaign, fastest, plain, traces_of
 from smarttac_can.vocabulary.states import Law, VibrationLaw
 
+pytestmark = pytest.mark.usefixtures("compiled_once")
 TICKS = 2500
 """Some 4 passes of a fast finger, 2 of a slow one, or two lifts."""
 BOUND = 1e-9
