@@ -20,6 +20,12 @@ TOOL = Path(__file__).parents[1] / "tools" / "bench_realtime"
 QUANTILES = {"p50_us", "p99_us", "p999_us", "p9999_us", "max_us"}
 
 
+@pytest.fixture
+def tool(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    monkeypatch.syspath_prepend(str(TOOL.parent))
+    return runpy.run_path(str(TOOL))
+
+
 @contextmanager
 def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
@@ -68,14 +74,6 @@ def test_a_signal_ends_all_of_it(number: int) -> None:
     assert not any(child.is_running() for child in children)
 
 
-@pytest.mark.parametrize("arguments", [(), ("--seconds", "1"), ("--seconds", "5", "--hogs", "-1")])
-def test_wrong_arguments(arguments: tuple[str, ...]) -> None:
-    with running(*arguments) as process:
-        _, complaints = process.communicate()
-    assert process.returncode == 2
-    assert "error: " in complaints.splitlines()[-1]
-
-
 def run_of(plate: float, missed: int) -> dict[str, Any]:
     """What a run of 10 s gives, of which the plate takes a share of a core."""
     return {
@@ -89,9 +87,8 @@ def run_of(plate: float, missed: int) -> dict[str, Any]:
     }
 
 
-def test_two_trees_are_compared_by_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(TOOL.parent))
-    compared = runpy.run_path(str(TOOL))["compared"]
+def test_two_trees_are_compared_by_pairs(tool: dict[str, Any]) -> None:
+    compared = tool["compared"]
     other = [run_of(0.2, 0), run_of(0.4, 10), run_of(0.3, 0)]
     results = compared(other, [run_of(0.1, 5), run_of(0.2, 0), run_of(0.15, 0)])
     assert results["pairs"] == 3
@@ -105,8 +102,24 @@ def test_two_trees_are_compared_by_pairs(monkeypatch: pytest.MonkeyPatch) -> Non
     assert uneven["plate_us"]["range"] == [0.5, 1.5]
 
 
-def test_a_tree_without_the_tool_is_refused(tmp_path: Path) -> None:
-    with running("--seconds", "2", "--against", str(tmp_path)) as process:
-        _, complaints = process.communicate()
-    assert process.returncode == 2
-    assert "has no tools/bench_realtime" in complaints
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        ((), "required: --seconds"),
+        (("--seconds", "1"), "--seconds 1.0 is below 2"),
+        (("--seconds", "5", "--hogs", "-1"), "--hogs -1 is below 0"),
+        (("--seconds", "2", "--against", "{empty}"), "has no tools/bench_realtime"),
+    ],
+)
+def test_wrong_arguments(
+    arguments: tuple[str, ...],
+    error: str,
+    tool: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("sys.argv", ["bench", *(each.format(empty=tmp_path) for each in arguments)])
+    with pytest.raises(SystemExit, match=r"^2$"):
+        tool["main"]()
+    assert error in capsys.readouterr().err

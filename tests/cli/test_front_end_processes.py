@@ -86,7 +86,12 @@ def test_a_front_end_in_the_loop_that_fails_and_comes_back(
         assert (lab / "closed").exists()
 
 
-def test_a_front_end_that_hangs_ends_the_node(multicast: dict[str, Any], lab: Path) -> None:
+def test_a_front_end_that_hangs_ends_the_node(
+    multicast: dict[str, Any], lab: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "smarttac_can.bench.can_link.GRACE_S", 1.0
+    )  # its run never comes to its end
     (lab / "lab.py").write_text(
         MODULE.replace('raise OSError("cable out")', "import time; time.sleep(3600)")
     )
