@@ -124,7 +124,7 @@ def test_a_change_that_hangs_is_noticed(tree: Path) -> None:
     tool = tree / "mutate.py"
     text = TOOL.read_text()
     assert "STARTING_S: Final = 30.0" in text
-    tool.write_text(text.replace("STARTING_S: Final = 30.0", "STARTING_S: Final = 10.0"))
+    tool.write_text(text.replace("STARTING_S: Final = 30.0", "STARTING_S: Final = 3.0"))
     shutil.copy(TOOL.parent / "mutants.py", tree)
     run = subprocess.run(
         [sys.executable, tool, "--package", "made_up/small"],

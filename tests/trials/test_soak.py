@@ -57,7 +57,7 @@ def test_twenty_seconds_hold_and_repeat() -> None:
     assert shares == sorted(shares) and shares[-1] == 1.0
     again = Soak(20_000, 3).run()
     assert replace(again, wall_s=0.0, rss_mib=[]) == replace(first, wall_s=0.0, rss_mib=[])
-    assert Soak(20_000, 4).run().fingerprint != first.fingerprint
+    assert Soak(1000, 3).run().fingerprint != Soak(1000, 4).run().fingerprint
 
 
 def only(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,12 +76,14 @@ def test_a_fault_that_could_not_show_is_taken_back(monkeypatch: pytest.MonkeyPat
     assert report.violations == []
 
 
-def test_a_weak_axis_is_looked_for_at_the_resonance(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("seed", range(4))
+def test_a_weak_axis_is_looked_for_at_the_resonance(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     only("pick-up d at 0.05", Mode.OPEN_LOOP, monkeypatch)
-    for seed in range(4):
-        report = Soak(30_000, seed).run()
-        assert report.faults["pick-up d at 0.05"]
-        assert report.violations == []
+    report = Soak(30_000, seed).run()
+    assert report.faults["pick-up d at 0.05"]
+    assert report.violations == []
 
 
 def test_a_lateral_gauge_that_is_off_may_be_friction_under_a_heavy_finger(
