@@ -28,6 +28,9 @@ _NOT_FOR_USERS: Final = {"decisions", "reference", "dev"}
 _ITEM: Final = r"[ \t]*(?:[*-]|\d+\.) "
 _BLOCKS: Final = re.compile(rf"\n\s*\n|\n(?={_ITEM})")
 _NO_PROSE: Final = ("|", "#", ":::", "<", "![")
+_CODE: Final = re.compile(r"```.*?```", re.DOTALL)
+_NOT_READ: Final = re.compile(r"<!--.*?-->")
+"""Marks of the fields that tools fill."""
 _END: Final = re.compile(r"(?<=[.!?:;])\s+(?=[A-Z*`0-9\"(])")
 
 
@@ -45,7 +48,7 @@ def broken_links(document: Path) -> list[str]:
 
 def sentence_lengths(text: str) -> Iterator[int]:
     """Yield the words of each sentence of a page; what stands alone, like a label, is none."""
-    for block in _BLOCKS.split(re.sub(r"```.*?```", "\n\n", text, flags=re.DOTALL)):
+    for block in _BLOCKS.split(_NOT_READ.sub("", _CODE.sub("\n\n", text))):
         lines = [line.strip() for line in block.splitlines()]
         prose = " ".join(line for line in lines if not line.startswith(_NO_PROSE))
         prose = re.sub(rf"^{_ITEM}", "", prose)
@@ -59,7 +62,8 @@ def sentence_lengths(text: str) -> Iterator[int]:
 
 def words(page: Path) -> int:
     """Count the words of a page, code and tables with it."""
-    return sum(any(map(str.isalnum, word)) for word in page.read_text(encoding="utf-8").split())
+    text = _NOT_READ.sub("", page.read_text(encoding="utf-8"))
+    return sum(any(map(str.isalnum, word)) for word in text.split())
 
 
 def too_long() -> Iterator[str]:

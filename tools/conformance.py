@@ -1,4 +1,4 @@
-"""Write docs/reference/conformance.md: every case, and what our device and two others make of it.
+"""Fill docs/reference/conformance.md: every case, and what our device and two others make of it.
 
     python tools/conformance.py [--check]
 
@@ -14,7 +14,7 @@ import asyncio
 import logging
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from importlib.metadata import version
@@ -28,7 +28,7 @@ import can
 import canopen
 import durand
 from durand.scheduler import AsyncScheduler
-from pages import REFERENCE, Pages, made
+from pages import REFERENCE, Pages, made, renewed
 
 from smarttac_can.conformance.case import DeviceDescription, Result
 from smarttac_can.conformance.examiner import Examiner
@@ -40,34 +40,12 @@ from smarttac_can.od import cia
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
+from smarttac_can.od.object_reference import table
 
 ROOT = Path(__file__).resolve().parent.parent
 EDS = ROOT / "tests" / "eds" / "rich.eds"
 NODE_ID = 5
 TIME_OUT_S = 0.15
-HEAD = """# Conformance
-
-Made by `tools/conformance.py`. `smarttac conform` asks a CANopen device {count} questions and
-judges it by its frames and its EDS alone; the device may be anybody's, on any bus of python-can
-([how to call it](cli.md#smarttac-conform)). These are the cases, and what three devices make of
-them that are built from the same EDS, [`tests/eds/rich.eds`](../../tests/eds/rich.eds):
-
-| | device | pass | fail | not applicable |
-|---|---|---|---|---|
-{rows}
-
-A feature that the EDS promises and the device lacks is a fail: the EDS is what a master goes by.
-Neither of the two libraries claims all of them, so read a fail as "do not promise this in the EDS
-of a device made with it". durand cannot read an EDS: its objects were made from the EDS, as far
-as it has the data types, and its identity and default PDOs were set from it.
-
-What a reset does not bring back, as in B and C, may spoil a later case: each starts with a reset.
-
-A case is *not applicable* if the EDS has not the objects it needs, or the device refuses an
-optional feature in the way the standard gives. Rules are given by the clauses of CiA 301, version
-4.2, in our own words; this suite is not CiA's conformance test and passing it is not a
-certificate.
-"""
 
 
 def ours(text: str) -> list[Result]:
@@ -171,18 +149,21 @@ DEVICES: dict[str, Callable[[str], list[Result]]] = {
 MARKS = {"pass": "", "fail": " fails", "not applicable": " n/a"}
 
 
-def page(columns: dict[str, list[Result]]) -> Iterator[str]:
-    """Lines of the page."""
+def fields(columns: dict[str, list[Result]]) -> dict[str, str | Iterable[str]]:
+    """Return what stands in the fields of the page."""
     rows = []
     for letter, (name, results) in zip("ABC", columns.items(), strict=True):
         counts = Counter(result.verdict for result in results)
-        rows.append(f"| {letter} | {name} | {' | '.join(str(counts[mark]) for mark in MARKS)} |")
-    yield HEAD.format(count=len(CASES), rows="\n".join(rows))
+        rows.append((letter, name, *(str(counts[mark]) for mark in MARKS)))
+    head = ("", "device", "pass", "fail", "not applicable")
+    return {"count": str(len(CASES)), "rows": table(head, *rows), "cases": case_tables(columns)}
+
+
+def case_tables(columns: dict[str, list[Result]]) -> Iterator[str]:
+    """Return the cases of each group, and who did not pass them."""
     lines = zip(CASES, *columns.values(), strict=True)
     for group, cases in groupby(lines, key=lambda line: line[0].group):
-        yield f"## {GROUPS[group]}\n"
-        yield "| Case | Rule | Not passed |"
-        yield "|---|---|---|"
+        rows = []
         for case, *results in cases:
             marks = [
                 letter + MARKS[result.verdict]
@@ -190,8 +171,8 @@ def page(columns: dict[str, list[Result]]) -> Iterator[str]:
                 if result.verdict != "pass"
             ]
             lacks = ", ".join(marks).replace("B fails, C fails", "B, C fail")
-            yield f"| {case.number} {case.title} | {case.rule} | {lacks} |"
-        yield ""
+            rows.append((f"{case.number} {case.title}", case.rule, lacks))
+        yield from (f"## {GROUPS[group]}", "", *table(("Case", "Rule", "Not passed"), *rows))
 
 
 def pages(_draw: bool) -> Pages:
@@ -201,7 +182,7 @@ def pages(_draw: bool) -> Pages:
     with ThreadPoolExecutor() as pool:
         runs = {name: pool.submit(judge, text) for name, judge in DEVICES.items()}
         verdicts = {name: run.result() for name, run in runs.items()}
-    return {REFERENCE / "conformance.md": "\n".join(page(verdicts))}
+    return renewed(REFERENCE / "conformance.md", fields(verdicts))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Write docs/reference/faults.md from the fault matrix; --check fails when a row is another one.
+"""Fill docs/reference/faults.md from the fault matrix; --check fails when a row is another one.
 
     python tools/faults.py [--check] [--hold CYCLES] [--log LOG --json ROWS]
 
@@ -19,7 +19,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import click
-from pages import REFERENCE, differences, parser_of, write
+from pages import REFERENCE, differences, parser_of, renewed, write
 
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.log_file import CandumpWriter
@@ -47,100 +47,32 @@ from smarttac_can.trials.fault_matrix import (
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 CHECK_HOLD_CYCLES = 1000
-HEAD = f"""# Fault matrix
-
-Made by `tools/faults.py`. `smarttac faults` injects the same faults and shows a row for each mode,
-with `--json` for programs, `--log` for the frames and `--channel vcan0` for SocketCAN. The log
-[confirms the rows](../how-to/break-things.md#rows-checked-by-their-log).
-
-Each fault is injected in a run of its own, on two simulated nodes and a master on the in-process
-bus, or on the stimulator with the plate inside where the name says so. Cycles are those of the
-loop, 1 ms.
-
-A row has a fault in all modes that it can come in: the shortest and the longest time, the largest
-vibration.
-
-- **Modes**: in how many modes it is injected.
-- **To 0 V**: cycles from the fault until the power stage is at 0 V, never more than the bound of
-  its watchdog and one. It is the stage that is looked at, not what the controller asks for. A fault
-  that software cannot cover is marked, and [below](#what-software-does-not-cover): the cycles count
-  from where the process goes on.
-- **Reached**: largest vibration of the plate in um peak-to-peak until 50 cycles after the bound,
-  whatever its pick-up reads.
-- **EMCY**: codes of the emergency messages of both nodes, of all modes. Those that end in 30h and
-  50h among 81xxh and 82xxh are of the CiA 301 services, 8253h is of the
-  [plate](safety.md#watchdogs-of-the-plate), 3311h and 9010h first of the plate, the others of the
-  [stimulator](safety.md#watchdogs-of-the-stimulator). One that is bus-off tells nobody: 8141h
-  stands in its history.
-
-`smarttac faults` also shows the bound, and the state of the stimulator afterwards.
-
-After every fault the plate stays at 0 V for the cycles of `--hold`, 1000 in continuous integration,
-{HOLD_CYCLES} unless told otherwise. The master reads, writes set-points and modes, arms, runs and
-starts nodes at random then; all but resetting the fault. A stimulator that was restarted has no
-fault to reset: there the master does not arm. Once the cause is gone and the fault reset, the plate
-is armed and run again, and drives.
-
-**friction predictive** is the mode friction under the predictive laws of friction and vibration,
-elsewhere those of the paper are in force. It has the faults whose course a controller shapes: of
-all sensors, of plate and finger, limits that the vibration passes, and measurements and drives that
-are lost, late or swapped. What ends a run before a controller is asked has no row of its own there.
-
-Every watchdog trips in every mode; that of the resonance only where the resonance is tracked.
-Missed time has no row: without SYNC others are sooner, and a process without time is no fault of
-the bus. Nor has too much vibration by late drives (FF12h): those of the matrix end before that.
-The heartbeat of the master comes each 100 ms and is missed after 1000 ms, that of the plate each
-500 ms and is missed after 2000 ms: as the bench has it, and a stimulator by default. An
-identification is over by then. A process that goes on after a pause has its time first, then the
-frames that waited.
-"""
 
 
-def page(rows: list[FaultRow], reached: dict[tuple[str, str], float]) -> str:
-    """Return the page."""
-    names = ", ".join(case.name for case in TOLERATED)
+def fields(
+    rows: list[FaultRow], reached: dict[tuple[str, str], float]
+) -> dict[str, str | Iterable[str]]:
+    """Return what stands in the fields of the page."""
     ways = dict.fromkeys(way for _, way in reached)
-    lines = [
-        HEAD,
-        *matrix_table(rows),
-        f"{sum(row.passed for row in rows)} of {len(rows)} runs end as they must. SHA-256 of what "
-        f"each mode shows: `{_digest(rows)}`.",
-        "",
-        "## Another watchdog first",
-        "",
-        "Where it is not the one of the name that trips first, or not in each mode:",
-        "",
-        *table(
+    return {
+        "hold_cycles": str(HOLD_CYCLES),
+        "rows": matrix_table(rows),
+        "passed": f"{sum(row.passed for row in rows)} of {len(rows)}",
+        "digest": f"`{_digest(rows)}`",
+        "instead": table(
             ("Fault", "Mode", "First", "Why that is right"),
             *(
                 ("; ".join(names), *reason)
                 for reason, names in _instead((*CASES, *PREDICTED)).items()
             ),
         ),
-        "## What software does not cover",
-        "",
-        *(f"- **{case.name}**: {case.uncovered}." for case in CASES if case.uncovered),
-        "",
-        "Tested is what comes after it: when the process goes on, the first thing is 0 V, "
-        "before a frame that has waited is used, and drives are inhibited.",
-        "",
-        "## What does not end a run",
-        "",
-        f"In every mode and under the predictive laws, and tested likewise: {names}.",
-        "",
-        "## What is not seen",
-        "",
-        "A pick-up that has lost some gain reads as one under a finger that damps more. What the "
-        "plate then reaches, in um, with the set-points of the matrix: 1 um, 40 V, COF 0.35, and a "
-        "grating of 2 mm between 0.3 and 0.4. Without a finger 0.5 is seen as "
-        "well, and where the table says so it ends a run sooner or later.",
-        "",
-        *table(
+        "uncovered": (f"- **{case.name}**: {case.uncovered}." for case in CASES if case.uncovered),
+        "tolerated": ", ".join(case.name for case in TOLERATED),
+        "reached": table(
             ("Gain", *(way.replace("_", " ") for way in ways)),
             *(("; ".join(names), *um) for um, names in _alike(reached, ways).items()),
         ),
-    ]
-    return "\n".join(lines) + "\n"
+    }
 
 
 def matrix_table(rows: Iterable[FaultRow]) -> Iterator[str]:
@@ -279,8 +211,8 @@ def main() -> int:
         (case.name, case.way(mode)): reached_unseen(case, mode) for case, mode in ALL_NOT_SEEN
     }
     bad += [f"{name}, {way}: is seen" for (name, way), um in unseen.items() if not um]
-    text = page(rows, {which: um or 0.0 for which, um in unseen.items()})
-    made = {REFERENCE / "faults.md": text}
+    reached = {which: um or 0.0 for which, um in unseen.items()}
+    made = renewed(REFERENCE / "faults.md", fields(rows, reached))
     if arguments.check:
         bad += differences(made)
     else:

@@ -54,7 +54,6 @@ def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], 
         "seed": seed,
         "cells": len(results),
         "violations": sum(bool(result.violation) for result in results),
-        "excluded": sum(bool(result.excluded) for result in results),
         "fingerprint": fingerprint(results),
     }, results
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pages import REFERENCE, Pages, renewed
+
 from smarttac_can.od.object_reference import table
-from smarttac_can.trials.sensor_sweep import EXCLUSIONS, Promise, Result, parse_cell
+from smarttac_can.trials.sensor_sweep import Promise, Result, parse_cell
 
 SUMMARY = Path(__file__).resolve().parent / "fmeda.json"
 _FACTORS = {
@@ -28,71 +30,6 @@ _FACTORS = {
     "mode": {},
 }
 """Factors of a cell by the name of its field, and how their values are called."""
-
-HEAD = """# Sensors that fail (FMEDA)
-
-Made by `tools/reference.py` from `tools/fmeda.json`, which `{command}` has written.
-
-One sensor fails in each cell of a sweep, in one way, while the stimulator drives the simulated
-plate. What counts is the true vibration of the plate, whatever its pick-up reads. `smarttac fmeda`
-runs the same cells: `--json` has each of them, and `--cell` runs one alone. The
-[hazards](../explanation/hazards.md) take their figures of the sensors from here.
-
-This is the part of a failure modes, effects and diagnostic analysis that a simulation can give:
-modes, effects, and what notices them. There are no failure rates in it, and so no share of failures
-that are noticed.
-
-## What is promised
-
-The promise was written down [before it was
-swept](../decisions/0053-the-bound-limits-the-drive.md). Whatever one sensor does:
-
-- The true vibration is above its bound for at most {cycles} cycles (ms) of a run, and for
-  {gauge_lag} more where a finger lands or lifts, because the gauges lag.
-- The plate loses at most {energy_J:g} J in these cycles.
-- Nothing trips before the sensor fails.
-
-The bound with contact, which is more than {contact_N:g} N, is {touched_um:g} um peak-to-peak.
-Without contact it is {bare_um:g} um over the share of the true gain that the model has at least:
-
-- {sound_um:.2f} um for a share of {model_share:g}, after an identification with sound sensors;
-- {unsound_um:.2f} um for a share of {lowest_gain:g} otherwise.
-
-## What was run
-"""
-
-CELLS = """\
-A cell joins a failure and its onset (before the tare, while driven, or with a step of the
-set-point), a mode, a law of the vibration and one of the friction, detuning, set-point, COF, a
-finger with its force and damping, the dead time of the loop, and whether the plate was identified.
-
-- In a grid each failure meets each mode, and the seed draws the rest. The coarse one goes on for
-  200 cycles after the failure, the fine one for 1000, with all gains in steps of 0.05.
-- Random cells draw sizes and all else from the ranges between, for 250 or 1000 cycles.
-- Identifications go on for 900 cycles.
-
-`smarttac fmeda --seed SEED`, `--fine` and `--random N` run each with other seeds. The fingerprint
-is that of what came of all cells.
-"""
-HEALTHY = """## Runs in which nothing fails
-
-{runs} runs of one to two seconds, seeds from {seed} on: any mode, law, texture, dead time and
-finger, with set-points that jump, of which many ask for more than there is, and hops of the
-frequency.
-
-- {false} of them ended in a fault for which the plate gave no cause.
-- {true} ended because the true vibration was beyond a limit.
-- The drive was limited in {limited:.1f} % of the cycles.
-
-## How it fails, and what ends it
-
-- **Ended by**: how many cells each watchdog has ended first. *Not armed*: the failure was noticed
-  before anything was driven. *Nothing*: the run went on to the end of the cell. The four most
-  frequent ones are named; `tools/fmeda.json` has all.
-- **After**: most cycles from the failure, or from the first drive if that is later, until something
-  ended the run. A failure may show only when a finger comes.
-- **Reached**: largest true vibration, also in cycles above the bound.
-"""
 
 
 class Found(NamedTuple):
@@ -159,8 +96,8 @@ def found(patterns: list[str], made: Mapping[str, Any]) -> Found:
     )
 
 
-def fmeda_page(made: Mapping[str, Any] | None = None) -> str:
-    """Return the page as Markdown.
+def fmeda_page(made: Mapping[str, Any] | None = None) -> Pages:
+    """Return the page with its fields made anew.
 
     Parameters
     ----------
@@ -169,67 +106,58 @@ def fmeda_page(made: Mapping[str, Any] | None = None) -> str:
     """
     made = made or summary()
     promise, runs = Promise(**made["promise"]), made["healthy"]
-    lines = [
-        HEAD.format(
-            command=made["command"],
-            sound_um=promise.bare_um / promise.model_share,
-            unsound_um=promise.bare_um / promise.lowest_gain,
-            **promise._asdict(),
-        ),
-        *_sweeps(made["sweeps"]),
-        CELLS,
-        HEALTHY.format(
-            true=runs["ended"] - runs["false"],
-            limited=100.0 * runs["limited"] / runs["cycles"],
-            **{name: runs[name] for name in ("runs", "seed", "false")},
-        ),
-        *table(
-            ("Failure", *_COLUMNS),
-            *((name, *_row(row)) for name, row in made["failures"].items()),
-        ),
-        "## Under which circumstances",
-        "",
-        "The same cells again.",
-        "",
-        *table(
-            ("Circumstance", *_COLUMNS),
-            *(
-                (name, *_row(rows[name]))
-                for factor, rows in made["factors"].items()
-                for name in _FACTORS[factor].values() or rows
-                if name in rows
-            ),
-        ),
+    sweep = ("name", "seed", "cells", "violations", "fingerprint")
+    factors = [
+        (name, rows[name])
+        for factor, rows in made["factors"].items()
+        for name in _FACTORS[factor].values() or rows
+        if name in rows
     ]
-    return "\n".join(lines).rstrip() + "\n"
+    numbers = promise._asdict() | {
+        "sound_um": f"{promise.bare_um / promise.model_share:.2f}",
+        "unsound_um": f"{promise.bare_um / promise.lowest_gain:.2f}",
+        "runs": runs["runs"],
+        "seed": runs["seed"],
+        "false": runs["false"],
+        "true": runs["ended"] - runs["false"],
+        "limited": f"{100.0 * runs['limited'] / runs['cycles']:.1f}",
+    }
+    tables = {
+        "sweeps": (
+            ("Sweep", "Seed", "Cells", "Beyond the promise", "Fingerprint"),
+            *(tuple(str(each[name]) for name in sweep) for each in made["sweeps"]),
+        ),
+        "failures": (_head("Failure"), *map(_row, made["failures"].items())),
+        "factors": (_head("Circumstance"), *map(_row, factors)),
+    }
+    return renewed(
+        REFERENCE / "fmeda.md",
+        {
+            "command": f"`{made['command']}`",
+            **{name: f"{n:g}" if isinstance(n, float) else str(n) for name, n in numbers.items()},
+            **{name: table(*rows) for name, rows in tables.items()},
+        },
+    )
 
 
 _SHOWN = 4
 """Watchdogs of a row that are named."""
-_COLUMNS = (
-    "Cells", "Ended by", "After [cycles]", "Reached [um]", "Above the bound [cycles]",
-)  # fmt: skip
 
 
-def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
+def _head(what: str) -> tuple[str, ...]:
+    return (what, "Cells", "Ended by", "After [cycles]", "Reached [um]", "Above the bound [cycles]")
+
+
+def _row(named: tuple[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    name, row = named
     ended = [f"{count} {by}" for by, count in Counter(row["ended"]).most_common(_SHOWN)]
     if others := row["cells"] - sum(sorted(row["ended"].values())[-_SHOWN:]):
         ended.append(f"{others} others")
     return (
+        name,
         f"{row['cells']}",
         ", ".join(ended),
         f"{row['after']}",
         f"{row['peak_um']:.2f}",
         f"{row['above']}",
     )
-
-
-def _sweeps(sweeps: list[dict[str, Any]]) -> Iterator[str]:
-    names = ("name", "seed", "cells", "violations", "fingerprint")
-    yield from table(
-        ("Sweep", "Seed", "Cells", "Beyond the promise", "Fingerprint"),
-        *(tuple(str(sweep[name]) for name in names) for sweep in sweeps),
-    )
-    if excluded := sum(sweep["excluded"] for sweep in sweeps):
-        yield f"{excluded} of the cells are excluded, because physics forbids them to hold:"
-        yield from ("", *(f"- {exclusion.why}" for exclusion in EXCLUSIONS), "")

@@ -1,4 +1,4 @@
-"""The page of hazards, from tools/hazards.toml; what each reaches is computed from the code."""
+"""The tables of hazards, from tools/hazards.toml; what each reaches is computed from the code."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fmeda_page import Found, found, summary
+from pages import EXPLANATION, Pages, renewed
 
 from smarttac_can.control.step import FREQUENCY_STEP
 from smarttac_can.host.files import read_eds
@@ -33,20 +34,28 @@ _PLATE = ResonatorParameters()
 _TRIP = "Limit.Amplitude trip"
 _VOLTAGE = "Limit.Voltage"
 _REACHED = "Reached [um]"
+_IN_TEXT = ("A", "BY_DRIVE", "V", "K", "tau", "d", "f0", "DEADLINE", "SHORT_DEADLINE")
+"""What the text of the page names besides."""
 _JOULE_FROM_MJ = 100.0
 
 
-def hazards_page() -> str:
-    """Return the page as Markdown."""
+def hazards_page() -> Pages:
+    """Return the page with its fields made anew."""
     source = tomllib.loads(HAZARDS.read_text(encoding="utf-8"))
     stimulator, plate = (load_eds(read_eds(f"{name}.eds"), 1) for name in ("stimulator", "plate"))
     times = bounds(stimulator, plate)
-    lines = [source["head"].format_map(times)]
+    lines: list[str] = []
     for hazard in source["hazard"]:
         rows = _rows(hazard["cause"], times, stimulator)
         lines += [f"## {hazard['name']}", "", hazard["what"], "", *rows]
-    lines += ["## Common causes", "", source["common_head"], *_common(source["common"], times)]
-    return "\n".join(lines).rstrip() + "\n"
+    return renewed(
+        EXPLANATION / "hazards.md",
+        {
+            **{name: str(times[name]) for name in _IN_TEXT},
+            "hazards": lines,
+            "common": _common(source["common"], times),
+        },
+    )
 
 
 def bounds(stimulator: ObjectDictionary, plate: ObjectDictionary) -> dict[str, float]:

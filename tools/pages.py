@@ -1,8 +1,9 @@
-"""What the tools share that make pages: the command line, --check, and templates."""
+"""What the tools share that make pages: the command line, --check, and fields of a page."""
 
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from difflib import unified_diff
 from pathlib import Path
@@ -13,6 +14,7 @@ from smarttac_can.od.object_reference import table
 DOCS: Final = Path(__file__).resolve().parent.parent / "docs"
 EXPLANATION: Final = DOCS / "explanation"
 REFERENCE: Final = DOCS / "reference"
+_FIELD: Final = re.compile(r"(<!-- (\w+) -->)(.*?)(<!-- / -->)", re.DOTALL)
 Pages = Mapping[Path, str]
 """Text of each page."""
 
@@ -74,18 +76,30 @@ def columns(head: str, rows: Iterable[Iterable[str]]) -> Iterator[str]:
     return table(tuple(cell.strip() for cell in head.split("|")), *map(tuple, rows))
 
 
-def filled(tool: str, fields: Mapping[str, str | Iterable[str]]) -> str:
-    """Return the template beside a tool with its fields; one of lines is a table.
+def renewed(page: Path, fields: Mapping[str, str | Iterable[str]]) -> Pages:
+    """Return a page with its fields made anew; what stands between them is written by hand.
 
     Parameters
     ----------
-    tool
-        Path of the tool: ``__file__``.
+    page
+        Has each field as ``<!-- name -->text<!-- / -->``.
     fields
-        What stands for ``{name}`` in the template.
+        New text of each, by name; one of lines is a table.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If the page has a field that is not given, or lacks one that is.
     """
-    texts = {
-        name: value if isinstance(value, str) else "\n".join(value).strip()
-        for name, value in fields.items()
-    }
-    return Path(tool).with_suffix(".md").read_text(encoding="utf-8").format(**texts)
+    names = set()
+
+    def anew(field: re.Match[str]) -> str:
+        names.add(name := field[2])
+        value = fields[name]
+        text = value if isinstance(value, str) else "\n".join(["", *value]).rstrip() + "\n"
+        return f"{field[1]}{text}{field[4]}"
+
+    text = _FIELD.sub(anew, page.read_text(encoding="utf-8"))
+    if missing := fields.keys() - names:
+        raise ValueError(f"{page.name} has no field {', '.join(sorted(missing))}")
+    return {page: text}

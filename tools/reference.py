@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 import click
 from fmeda_page import fmeda_page
 from hazards_page import hazards_page
-from pages import EXPLANATION, REFERENCE, Pages, made, write
+from pages import REFERENCE, Pages, made, write
 from safety_reference import safety
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
@@ -317,8 +317,8 @@ def pages(_draw: bool = False) -> Pages:
         REFERENCE / "objects.md": objects(),
         REFERENCE / "cli.md": command_line(),
         REFERENCE / "safety.md": safety(),
-        REFERENCE / "fmeda.md": fmeda_page(),
-        EXPLANATION / "hazards.md": hazards_page(),
+        **fmeda_page(),
+        **hazards_page(),
         **{REFERENCE / page: text for page, text in python_pages()},
     }
 

@@ -1,4 +1,4 @@
-"""Run the paper's experiments, and write docs/explanation/results.md with its figures; minutes.
+"""Run the paper's experiments, and make tables and figures of docs/explanation/results.md; minutes.
 
 Example: python tools/results.py
 """
@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from pages import EXPLANATION, Pages, columns, filled, made
+from pages import EXPLANATION, Pages, columns, made, renewed
 
 from smarttac_can.bench.drawing import GREEN, RED, canvas, save
 from smarttac_can.bench.simulation import LocalLink, plate_od, stimulator_od
@@ -360,7 +360,7 @@ def pages(draw: bool) -> Pages:
                 "W0 a quarter larger": run_varied(Variation(W0=1.25)),
             }
         )
-    return {EXPLANATION / "results.md": filled(__file__, fields)}
+    return renewed(EXPLANATION / "results.md", fields)
 
 
 if __name__ == "__main__":

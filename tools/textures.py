@@ -1,4 +1,4 @@
-"""Measure how textures are followed, and write docs/explanation/textures.md; some minutes.
+"""Measure how textures are followed, and make the tables of docs/explanation/textures.md; minutes.
 
 Example: python tools/textures.py
 """
@@ -12,7 +12,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from pages import EXPLANATION, Pages, filled, made
+from pages import EXPLANATION, Pages, made, renewed
 
 from smarttac_can.bench import Texture, Tracking, track
 from smarttac_can.bench.drawing import INK, RED, canvas
@@ -160,7 +160,7 @@ def pages(draw: bool) -> Pages:
         "PREVIEW": previews(),
         "TARE": one_tare(),
     }
-    return {EXPLANATION / "textures.md": filled(__file__, fields)}
+    return renewed(EXPLANATION / "textures.md", fields)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Compare the laws of the vibration, and write docs/explanation/vibration.md; some minutes.
+"""Compare the laws of the vibration: tables and figure of docs/explanation/vibration.md; minutes.
 
 The cost of an update is that on this machine, so --check finds another one.
 
@@ -13,7 +13,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from pages import EXPLANATION, Pages, columns, filled, made
+from pages import EXPLANATION, Pages, columns, made, renewed
 
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.control.cascade import Cascade
@@ -294,7 +294,7 @@ def pages(draw: bool) -> Pages:
         "fastest": f"{fastest:.2f}",
         "dead_time": f"{loop_dead_time(1_000_000):.0f}",
     }
-    return {EXPLANATION / "vibration.md": filled(__file__, fields)}
+    return renewed(EXPLANATION / "vibration.md", fields)
 
 
 if __name__ == "__main__":

@@ -70,15 +70,6 @@ class Promise(NamedTuple):
 PROMISES: Final = Promise()
 
 
-class Exclusion(NamedTuple):
-    """Cells that physics forbids to hold."""
-
-    applies: Callable[[Cell], bool]
-    why: str
-
-
-EXCLUSIONS: Final[tuple[Exclusion, ...]] = ()
-
 # --- How a sensor fails ------------------------------------------------------------------------
 
 PICKUP_SENSORS: Final = ("d", "q", "both")
@@ -384,8 +375,6 @@ class Result:
     """Mean of the true error of the COF under a sliding finger, from the onset on."""
     violation: str = ""
     """Which promise it breaks."""
-    excluded: str = ""
-    """Why it need not hold one."""
 
 
 _TARE_CYCLES: Final = TARE_SAMPLES + 6
@@ -681,10 +670,6 @@ def _watched(
     violation = broken_promise(cell, result, promise)
     if ended and reference + after < onset:
         violation = f"{ended} tripped {-after} cycles before the failure: a false trip"
-    if violation:
-        for applies, why in EXCLUSIONS:
-            if applies(cell):
-                return replace(result, excluded=why)
     return replace(result, violation=violation)
 
 
@@ -858,7 +843,7 @@ def summary(
     for result in results:
         row = table.setdefault(
             row_of(result),
-            {"cells": 0, "ended": {}, **dict.fromkeys(_WORST, 0), "violations": 0, "excluded": 0},
+            {"cells": 0, "ended": {}, **dict.fromkeys(_WORST, 0), "violations": 0},
         )
         row["cells"] += 1
         by = result.ended_by or "nothing"
@@ -866,7 +851,6 @@ def summary(
         for name in _WORST:
             row[name] = max(row[name], getattr(result, name))
         row["violations"] += bool(result.violation)
-        row["excluded"] += bool(result.excluded)
     return table
 
 
@@ -884,7 +868,6 @@ def as_json(results: Sequence[Result]) -> dict[str, Any]:
         "promise": PROMISES._asdict(),
         "cells": len(results),
         "violations": sum(bool(result.violation) for result in results),
-        "excluded": sum(bool(result.excluded) for result in results),
         "fingerprint": fingerprint(results),
         "summary": summary(results),
         "results": [asdict(result) for result in results],
