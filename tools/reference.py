@@ -316,7 +316,7 @@ def pages(_draw: bool = False) -> Pages:
     return {
         REFERENCE / "objects.md": objects(),
         REFERENCE / "cli.md": command_line(),
-        REFERENCE / "safety.md": safety(),
+        **safety(),
         **fmeda_page(),
         **hazards_page(),
         **{REFERENCE / page: text for page, text in python_pages()},

@@ -23,6 +23,7 @@ def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     monkeypatch.setitem(names, "RUNS", runs)
     monkeypatch.setitem(names, "ROOT", tmp_path)
     monkeypatch.setitem(names, "PAGE", tmp_path / "nightly.md")
+    names["PAGE"].write_text(f"By hand.\n{names['RULE']}", "utf-8")
     return names
 
 
@@ -46,6 +47,7 @@ def test_a_row_that_is_not_asked_for_stays(
 ) -> None:
     assert call(tool, monkeypatch, "--only", "good", "--write") == 0
     written = tool["PAGE"].read_text()
+    assert written.startswith("By hand.\n")
     assert "| bad | a script | `bad` | not run |  |  |  |" in written
     assert call(tool, monkeypatch, "--only", "bad", "--write") == 1
     assert "| good | a script | `good` | passed | all / well |" in tool["PAGE"].read_text()
