@@ -166,7 +166,11 @@ def command_line() -> str:
     """Return the help of every command as Markdown."""
     head = ("Parameter", "Default", "Meaning")
     parameters = {
-        name: [_parameter(click.Context(command), each) for each in command.params]
+        name: [
+            _parameter(click.Context(command), each)
+            for each in command.params
+            if not getattr(each, "hidden", False)
+        ]
         for name, command in _commands(smarttac, "smarttac")
     }
     counts = Counter(row for rows in parameters.values() for row in rows)

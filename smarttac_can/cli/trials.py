@@ -331,7 +331,7 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
 
 @click.command(
     epilog="\b\nExamples:\n  smarttac fmeda --json fmeda.json\n"
-    "  smarttac fmeda --random 5000 --seed 7 --workers 2\n"
+    "  smarttac fmeda --random 5000 --seed 7 --jobs 2\n"
     "  smarttac fmeda --healthy 1000 --seed 3\n"
     "  smarttac fmeda --cell failure=d:gain:0.05,mode=AMPLITUDE,detuning=-90"
 )
@@ -362,13 +362,8 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
     help="Instead, this cell alone, as a line of the results names it; may be given again.",
 )
 @seed_option("Seed of the cells, or of the first healthy run.")
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Processes that share the work.",
-)
+@_jobs_option
+@click.option("--workers", type=click.IntRange(min=1), hidden=True)
 @json_options()
 def fmeda(
     *,
@@ -377,7 +372,8 @@ def fmeda(
     healthy: int | None,
     cells: list[Cell],
     seed: int,
-    workers: int,
+    jobs: int | None,
+    workers: int | None,
     json_file: Path | None,
 ) -> None:
     """Let one sensor fail in many ways, modes and set-points, and hold the plate to its bounds.
@@ -387,17 +383,20 @@ def fmeda(
     """
     if sum((random_ is not None, healthy is not None, bool(cells))) > 1:
         raise click.UsageError("--random, --healthy and --cell exclude each other")
+    if workers is not None:
+        click.echo("--workers is deprecated: use --jobs", err=True)
+    jobs = jobs or workers or os.cpu_count() or 1
     with plain_errors(), ExitStack() as stack:
         file = opened_results(stack, json_file)
         with progress_bar("cells") as progress:
             if healthy is not None:
                 seeds = range(seed, seed + healthy)
-                runs = list(run_all(healthy_run, seeds, workers=workers, progress=progress))
+                runs = list(run_all(healthy_run, seeds, jobs=jobs, progress=progress))
             else:
                 if random_ is not None:
                     cells = random_cells(random_, seed)
                 chosen = cells or grid_cells(seed, fine=not coarse)
-                results = list(run_all(run_cell, chosen, workers=workers, progress=progress))
+                results = list(run_all(run_cell, chosen, jobs=jobs, progress=progress))
         if healthy is not None:
             report_results(healthy_as_json(runs), _healthy_lines(runs), file)
             bad, what = sum(run.false for run in runs), "healthy runs ended in a false trip"

@@ -797,7 +797,7 @@ def run_all(
     run: Callable[[Item], Outcome],
     items: Sequence[Item],
     *,
-    workers: int = 1,
+    jobs: int = 1,
     progress: Progress | None = None,
 ) -> Iterator[Outcome]:
     """Run items in their order, in this process or in several.
@@ -808,14 +808,13 @@ def run_all(
         What to do with each; a function of a module.
     items
         Such as cells.
-    workers
+    jobs
         Processes that share them.
     progress
         Called with the share that is done, 0..1.
     """
     tell = progress or (lambda _share: None)
-    jobs = workers if len(items) >= _FEW else 1
-    for n, outcome in enumerate(in_order(run, items, jobs), 1):
+    for n, outcome in enumerate(in_order(run, items, jobs if len(items) >= _FEW else 1), 1):
         tell(n / len(items))
         yield outcome
 

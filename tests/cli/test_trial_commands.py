@@ -361,7 +361,7 @@ SOUND = "failure=d:gain:1,mode=AMPLITUDE,identified=sound,cycles=50"
 
 
 def fmeda(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ("fmeda", *arguments))
+    return CliRunner().invoke(main, ("fmeda", "--jobs", "1", *arguments))
 
 
 def test_a_cell_of_the_results_runs_alone_to_the_same(tmp_path: Path) -> None:
@@ -378,9 +378,16 @@ def test_processes_come_to_the_same_as_one(tmp_path: Path) -> None:
     file = tmp_path / "shared"
     command = (sys.executable, "-m", "smarttac_can", "fmeda", "--random", "16", "--seed", "4")
     # In a process of its own: the tracker of shared resources outlives the pool in this one.
-    subprocess.run((*command, "--workers", "2", "--json", str(file)), check=False, timeout=GUARD_S)
+    subprocess.run((*command, "--jobs", "2", "--json", str(file)), check=False, timeout=GUARD_S)
     alone = fmeda("--random", "16", "--seed", "4", "--json", "-").stdout
     assert json.loads(file.read_text()) == json.loads(alone)
+
+
+def test_the_old_name_of_jobs_is_taken_and_deprecated() -> None:
+    result = fmeda("--cell", SOUND, "--workers", "1")
+    assert result.exit_code == 0
+    assert result.stderr.startswith("--workers is deprecated: use --jobs\n")
+    assert "--workers" not in fmeda("--help").stdout
 
 
 @pytest.mark.parametrize(("more", "asked"), [((), (7, False)), (("--fine",), (7, True))])

@@ -51,7 +51,7 @@ def tool(page: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> M
     import fmeda  # noqa: PLC0415 - found only now
 
     monkeypatch.setattr(fmeda, "SUMMARY", tmp_path / "fmeda.json")
-    monkeypatch.setattr(fmeda, "WORKERS", 1)
+    monkeypatch.setattr(fmeda, "JOBS", 1)
     monkeypatch.setattr(fmeda, "grid_cells", lambda _seed, *, fine=False: CELLS)
     monkeypatch.setattr(fmeda, "write_pages", lambda: None)
     return fmeda
