@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import exp, inf, log
+from math import exp, inf, log, sqrt
+from statistics import NormalDist
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -37,6 +38,10 @@ class Case(NamedTuple):
     """Swing of the amplitude under a moving finger, as a fraction."""
     wider: float = 0.0
     """How much wider the ranges of the fingers are, as a fraction."""
+    coupling: float = 0.0
+    """Correlation, 0..1, by which a finger that damps more loses its friction at less amplitude:
+    of the normal scores of load_damping and -W0 before maps that span too little are drawn again
+    [sign: Friesen 2016; size: an assumption]."""
 
 
 CASES: Final[dict[str, Case]] = {
@@ -53,6 +58,7 @@ CASES: Final[dict[str, Case]] = {
     "film-lag": Case(film_lag=2e-3),
     "mode-shape": Case(ripple=0.1),
     "wider": Case(wider=0.2),
+    "coupled": Case(coupling=0.8),
 }
 """The cases by name."""
 
@@ -87,6 +93,8 @@ _LOGARITHMIC: Final = {
     "relaxation_length": (5e-6, 40e-6),
     "skin_mass": (0.05e-3, 0.2e-3),
 }
+_LEAST_SHARE: Final = 2.0**-53
+"""Of a draw that the normal distribution can invert."""
 _LEAST: Final = {"exponent": 2.0 / 3.0, "stribeck": 1.0}
 _MOST: Final = {"exponent": 1.0}
 """Bounds of a fingertip that a wider range would leave."""
@@ -134,7 +142,7 @@ def draw_finger(seed: int, number: int, case: Case) -> Finger:
     """
     rng = np.random.default_rng([seed, _FINGER_STREAM, number])
     while True:
-        values = _draw(rng, case.wider)
+        values = _draw(rng, case)
         force, speed = values.pop("force"), values.pop("speed")
         if case.stribeck is not None:
             values["stribeck"] = case.stribeck
@@ -163,16 +171,26 @@ def stroke_of(finger: Finger, case: Case) -> Stroke:
     )
 
 
-def _draw(rng: np.random.Generator, wider: float) -> dict[str, float]:
-    """Draw all that differs, from ranges that much wider."""
-    values = {}
-    draws = iter(rng.random(len(UNIFORM) + len(_LOGARITHMIC)).tolist())
+def _draw(rng: np.random.Generator, case: Case) -> dict[str, float]:
+    """Draw all that differs, from the ranges of a case."""
+    names = (*UNIFORM, *_LOGARITHMIC)
+    shares = dict(zip(names, rng.random(len(names)).tolist(), strict=True))
+    if case.coupling:
+        shares["W0"] = _coupled(shares["load_damping"], shares["W0"], case.coupling)
+    wider, values = case.wider, {}
     for name, bounds in UNIFORM.items():
         more = 0.5 * wider * (bounds[1] - bounds[0])
         low = max(bounds[0] - more, _LEAST.get(name, 0.0))
         high = min(bounds[1] + more, _MOST.get(name, inf))
-        values[name] = low + (high - low) * next(draws)
+        values[name] = low + (high - low) * shares[name]
     for name, (low, high) in _LOGARITHMIC.items():
         more = 0.5 * wider * log(high / low)
-        values[name] = low * exp(-more) * exp((log(high / low) + 2.0 * more) * next(draws))
+        values[name] = low * exp(-more) * exp((log(high / low) + 2.0 * more) * shares[name])
     return values
+
+
+def _coupled(by: float, own: float, coupling: float) -> float:
+    """Return a uniform share 0..1 that falls as another one rises: a Gaussian copula."""
+    normal = NormalDist()
+    first, second = (normal.inv_cdf(max(share, _LEAST_SHARE)) for share in (by, own))
+    return normal.cdf(sqrt(1.0 - coupling * coupling) * second - coupling * first)

@@ -85,6 +85,31 @@ def test_wider_ranges_are_a_tenth_wider_at_both_ends_and_sound():
     assert min(subject.stribeck for subject in values) >= 1.0
 
 
+def test_a_coupled_finger_that_damps_more_loses_its_friction_at_less_amplitude():
+    coupled = [draw_finger(3, number, CASES["coupled"]).subject for number in range(2000)]
+
+    def correlation(name, subjects):
+        pairs = [(subject.load_damping, getattr(subject, name)) for subject in subjects]
+        ranks = np.argsort(np.argsort(np.array(pairs), axis=0), axis=0)
+        return np.corrcoef(ranks.T)[0, 1]
+
+    assert correlation("W0", [finger.subject for finger in MANY]) == pytest.approx(0.0, abs=0.06)
+    assert correlation("W0", coupled) == pytest.approx(-0.78, abs=0.05)
+    assert correlation("skin_mass", coupled) == pytest.approx(0.0, abs=0.06)
+    W0 = [subject.W0 * 1e6 for subject in coupled]
+    assert 0.8 <= min(W0) < 0.82
+    assert 2.9 < max(W0) <= 3.0
+
+
+def test_a_coupling_of_nothing_draws_the_nominal_finger():
+    assert pytest.approx(MANY[17].subject.W0) == draw_finger(3, 17, Case(coupling=1e-12)).subject.W0
+    damped, W0 = (
+        [getattr(draw_finger(3, n, Case(coupling=1.0)).subject, name) for n in range(50)]
+        for name in ("load_damping", "W0")
+    )
+    assert np.argsort(damped).tolist() == np.argsort(W0)[::-1].tolist()
+
+
 def test_cases_change_the_finger_they_are_named_for():
     assert draw_finger(3, 0, CASES["stribeck"]).subject.stribeck == 1.5
     sweating = draw_finger(3, 0, CASES["sweating"]).subject
