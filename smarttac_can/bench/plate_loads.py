@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.named_objects import with_unit
+from smarttac_can.bench.named_objects import in_unit, with_unit
 from smarttac_can.host.files import in_words, open_regular
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
@@ -29,6 +29,7 @@ _RANGES: Final = {
     "azimuth_deg": (-360.0, 360.0),
     "x_mm": (-38.0, 38.0),
 }
+_SPEED: Final = 50.0
 _MOST_ROWS: Final = 100
 _LONGEST_LINE: Final = 200
 
@@ -44,6 +45,11 @@ class SimulatedFinger:
         Reads an object by name in a unit, `Stimulator.get`.
     write
         Writes objects by name, all or none, as `NamedObjects` does.
+
+    Attributes
+    ----------
+    speed : float
+        Speed in mm/s that `stroke` was given last; 50 before.
     """
 
     def __init__(
@@ -53,6 +59,7 @@ class SimulatedFinger:
     ) -> None:
         self._read = read
         self._write = write
+        self.speed = _SPEED
 
     def __repr__(self) -> str:
         try:
@@ -108,7 +115,7 @@ class SimulatedFinger:
         subject: int,
         *,
         force: float | str = 0.5,
-        speed: float | str = 50.0,
+        speed: float | str = _SPEED,
         travel: float | str = 20.0,
         force_variation: float | str = 0.0,
         speed_variation: float | str = 0.0,
@@ -148,6 +155,7 @@ class SimulatedFinger:
                 "Finger.Motion": STROKE,
             }
         )
+        self.speed = in_unit("speed", speed, "mm/s")
 
     def put(self, placing: Placing, gravity: float = STANDARD_GRAVITY) -> None:
         """Put a weight on the simulated plate, tilted as it says, instead of the one before.

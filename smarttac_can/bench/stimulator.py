@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,7 +32,7 @@ from smarttac_can.bench.named_objects import (
 from smarttac_can.bench.plate_loads import SimulatedFinger
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.simulation import STIMULATOR_ID, LinkName, open_simulated_link
-from smarttac_can.bench.textures import Texture
+from smarttac_can.bench.textures import FOLLOWED_HZ, Texture
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.process_signals import interrupt_waits
@@ -170,7 +171,9 @@ class Stimulator(NamedObjects):
         """Texture in the chosen slot, None if it is empty; also while it is played.
 
         Setting one raises `ValueError` if it has a COF beyond the bounds of the stimulator, and
-        `RefusedError` if the stimulator refuses it; what was there stays then.
+        `RefusedError` if the stimulator refuses it; what was there stays then. It warns of a
+        texture that is too fast to be followed, above `FOLLOWED_HZ` at the speed that
+        `finger.stroke` was given last, or at 50 mm/s.
         """
         data = self._link.read_table(self._table())
         return Texture(TextureTable.unpack(data)) if data else None
@@ -184,9 +187,21 @@ class Stimulator(NamedObjects):
             bounds = self._od["Setpoint.COF left"]
             texture.table.require_within(int(bounds.low), int(bounds.high))
             data = texture.table.pack()
+            self._warn_if_fast(texture)
         name = self._table()
         with self._texture_explained(name):
             self._link.write_table(name, data)
+
+    def _warn_if_fast(self, texture: Texture) -> None:
+        speed = self.finger.speed
+        fast = texture.frequency(speed)
+        if fast > FOLLOWED_HZ:
+            at = "" if texture.over_time else f" at {speed:g} mm/s"
+            warnings.warn(
+                f"half of the texture is above {fast:.0f} Hz{at}, and the COF follows up to "
+                f"{FOLLOWED_HZ:g} Hz: make it coarser, or stroke more slowly",
+                stacklevel=3,
+            )
 
     def _table(self) -> str:
         return TABLE_NAMES[self.texture_slot - 1]

@@ -39,6 +39,9 @@ NM_PER_MM: Final = 1e6
 US_PER_S: Final = 1e6
 MOST_MM: Final = MAX_START / NM_PER_MM
 """Largest distance of a place from the middle of the plate in mm."""
+FOLLOWED_HZ: Final = 110.0
+"""Up to here a finger feels 0.7 of the swing of a texture or more, with the dead time of a bus and
+the vibration law ``pi``: docs/explanation/bandwidth.md."""
 _MOST_STEP_MM: Final = MAX_STEP / NM_PER_MM
 _MS_US: Final = 1000
 _LEAST_POINTS: Final = 2
@@ -272,6 +275,27 @@ class Texture:
     def over_time(self) -> bool:
         """Whether it goes over time, not over position."""
         return self.table.axis is Axis.TIME
+
+    def frequency(self, speed: float) -> float:
+        """Return the frequency in Hz below which half of the power of its COF lies; 0 if constant.
+
+        Of a grating it is speed over period. Above `FOLLOWED_HZ` a finger feels less than 0.7 of
+        the swing.
+
+        Parameters
+        ----------
+        speed
+            Of the finger in mm/s; a texture over time needs none.
+        """
+        table = self.table
+        values = np.array(table.values, dtype=np.float64)
+        power = np.abs(np.fft.rfft(values - values.mean())) ** 2
+        total = float(power.sum())
+        if total == 0.0:
+            return 0.0
+        median = int(np.searchsorted(np.cumsum(power), 0.5 * total))
+        per_unit = median / (len(values) * table.step) * self._counts_per_unit
+        return per_unit if self.over_time else per_unit * speed
 
     @property
     def _counts_per_unit(self) -> float:

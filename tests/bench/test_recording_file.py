@@ -31,7 +31,7 @@ from smarttac_can.host.frame_log import FrameLog
 
 GRATING = Texture.grating(2.0, 0.25, 0.45, shape="sine")
 RAMP = Texture.profile("ramp", 0.2, 0.4, 0.05)
-LONG = Texture.profile([(0.001 * k, 0.2 + 0.1 * (k % 3)) for k in range(4000)])
+LONG = Texture.profile([(0.001 * k, 0.2 + 0.01 * (k % 30)) for k in range(4000)])
 
 
 def played(bench: Stimulator, path: Path) -> RecordedData:

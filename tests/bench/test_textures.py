@@ -8,6 +8,7 @@ import pytest
 from matplotlib.image import imsave
 
 from smarttac_can.bench import BenchError, Mode, RefusedError, Stimulator, Texture, track
+from smarttac_can.bench.textures import FOLLOWED_HZ
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 SINE = Texture.grating(2.0, 0.3, 0.4, shape="sine")
@@ -64,6 +65,46 @@ def test_what_cannot_be_played_is_refused_in_one_line(bench: Stimulator) -> None
     with pytest.raises(ValueError, match=r"^texture 'wood\.png' is no Texture$"):
         bench.texture = "wood.png"  # type: ignore[assignment]
     assert bench.texture == GRATING
+
+
+def test_the_frequency_of_a_texture_is_where_half_of_its_power_lies() -> None:
+    for texture in (SINE, SQUARE, GRATING):
+        assert texture.frequency(60.0) == pytest.approx(30.0)
+        assert texture.frequency(120.0) == pytest.approx(60.0)
+    assert Texture.profile("sine", 0.3, 0.4, 0.05, repeats=True).frequency(60.0) == pytest.approx(
+        20.0
+    )
+    assert Texture.profile([(0, 0.3), (1, 0.3)]).frequency(60.0) == 0.0
+    noise = np.random.default_rng(1).integers(2000, 6000, 4000).tolist()
+    white = Texture(TextureTable(Axis.POSITION, False, 0, 20_000, tuple(noise)))
+    # Up to 25 periods per mm alike, 1500 Hz at 60 mm/s.
+    assert white.frequency(60.0) == pytest.approx(750.0, rel=0.1)
+
+
+def test_a_texture_that_is_too_fast_to_be_followed_is_warned_of(bench: Stimulator) -> None:
+    fine = Texture.grating(0.4, 0.3, 0.4)
+    with pytest.warns(UserWarning, match=r"^half of the texture is above 125 Hz at 50 mm/s, and"):
+        bench.texture = fine
+    assert bench.texture == fine
+    bench.finger.stroke(2, speed="0.04 m/s")
+    bench.texture = fine
+    bench.finger.stroke(2, speed=300.0)
+    with pytest.warns(UserWarning, match=r"above 150 Hz at 300 mm/s, .* up to 110 Hz: make it c"):
+        bench.texture = SINE
+    with pytest.warns(UserWarning, match=r"above 200 Hz, and the COF follows up to 110 Hz"):
+        bench.texture = Texture.profile([(0, 0.3), (0.0025, 0.4), (0.005, 0.3)], repeats=True)
+
+
+def test_the_bound_of_the_warning_is_the_lowest_bandwidth_of_the_page() -> None:
+    page = Path(__file__).parents[2] / "docs" / "explanation" / "bandwidth.md"
+    rows = [
+        line.split("|")[3:-1]
+        for line in page.read_text("utf-8").splitlines()
+        if line.startswith("| texture") and "(" in line and line.count("|") == 6
+    ]
+    medians = [float(cell.strip(" >").split(" (")[0]) for row in rows for cell in row]
+    assert len(medians) == 12
+    assert min(medians) == FOLLOWED_HZ
 
 
 @pytest.mark.parametrize("shape", ["square", "sine"])
