@@ -1,9 +1,12 @@
 """The skin between bone and plate: mass, spring, damper, and friction of the Dahl type.
 
 ``skin_mass v' = k stretch + b (v_bone - v) - F z``, ``stretch' = v_bone - v``,
-``z' = (v - |v| z)/relaxation_length``. A step is implicit (backward Euler) in all three; the
-equation for the new v is monotone and quadratic on each side of 0, so it is solved in closed form
-and the step is stable at any length. Only the dependence of F on v is taken from the last step.
+``z' = (v - |v| z)/relaxation_length``. A step is implicit (backward Euler) in all three. The
+equation for the new v is monotone and quadratic on each side of 0, so it is solved in closed form.
+
+F is that of the v before the step, so its dependence on v is explicit. While F is constant a step
+is stable at any length. A full slide (z = 1) is stable only while
+``dF/dv < 2 skin_mass/step + b + k step/2``; beyond that v swings from step to step.
 """
 
 from __future__ import annotations

@@ -94,6 +94,23 @@ def test_agrees_with_the_differential_equations():
     assert fine < 0.3 * coarse
 
 
+@pytest.mark.parametrize(("share", "swings"), [(0.98, False), (1.02, True)])
+@pytest.mark.parametrize("length", [0.05e-3, STEP])
+def test_a_friction_that_rises_steeply_with_speed_swings_from_step_to_step(share, swings, length):
+    subject = SUBJECTS[1]
+    mass, stiffness = subject.skin_mass, subject.skin_stiffness
+    bound = 2.0 * mass / length + subject.skin_damping + 0.5 * stiffness * length
+    step = skin_step(skin_of(subject), length, 0.05, BARE)
+    v, stretch, z = 0.0501, BARE / stiffness, 1.0
+    for _ in range(1000):
+        F = max(0.0, BARE + share * bound * (abs(v) - 0.05))
+        v, stretch, z, _ = slide(step, v, stretch, z, F)
+    following, *_ = slide(step, v, stretch, z, max(0.0, BARE + share * bound * (abs(v) - 0.05)))
+    assert (abs(following - v) > 1e-3) is swings
+    if not swings:
+        assert v == pytest.approx(0.05, rel=1e-6)
+
+
 @given(
     subject=st.sampled_from(
         [*SUBJECTS, *(draw_finger(5, number, Case()).subject for number in range(10))]
