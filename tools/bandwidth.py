@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import textures
-from pages import EXPLANATION, Pages, columns, filled, made
+from pages import EXPLANATION, Pages, columns, made, renewed
 
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.bench.textures import Texture, track
@@ -364,13 +364,13 @@ def pages(draw: bool) -> Pages:
     if draw:
         picture(found)
     fields = {
-        "EDGES": edges(found),
-        "ANSWERS": answers(found),
-        "STAGES": stages(found),
-        "GRATINGS": gratings(),
-        "FELT": felt(),
+        "edges": edges(found),
+        "answers": answers(found),
+        "stages": stages(found),
+        "gratings": gratings(),
+        "felt": felt(),
     }
-    return {EXPLANATION / "bandwidth.md": filled(__file__, fields)}
+    return renewed(EXPLANATION / "bandwidth.md", fields)
 
 
 if __name__ == "__main__":
