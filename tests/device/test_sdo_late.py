@@ -328,7 +328,10 @@ class NodeThatIsAway(RuleBasedStateMachine):
         for _ in range(1000):
             self.send(1)
             self.hear(1)
+            if self.client is None:
+                break
         assert self.client is None
+        self.send(200)
         assert self.device.od["Mode"].value == 0
 
 
