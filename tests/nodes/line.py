@@ -120,6 +120,15 @@ def plate_inside(*, lockstep: bool = False, **presets: int) -> tuple[Line, Stimu
     return Line(node, lockstep=lockstep), node
 
 
+def ready_inside(*, lockstep: bool = False, **presets: int) -> tuple[Line, StimulatorNode]:
+    """A stimulator with the plate inside, tared, so that it can be armed."""
+    line, node = plate_inside(lockstep=lockstep, **presets)
+    line.nmt(START)
+    _ = line.sync(70) if lockstep else line.advance(70)
+    assert node.block.state is State.READY
+    return line, node
+
+
 def both_nodes(
     deadline_ms: int = 3, front_end: Any = None
 ) -> tuple[Line, PlateNode, StimulatorNode]:

@@ -3,8 +3,8 @@
 import struct
 
 import pytest
-from driven import MASTER, STATE, driven, write, write_entry
-from line import START, Line, plate_inside
+from driven import MASTER, STATE, driven, reset_fault, write, write_entry
+from line import START, Line, plate_inside, ready_inside
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.device import Device
@@ -46,11 +46,9 @@ def test_a_master_that_boots_again_is_gone_at_once() -> None:
     assert rig.state is State.FAULT
     assert rig.stage.read() == 0
     assert only_fault(rig) == 1 << Watchdog.HEARTBEAT
-    assert write(rig, "Controlword", 0) == 0
-    assert write(rig, "Controlword", 0x80) == STATE, "it was not heard since"
+    assert reset_fault(rig) == STATE, "it was not heard since"
     rig.cycle(100)
-    assert write(rig, "Controlword", 0) == 0
-    assert write(rig, "Controlword", 0x80) == 0
+    assert reset_fault(rig) == 0
 
 
 @pytest.mark.parametrize("state", [PREOP, STOPPED])
@@ -61,11 +59,9 @@ def test_a_master_that_has_left_operational_is_gone_after_a_second(state: int) -
     assert rig.stage.read() == 0
     assert only_fault(rig) == 1 << Watchdog.HEARTBEAT
     say(rig, state)
-    assert write(rig, "Controlword", 0) == 0
-    assert write(rig, "Controlword", 0x80) == STATE
+    assert reset_fault(rig) == STATE
     say(rig, OPERATIONAL)
-    assert write(rig, "Controlword", 0) == 0
-    assert write(rig, "Controlword", 0x80) == 0
+    assert reset_fault(rig) == 0
 
 
 def test_a_master_that_passes_through_pre_operational_is_not_gone() -> None:
@@ -99,8 +95,7 @@ def test_a_master_that_is_gone_is_forgotten_with_its_watch() -> None:
     say(rig, BOOT_UP)
     assert rig.state is State.FAULT
     assert write_entry(rig, rig.od.entry(0x1016, 1), 0) == 0
-    assert write(rig, "Controlword", 0) == 0
-    assert write(rig, "Controlword", 0x80) == 0
+    assert reset_fault(rig) == 0
 
 
 def watch() -> tuple[Clock, Commander, set[Watchdog]]:
@@ -176,11 +171,7 @@ def test_a_first_watch_does_not_stand_for_guarding_that_is_lost() -> None:
 
 
 def ready(**presets: int) -> tuple[Line, StimulatorNode]:
-    line, node = plate_inside(**({"Drive_unwatched": 0} | presets))
-    line.nmt(START)
-    line.advance(80)
-    assert node.block.state is State.READY
-    return line, node
+    return ready_inside(**({"Drive_unwatched": 0} | presets))
 
 
 def arm(line: Line, node: StimulatorNode) -> int:
@@ -209,9 +200,7 @@ def test_what_kept_it_from_arming_is_told_until_it_arms() -> None:
 
 
 def test_in_lockstep_the_master_is_the_time() -> None:
-    line, node = plate_inside(lockstep=True)
-    line.nmt(START)
-    line.sync(80)
+    line, node = ready_inside(lockstep=True)
     assert node.od["Drive unwatched"].value == 0
     assert arm(line, node) == 0
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import pytest
 from driven import STATE, driven, write, write_entry
-from line import plate_inside
+from line import ready_inside
 
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.host.faulty_bus import FrameFault
@@ -268,9 +268,7 @@ def test_it_holds_without_a_bus_as_well() -> None:
 
 
 def test_the_life_time_of_the_guarding_is_a_watch() -> None:
-    line, node = plate_inside()
-    line.nmt(1)
-    line.advance(80)
+    line, node = ready_inside()
     od = node.od
     assert line.write_entry(node, od.entry(0x100C), 100) == OK
     assert line.write_entry(node, od.entry(0x100D), 3) == OK

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 from driven import MASTER, STATE, driven_within, reset_fault
-from line import PREOP, START, Line, measurement, plate_alone, plate_inside
+from line import PREOP, START, Line, measurement, plate_alone, ready_inside
 
 from smarttac_can.bench.simulation import PLATE_ID, stimulator_od
 from smarttac_can.device.frame import Frame
@@ -20,9 +20,7 @@ OPEN_LOOP = 1
 
 
 def running_inside(**presets: int) -> tuple[Line, StimulatorNode]:
-    line, node = plate_inside(**presets)
-    line.nmt(START)
-    line.advance(80)
+    line, node = ready_inside(**presets)
     line.write(node, "Setpoint.Voltage", 2000)
     line.run(node, OPEN_LOOP)
     return line, node
@@ -85,9 +83,7 @@ def test_a_node_that_hears_sync_and_no_measurement_stands_not_still() -> None:
 
 
 def test_what_was_missed_before_the_run_is_no_fault() -> None:
-    line, node = plate_inside()
-    line.nmt(START)
-    line.advance(80)
+    line, node = ready_inside()
     sleep_through(node, 5, 1)
     line.run(node, OPEN_LOOP)
     line.advance(3000)
@@ -95,9 +91,7 @@ def test_what_was_missed_before_the_run_is_no_fault() -> None:
 
 
 def test_what_is_missed_while_armed_is_no_fault_then_or_in_the_run() -> None:
-    line, node = plate_inside()
-    line.nmt(START)
-    line.advance(80)
+    line, node = ready_inside()
     assert line.write(node, "Controlword", 1) == 0
     sleep_through(node, 5, 3)
     assert node.od["Diagnosis.Latched"].value == 0

@@ -20,7 +20,7 @@ from line import (
     emergencies,
     ids,
     measurement,
-    plate_inside,
+    ready_inside,
     stage,
     stimulator_alone,
 )
@@ -58,9 +58,7 @@ TWO = (
 
 
 def test_the_message_says_what_to_do_about_a_double_before_anything_is_armed() -> None:
-    line, node = plate_inside()
-    line.nmt(START)
-    line.advance(80)
+    line, node = ready_inside()
     assert node.od["Message"].value == ""
     line.send(Frame(0x720, b"\5"))
     assert node.block.state is State.NOT_READY
@@ -73,9 +71,7 @@ def test_the_message_says_what_to_do_about_a_double_before_anything_is_armed() -
 
 
 def test_the_message_of_the_first_fault_stays_whatever_a_double_does() -> None:
-    line, node = plate_inside()
-    line.nmt(START)
-    line.advance(80)
+    line, node = ready_inside()
     line.run(node, 1)
     node.bus_off()
     node.bus_recovered()
@@ -183,9 +179,7 @@ def test_a_frame_with_an_identifier_of_the_stimulator_ends_a_run(frame: Frame) -
 
 
 def test_a_plate_inside_is_at_0_v_too() -> None:
-    line, node = plate_inside()
-    line.nmt(START)
-    line.advance(70)
+    line, node = ready_inside()
     assert line.write(node, "Setpoint.Voltage", 2000) == 0
     line.run(node, OPEN_LOOP)
     line.advance(5)

@@ -14,6 +14,7 @@ from line import (
     ids,
     measurement,
     plate_inside,
+    ready_inside,
 )
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
@@ -27,9 +28,7 @@ STATE = 0x08000022
 
 
 def driving(mode: int = AMPLITUDE) -> tuple[Line, StimulatorNode]:
-    line, node = plate_inside()
-    line.nmt(START)
-    line.advance(70)
+    line, node = ready_inside()
     assert line.write(node, "Setpoint.Amplitude", 1000) == 0
     line.run(node, mode)
     line.advance(20)
@@ -128,9 +127,7 @@ def test_reset_communication_keeps_the_application() -> None:
 
 
 def test_a_simulated_finger_by_sdo() -> None:
-    line, node = plate_inside()
-    line.nmt(START)
-    line.advance(70)
+    line, node = ready_inside()
     assert line.write(node, "Finger.Motion", 2) == STATE, "there is no recording"
     for name, raw in (("Finger.Motion", 1), ("Finger.Force", 800), ("Simulation.Subject", 4)):
         assert line.write(node, name, raw) == 0
