@@ -40,6 +40,8 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
+from smarttac_can.plant.finger import Finger, GuidedFinger
+from smarttac_can.vocabulary.meanings import RECORDED as GUIDED
 from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS
 
@@ -72,25 +74,32 @@ def know_nulls(od: ObjectDictionary, nulls: Iterable[float]) -> None:
         entry.default = entry.value = entry.counts(text)
 
 
-def od_and_plate() -> tuple[ObjectDictionary, PlateBlock]:
+def od_and_plate(recording: Finger | None = None) -> tuple[ObjectDictionary, PlateBlock]:
     """Return the object dictionary of a stimulator that knows the nulls of a plate, and the plate.
 
     A tare under a finger is refused then, as after a calibration.
+
+    Parameters
+    ----------
+    recording
+        The finger of motion 2, if there is one.
     """
-    od, plate = stimulator_od(), PlateBlock(plate_od())
+    od, plate = stimulator_od(), PlateBlock(plate_od(), recording)
     know_nulls(od, plate.plate.nulls)
     return od, plate
 
 
-def simulated_block(presets: Mapping[str, int]) -> StimulatorBlock:
+def simulated_block(presets: Mapping[str, int], recording: Finger | None = None) -> StimulatorBlock:
     """Return a stimulator with the plate inside and no CANopen, at the start of a run.
 
     Parameters
     ----------
     presets
         Raw values by name that replace defaults of the EDS.
+    recording
+        The finger of motion 2, if there is one.
     """
-    block = StimulatorBlock(*od_and_plate())
+    block = StimulatorBlock(*od_and_plate(recording))
     for name, raw in presets.items():
         block.write(name, raw)
     block.start_run()
@@ -177,6 +186,13 @@ def open_simulated_link(
         lockstep=True,
         timeout=0.0,
     )
+
+
+def open_guided_link() -> tuple[LocalLink, ObjectDictionary, GuidedFinger]:
+    """Open a simulation without a bus whose finger is guided, and return that finger as well."""
+    finger = GuidedFinger()
+    block = simulated_block({"Finger.Motion": GUIDED}, finger)
+    return LocalLink(block), block.od, finger
 
 
 def raw_presets(presets: Mapping[str, int | str], *, seed: int, subject: int) -> dict[str, int]:

@@ -13,7 +13,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.scaling import QuantisedOnDemand, Quantiser
 from smarttac_can.plant.faults import Fault
-from smarttac_can.plant.finger import Finger, Lifted, Stroke, Trajectory
+from smarttac_can.plant.finger import Finger, Lifted, Stroke
 from smarttac_can.plant.fitted import FITTED
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
@@ -53,7 +53,7 @@ class SimulatedPlate:
     cause: FaultCode | None = None
     trouble = ""
 
-    def __init__(self, od: ObjectDictionary, recording: Trajectory | None = None) -> None:
+    def __init__(self, od: ObjectDictionary, recording: Finger | None = None) -> None:
         self._od = od
         self._recording = recording
         self._of_weight = [
@@ -225,7 +225,7 @@ class PlateBlock:
     def __init__(
         self,
         od: ObjectDictionary,
-        recording: Trajectory | None = None,
+        recording: Finger | None = None,
         front_end: TimedPlate | None = None,
     ) -> None:
         require_caps(od, PLATE_CAPS)

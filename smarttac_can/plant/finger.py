@@ -16,6 +16,8 @@ _STROKE_STREAM = 0x57
 _LEAST_SAMPLES = 2
 _RAMP_SHARE = 0.2
 """Length of the turning ramp of a pass, as a share of its travel at full speed."""
+_LIFTED_N = 1e-3
+"""Normal force in N below which a guided finger does not touch."""
 SAMPLE_RANGES = (("time", 0.0, 1e9), ("x", -38e-3, 38e-3), ("Fn", 0.0, 10.0))
 """Bounds of the columns of a recording, in s, m and N."""
 
@@ -266,3 +268,67 @@ class Trajectory:
         t1, x1, Fn1 = self._samples[number]
         share = (time - t0) / (t1 - t0)
         return FingerState(x0 + (x1 - x0) * share, Fn0 + (Fn1 - Fn0) * share)
+
+
+class GuidedFinger:
+    """A finger that a hand guides: it follows a goal that may be set at any time.
+
+    Position and normal force go to the goal as a critically damped second-order system does, so
+    that steps of the goal, which a mouse makes, are no blows.
+
+    Parameters
+    ----------
+    lag
+        Time constant in s, 0.001..1.
+    """
+
+    __slots__ = ("_goal", "_lag", "_now", "_rates", "_time")
+
+    def __init__(self, lag: float = 0.02) -> None:
+        require("lag", lag, 1e-3, 1.0)
+        self._lag = lag
+        self._goal = FingerState(0.0, 0.0)
+        self._start(0.0)
+
+    def guide(self, x: float, Fn: float) -> None:
+        """Set where the finger is to be in m from the middle, and its normal force in N.
+
+        Raises
+        ------
+        ValueError
+            If x is outside +-0.038, or Fn outside 0..10; the goal is then unchanged.
+        """
+        for (name, low, high), value in zip(SAMPLE_RANGES[1:], (x, Fn), strict=True):
+            require(name, value, low, high)
+        self._goal = FingerState(x, Fn)
+
+    def _start(self, time: float) -> None:
+        self._time = time
+        self._now = FingerState(self._goal.x, 0.0)
+        self._rates = (0.0, 0.0)
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s; one before the last one asked for begins a new run."""
+        if time < self._time:
+            self._start(time)
+        goal, now, rates = self._goal, self._now, self._rates
+        if now.Fn < _LIFTED_N:
+            # A lifted finger is where it comes down.
+            now, rates = FingerState(goal.x, now.Fn), (0.0, rates[1])
+        x, x_rate = _approached(now.x, rates[0], goal.x, time - self._time, self._lag)
+        Fn, Fn_rate = _approached(now.Fn, rates[1], goal.Fn, time - self._time, self._lag)
+        self._time = time
+        self._now = FingerState(x, 0.0 if Fn < _LIFTED_N and not goal.Fn else Fn)
+        self._rates = (x_rate, Fn_rate)
+        return self._now
+
+
+def _approached(
+    value: float, rate: float, goal: float, elapsed: float, lag: float
+) -> tuple[float, float]:
+    """Return value and rate of a critically damped approach after a time."""
+    away = value - goal
+    pull = rate + away / lag
+    decay = math.exp(-elapsed / lag)
+    rest = (away + pull * elapsed) * decay
+    return goal + rest, pull * decay - rest / lag

@@ -15,6 +15,7 @@ from textual.widgets import Input, Static
 
 from smarttac_can.bench import BenchError, Stimulator
 from smarttac_can.bench.errors import in_shell_words
+from smarttac_can.watch.commands import HINT, obey
 from smarttac_can.watch.listener import Listener
 from smarttac_can.watch.watcher import Peer, View, Watcher
 
@@ -31,15 +32,6 @@ _STEPS: Final = " ▁▂▃▄▅▆▇█"
 _NOTHING: Final = "-"
 _EDGE: Final = 14
 """Columns that label and value take in front of a bar."""
-_SET_POINTS: Final = {
-    "amplitude": "amplitude UM",
-    "voltage": "voltage V",
-    "frequency": "frequency HZ",
-    "boundary": "boundary MM",
-}
-_USAGES: Final = {"mode": "mode NAME", "cof": "cof C [C]", **_SET_POINTS, "reset": "reset"}
-HINT: Final = ", ".join(_USAGES.values())
-_SIDES: Final = 2
 
 
 class WatchScreen(App[None]):
@@ -323,50 +315,3 @@ def _finger(view: View, width: int) -> str:
 def _place(position_mm: float, width: int) -> int:
     share = (position_mm + _HALF_PLATE_MM) / (2.0 * _HALF_PLATE_MM)
     return min(max(round(share * (width - 1)), 0), width - 1)
-
-
-def obey(stimulator: Stimulator, text: str) -> str:
-    """Do what a line asks for.
-
-    Parameters
-    ----------
-    stimulator
-        Connected.
-    text
-        Such as ``cof 0.3 0.4`` or ``boundary 5000 um``.
-
-    Returns
-    -------
-    str
-        What was done.
-
-    Raises
-    ------
-    ValueError
-        If it is no such line.
-    BenchError
-        If the stimulator refuses, or does not answer.
-    """
-    name, *arguments = text.split() or [""]
-    if name == "mode" and len(arguments) == 1:
-        stimulator.mode = arguments[0]
-    elif name == "reset" and not arguments:
-        stimulator.reset_fault()
-    elif name == "cof" and 1 <= len(arguments) <= _SIDES:
-        values = [_given(argument) for argument in arguments]
-        stimulator.cof = values if len(values) == _SIDES else values[0]
-    elif name in _SET_POINTS and arguments:
-        setattr(stimulator, name, _given(" ".join(arguments)))
-    elif name in _USAGES:
-        raise ValueError(f"{text.strip()!r} is not of the form: {_USAGES[name]}")
-    else:
-        raise ValueError(f"{text!r} is none of: {HINT}")
-    return f"done: {text.strip()}"
-
-
-def _given(text: str) -> float | str:
-    """Return a number, or what a set-point of the bench takes as a text with its unit."""
-    try:
-        return float(text)
-    except ValueError:
-        return text

@@ -149,7 +149,7 @@ class Watcher:
             self._published.remap({}, now)
         if now >= self._next_sample:
             self._next_sample = now + _SAMPLE_S
-            values = self._values(self._published.at(now), PUBLISHED)
+            values = _values(self._od, self._published.at(now), PUBLISHED)
             self._history.append((values.get("Contact.COF"), values.get("Contact.COF reference")))
         shown = self._published.last("Statusword")
         frames = self._stop.frames(now, shown, self._nodes[0].rested)
@@ -177,18 +177,13 @@ class Watcher:
         seen = self._published.at(now)
         read = self._raw_read(now)
         load, rate = self._load.at(now)
-        return View(
+        return view_of(
+            self._od,
+            seen,
+            read,
             peers=tuple(node.at(now) for node in self._nodes),
             notes=tuple(self._notes(now)),
-            state=_state(seen),
-            mode=_mode(seen),
-            flags=tuple(spoken(flag) for flag in Status if seen.get("Statusword", 0) & flag),
-            values=self._values(seen, PUBLISHED) | self._values(read, READ),
             cycle_rate=self._cycle_rate if "Cycle.Cycles" in read else None,
-            latched=tuple(
-                WATCHDOGS[watchdog].text.partition(":")[0]
-                for watchdog in watchdogs_in(read.get("Diagnosis.Latched", 0))
-            ),
             emergencies=tuple(
                 Emergency(now - at, node_id, code, emergency_text(code))
                 for at, node_id, code in self._emergencies
@@ -218,20 +213,6 @@ class Watcher:
         if self._reader is not None and self._reader.silent:
             yield f"node {peer.node_id} does not answer SDO: set-points and counts are missing"
 
-    def _values(self, raw: Mapping[str, int], units: Mapping[str, str]) -> dict[str, float]:
-        values = {
-            name: raw[name] * self._od[name].unit.in_unit(unit)
-            for name, unit in units.items()
-            if name in raw
-        }
-        for cof in ("Contact.COF", "Contact.COF reference"):
-            if not values.get(cof):
-                # 0 stands for none.
-                values.pop(cof, None)
-        if not raw.get("Statusword", 0) & Status.TOUCHING:
-            values.pop("Contact.Position", None)
-        return values
-
     def _raw_read(self, now: float) -> dict[str, int]:
         reader = self._reader
         if reader is None:
@@ -257,20 +238,6 @@ class Watcher:
             if self._cycles is not None and count >= self._cycles[1]:
                 self._cycle_rate = (count - self._cycles[1]) / (at - self._cycles[0])
             self._cycles = at, count
-
-
-def _state(seen: Mapping[str, int]) -> str:
-    if "Statusword" not in seen:
-        return ""
-    state = known_state(seen["Statusword"])
-    return "unknown" if state is None else spoken(state)
-
-
-def _mode(seen: Mapping[str, int]) -> str:
-    if "Mode display" not in seen:
-        return ""
-    number = seen["Mode display"]
-    return spoken(Mode(number)) if number in list(Mode) else f"number {number}"
 
 
 class Peer(NamedTuple):
@@ -340,6 +307,76 @@ class View(NamedTuple):
     """Share of the last second in which the bus was busy, with all stuff bits there may be."""
     frame_rate: float
     """Frames in the last second."""
+
+
+def view_of(
+    od: ObjectDictionary,
+    seen: Mapping[str, int],
+    read: Mapping[str, int],
+    *,
+    peers: tuple[Peer, ...] = (),
+    notes: tuple[str, ...] = (),
+    cycle_rate: float | None = None,
+    emergencies: tuple[Emergency, ...] = (),
+    history: tuple[tuple[float | None, float | None], ...] = (),
+    bus_load: float = 0.0,
+    frame_rate: float = 0.0,
+) -> View:
+    """Return the view of raw values of a stimulator, with what else is known.
+
+    Parameters
+    ----------
+    od
+        EDS of the stimulator.
+    seen, read
+        Raw values by name, of the objects that it publishes and of those that are read.
+    """
+    return View(
+        peers=peers,
+        notes=notes,
+        state=_state(seen),
+        mode=_mode(seen),
+        flags=tuple(spoken(flag) for flag in Status if seen.get("Statusword", 0) & flag),
+        values=_values(od, seen, PUBLISHED) | _values(od, read, READ),
+        cycle_rate=cycle_rate,
+        latched=tuple(
+            WATCHDOGS[watchdog].text.partition(":")[0]
+            for watchdog in watchdogs_in(read.get("Diagnosis.Latched", 0))
+        ),
+        emergencies=emergencies,
+        history=history,
+        bus_load=bus_load,
+        frame_rate=frame_rate,
+    )
+
+
+def _values(
+    od: ObjectDictionary, raw: Mapping[str, int], units: Mapping[str, str]
+) -> dict[str, float]:
+    values = {
+        name: raw[name] * od[name].unit.in_unit(unit) for name, unit in units.items() if name in raw
+    }
+    for cof in ("Contact.COF", "Contact.COF reference"):
+        if not values.get(cof):
+            # 0 stands for none.
+            values.pop(cof, None)
+    if not raw.get("Statusword", 0) & Status.TOUCHING:
+        values.pop("Contact.Position", None)
+    return values
+
+
+def _state(seen: Mapping[str, int]) -> str:
+    if "Statusword" not in seen:
+        return ""
+    state = known_state(seen["Statusword"])
+    return "unknown" if state is None else spoken(state)
+
+
+def _mode(seen: Mapping[str, int]) -> str:
+    if "Mode display" not in seen:
+        return ""
+    number = seen["Mode display"]
+    return spoken(Mode(number)) if number in list(Mode) else f"number {number}"
 
 
 class HeardNode:

@@ -20,8 +20,9 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
+from smarttac_can.watch.commands import HINT, obey
 from smarttac_can.watch.listener import Listener
-from smarttac_can.watch.screen import HINT, WatchScreen, obey
+from smarttac_can.watch.screen import WatchScreen
 from smarttac_can.watch.watcher import Watcher
 
 BUSY_MACHINE = 50

@@ -1,0 +1,64 @@
+"""What a person may ask of a stimulator in a line, on any face of it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from smarttac_can.bench import Stimulator
+
+_SET_POINTS: Final = {
+    "amplitude": "amplitude UM",
+    "voltage": "voltage V",
+    "frequency": "frequency HZ",
+    "boundary": "boundary MM",
+}
+_USAGES: Final = {"mode": "mode NAME", "cof": "cof C [C]", **_SET_POINTS, "reset": "reset"}
+HINT: Final = ", ".join(_USAGES.values())
+_SIDES: Final = 2
+
+
+def obey(stimulator: Stimulator, text: str) -> str:
+    """Do what a line asks for.
+
+    Parameters
+    ----------
+    stimulator
+        Connected.
+    text
+        Such as ``cof 0.3 0.4`` or ``boundary 5000 um``.
+
+    Returns
+    -------
+    str
+        What was done.
+
+    Raises
+    ------
+    ValueError
+        If it is no such line.
+    BenchError
+        If the stimulator refuses, or does not answer.
+    """
+    name, *arguments = text.split() or [""]
+    if name == "mode" and len(arguments) == 1:
+        stimulator.mode = arguments[0]
+    elif name == "reset" and not arguments:
+        stimulator.reset_fault()
+    elif name == "cof" and 1 <= len(arguments) <= _SIDES:
+        values = [_given(argument) for argument in arguments]
+        stimulator.cof = values if len(values) == _SIDES else values[0]
+    elif name in _SET_POINTS and arguments:
+        setattr(stimulator, name, _given(" ".join(arguments)))
+    elif name in _USAGES:
+        raise ValueError(f"{text.strip()!r} is not of the form: {_USAGES[name]}")
+    else:
+        raise ValueError(f"{text!r} is none of: {HINT}")
+    return f"done: {text.strip()}"
+
+
+def _given(text: str) -> float | str:
+    """Return a number, or what a set-point of the bench takes as a text with its unit."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
