@@ -56,7 +56,7 @@ def loaded_by(statement: str) -> set[str]:
     return set(run.stdout.split())
 
 
-HEAVY = {"cantools", "h5py", "matplotlib", "numba", "textual"}
+HEAVY = {"aiohttp", "cantools", "h5py", "matplotlib", "numba", "textual"}
 
 
 @pytest.mark.parametrize("face", ["commissioning", "host", "master"])

@@ -45,7 +45,7 @@ PACKAGE: Final = Path(__file__).resolve().parent.parent / "smarttac_can"
 FACES: Final = (
     "bench", "vocabulary", "nodes", "host", "device", "od", "master", "plant", "control",
     "commissioning", "conformance", "paper", "population", "campaign", "trials", "timing", "audit",
-    "replay", "watch",
+    "replay", "watch", "panel",
 )  # fmt: skip
 """From what most people import to what fewest do; a name that several have is of the first."""
 

@@ -12,7 +12,14 @@ _SET_POINTS: Final = {
     "frequency": "frequency HZ",
     "boundary": "boundary MM",
 }
-_USAGES: Final = {"mode": "mode NAME", "cof": "cof C [C]", **_SET_POINTS, "reset": "reset"}
+_USAGES: Final = {
+    "mode": "mode NAME",
+    "cof": "cof C [C]",
+    **_SET_POINTS,
+    "law": "law NAME",
+    "slot": "slot N",
+    "reset": "reset",
+}
 HINT: Final = ", ".join(_USAGES.values())
 _SIDES: Final = 2
 
@@ -42,6 +49,10 @@ def obey(stimulator: Stimulator, text: str) -> str:
     name, *arguments = text.split() or [""]
     if name == "mode" and len(arguments) == 1:
         stimulator.mode = arguments[0]
+    elif name == "law" and len(arguments) == 1:
+        stimulator.law = arguments[0]
+    elif name == "slot" and len(arguments) == 1 and arguments[0].isdecimal():
+        stimulator.texture_slot = int(arguments[0])
     elif name == "reset" and not arguments:
         stimulator.reset_fault()
     elif name == "cof" and 1 <= len(arguments) <= _SIDES:

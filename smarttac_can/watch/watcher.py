@@ -47,6 +47,7 @@ READ: Final = {
     "Cycle.Cycles": "",
     "Diagnosis.Latched": "",
     "Setpoint.Voltage": "V",
+    "Setpoint.Frequency": "Hz",
     "Setpoint.Amplitude": "um",
     "Setpoint.COF left": "",
     "Setpoint.COF right": "",

@@ -1,0 +1,5 @@
+"""A panel in the browser for a simulated bench, or a stimulator on a bus. Needs aiohttp."""
+
+from smarttac_can.panel.instrument import BusInstrument, Instrument, SimulatedBench
+
+__all__ = ["BusInstrument", "Instrument", "SimulatedBench"]

@@ -1,0 +1,368 @@
+"""What a panel shows and drives, in a thread of its own: a simulated bench, or a bus.
+
+Nothing here waits for the server. The server may stall, and a page may fall silent: the thread of
+the instrument sees that its driver was not heard for `LAPSE_S`, and goes to 0 V by itself. If the
+thread stalls, a simulation stands still, and on a bus the heartbeat of the process, or that of the
+bench for which it speaks, is what the stimulator watches.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from time import monotonic
+from typing import Final, NamedTuple
+
+from smarttac_can.bench import BenchError, Stimulator, Texture
+from smarttac_can.bench.link import Row
+from smarttac_can.bench.simulation import open_guided_link
+from smarttac_can.host.background import Background
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.vocabulary.faults import PICKUP, PICKUP_Q, THERMOMETER, FaultKind
+from smarttac_can.vocabulary.meanings import FAULT_KIND
+from smarttac_can.watch.commands import obey
+from smarttac_can.watch.listener import Listener
+from smarttac_can.watch.watcher import PUBLISHED, READ, View, Watcher, view_of
+
+LAPSE_S: Final = 0.8
+"""A driver that is not heard for so long drives no more. The heartbeat of a bench has 1 s."""
+_END_S: Final = 5.0
+_SIMULATED_S: Final = 0.01
+_HEARD_S: Final = 0.02
+_CYCLE_S: Final = 1e-3
+_MOST_CYCLES: Final = 100
+"""What a simulation makes up for at once; a machine that is slower lets its time pass slower."""
+_PLANE: Final = ("Vibration.W_d", "Vibration.W_q")
+_FAULTS: Final[Mapping[str, tuple[FaultKind, int, int]]] = {
+    "a gauge is stuck": (FaultKind.STUCK, 3, 0),
+    "a gauge is dead": (FaultKind.DEAD, 4, 0),
+    "the pick-up is dead": (FaultKind.DEAD, PICKUP_Q, 0),
+    "the pick-up reads a fifth": (FaultKind.GAIN, PICKUP, 200),
+    "the thermometer is at its end": (FaultKind.SATURATED, THERMOMETER, 1),
+    "the plate is at 80 degC": (FaultKind.TEMPERATURE, 1, 8000),
+    "the plate cracks": (FaultKind.RESONANCE_SHIFT, 1, -3000),
+    "the finger slams": (FaultKind.SLAM, 1, 8000),
+    "the power stage is stuck": (FaultKind.STAGE_STUCK, 1, 14_000),
+}
+"""What a person can break: kind, sensor and value of the fault."""
+FAULTS: Final = tuple(_FAULTS)
+_TEXTURES: Final = ((10.0, 0.2, 0.35, "square"), (20.0, 0.2, 0.35, "sine"))
+"""Period in mm, lowest and highest COF, and shape of the textures of a simulated bench."""
+_STROKE_WORDS: Final = 3
+
+
+class Lease:
+    """Who drives, for as long as he is heard; safe in any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._who: object = None
+        self._heard = 0.0
+
+    def take(self, who: object, now: float) -> bool:
+        """Have somebody drive from a time in s on, unless another one does; whether he drives."""
+        with self._lock:
+            if self._who is None:
+                self._who, self._heard = who, now
+            return self._who is who
+
+    def hear(self, who: object, now: float) -> None:
+        """Note that somebody was heard at a time in s."""
+        with self._lock:
+            if self._who is who:
+                self._heard = now
+
+    def drop(self, who: object) -> bool:
+        """Have somebody drive no more; whether he did."""
+        with self._lock:
+            dropped = self._who is who
+            if dropped:
+                self._who = None
+            return dropped
+
+    def held_by(self, who: object) -> bool:
+        """Return whether somebody drives."""
+        with self._lock:
+            return self._who is who
+
+    def lapse(self, now: float) -> bool:
+        """Drop who was not heard for `LAPSE_S` before a time in s; whether somebody was dropped."""
+        with self._lock:
+            lapsed = self._who is not None and now - self._heard > LAPSE_S
+            if lapsed:
+                self._who = None
+            return lapsed
+
+
+class Seen(NamedTuple):
+    """What an instrument showed at one instant."""
+
+    at: float
+    """In s of `time.monotonic`."""
+    view: View
+    plane: tuple[float, float] | None = None
+    """W_d and W_q in um peak-to-peak, where they are known."""
+
+
+class Instrument(Background, ABC):
+    """An instrument in a thread of its own while its block lasts.
+
+    Parameters
+    ----------
+    where
+        Name of what it is on.
+    od
+        EDS of the stimulator.
+    drives
+        Whether it takes commands at all.
+    pause
+        Longest time between two steps in s.
+
+    Attributes
+    ----------
+    lease
+        Who may command it.
+    seen
+        What it showed last; None at the beginning.
+    said
+        What became of the last command.
+    """
+
+    simulated = False
+
+    def __init__(self, where: str, od: ObjectDictionary, *, drives: bool, pause: float) -> None:
+        super().__init__("instrument", self._go, self._call_off, _END_S)
+        self.where, self.od, self.drives = where, od, drives
+        self.lease = Lease()
+        self.seen: Seen | None = None
+        self.said = ""
+        self._pause = pause
+        self._over = False
+        self._wake = threading.Event()
+        self._stopping = threading.Event()
+        self._waiting: tuple[object, str] | None = None
+
+    def stop(self, why: str = "stop") -> None:
+        """Go to 0 V, whatever else is being done or waits; from any thread."""
+        if self.drives:
+            self._waiting = None
+            self.said = why
+            self._stopping.set()
+            self._wake.set()
+
+    def leave(self, who: object) -> None:
+        """Go to 0 V if somebody drives who is no longer there."""
+        if self.lease.drop(who):
+            self.stop("the page that drove has left: stopped")
+
+    def command(self, who: object, text: str) -> None:
+        """Have a line obeyed if its sender drives, one at a time; the answer is `said`."""
+        if not self.lease.held_by(who):
+            self.said = f"{text}: not done, this page does not drive"
+        elif self._busy() or self._stopping.is_set():
+            self.said = f"{text}: not done, the last one is not done yet"
+        else:
+            self._waiting = (who, text)
+            self._wake.set()
+
+    def guide(self, who: object, x_mm: float, force: float) -> None:
+        """Have the finger of a simulation go to a place in mm with a force in N.
+
+        Raises
+        ------
+        ValueError
+            If one is out of range.
+        """
+
+    def _busy(self) -> bool:
+        return self._waiting is not None
+
+    def _take(self) -> tuple[object, str] | None:
+        waiting, self._waiting = self._waiting, None
+        return waiting
+
+    def _go(self) -> None:
+        while not self._over:
+            self._wake.clear()
+            now = monotonic()
+            if self.lease.lapse(now):
+                self.stop(f"the page that drove was not heard for {LAPSE_S:g} s: stopped")
+            self.step(now)
+            self._wake.wait(self._pause)
+
+    def _call_off(self) -> None:
+        self._over = True
+        self._wake.set()
+
+    @abstractmethod
+    def step(self, now: float) -> None:
+        """Go on to a time in s."""
+
+
+class SimulatedBench(Instrument):
+    """A stimulator with its plate inside this process, at the pace of the clock.
+
+    It has no bus, and opens none. A `GuidedFinger` is on the plate.
+    """
+
+    simulated = True
+
+    def __init__(self) -> None:
+        link, od, self._finger = open_guided_link()
+        super().__init__("a simulated bench", od, drives=True, pause=_SIMULATED_S)
+        self._link = link
+        self._stimulator = Stimulator(link, od)
+        for slot, (period, low, high, shape) in enumerate(_TEXTURES, 1):
+            self._stimulator.texture_slot = slot
+            self._stimulator.texture = Texture.grating(period, low, high, shape=shape)
+        self._stimulator.texture_slot = 1
+        self._simulated_to: float | None = None
+
+    def guide(self, who: object, x_mm: float, force: float) -> None:
+        """As for any instrument."""
+        if self.lease.held_by(who):
+            self._finger.guide(x_mm * 1e-3, force)
+
+    def leave(self, who: object) -> None:
+        """As for any instrument; the finger is lifted."""
+        if self.lease.held_by(who):
+            self._finger.guide(0.0, 0.0)
+        super().leave(who)
+
+    def step(self, now: float) -> None:
+        """Disarm if that was asked for, do what else was, and simulate the time that has passed."""
+        waiting = self._take()
+        if self._stopping.is_set():
+            self._stopping.clear()
+            self._stimulator.disarm()
+        elif waiting is not None and self.lease.held_by(waiting[0]):
+            self.said = _answer(partial(self._obey, waiting[1]))
+        if self._simulated_to is None:
+            self._simulated_to = now
+        cycles = min(round((now - self._simulated_to) / _CYCLE_S), _MOST_CYCLES)
+        self._simulated_to = max(
+            self._simulated_to + cycles * _CYCLE_S, now - _MOST_CYCLES * _CYCLE_S
+        )
+        rows: list[Row] = []
+        self._link.run(cycles, rows, self._stopping.is_set)
+        self.seen = self._look(now)
+
+    def _look(self, now: float) -> Seen:
+        read = self._link.read
+        seen = {name: read(name) for name in (*PUBLISHED, "Statusword", "Mode display")}
+        view = view_of(self.od, seen, {name: read(name) for name in READ})
+        d, q = (read(name) * self.od[name].unit.in_unit("um") for name in _PLANE)
+        return Seen(now, view, (d, q))
+
+    def _obey(self, text: str) -> str:
+        name, *arguments = text.split() or [""]
+        stimulator = self._stimulator
+        if name == "hand" and not arguments:
+            self._finger.guide(0.0, 0.0)
+            stimulator.finger.play_recording()
+            self._start_run()
+        elif name == "stroke" and len(arguments) == _STROKE_WORDS:
+            subject, force, speed = arguments
+            stimulator.finger.stroke(int(subject), force=float(force), speed=float(speed))
+            self._start_run()
+        elif name == "break":
+            self._break(text.partition(" ")[2])
+        elif name == "mend" and not arguments:
+            stimulator.set(FAULT_KIND, int(FaultKind.NONE))
+        else:
+            return obey(stimulator, text)
+        return f"done: {text.strip()}"
+
+    def _start_run(self) -> None:
+        self._stimulator.disarm()
+        self._stimulator.start_run()
+
+    def _break(self, what: str) -> None:
+        if what not in _FAULTS:
+            raise ValueError(f"{what!r} is none of: {', '.join(FAULTS)}")
+        kind, sensor, value = _FAULTS[what]
+        of_fault = {"Fault.Sensor": sensor, "Fault.Value": value, "Fault.Delay in cycles": 0}
+        for name, raw in of_fault.items():
+            self._stimulator.set(name, raw)
+        self._stimulator.set(FAULT_KIND, int(kind))
+
+
+class BusInstrument(Instrument):
+    """A stimulator on a bus, as a `Watcher` has it.
+
+    Parameters
+    ----------
+    where
+        Name of the bus.
+    od
+        EDS of the stimulator.
+    watcher
+        What is shown.
+    listener
+        Where its frames come from, running.
+    stimulator
+        What is driven; None to look on only. A thread of its own waits for its answers.
+    """
+
+    def __init__(
+        self,
+        where: str,
+        od: ObjectDictionary,
+        watcher: Watcher,
+        listener: Listener,
+        stimulator: Stimulator | None = None,
+    ) -> None:
+        super().__init__(where, od, drives=stimulator is not None, pause=_HEARD_S)
+        self._watcher, self._listener = watcher, listener
+        self._stimulator = stimulator
+        self._worker = ThreadPoolExecutor(1, "drive")
+        self._doing: Future[str] | None = None
+
+    def step(self, now: float) -> None:
+        """Take what was heard, send what is due, and follow what is being done."""
+        waiting = self._take()
+        if self._stopping.is_set():
+            self._stopping.clear()
+            self._watcher.stop()
+        elif waiting is not None:
+            self._doing = self._worker.submit(self._obey, *waiting)
+        watcher = self._watcher
+        watcher.lost = self._listener.lost
+        for at, frame in self._listener.heard():
+            watcher.receive(at, frame)
+        if self._doing is not None and watcher.stopping:
+            # What is being done must not arm behind the stop's back.
+            watcher.stop()
+        if self._doing is not None and self._doing.done():
+            self.said = self._doing.result()
+            self._doing = None
+        for frame in watcher.advance(now):
+            self._listener.send(frame)
+        self.seen = Seen(now, watcher.view(now))
+
+    def _busy(self) -> bool:
+        return super()._busy() or self._doing is not None or self._watcher.stopping
+
+    def _obey(self, who: object, text: str) -> str:
+        stimulator = self._stimulator
+        if stimulator is None or not self.lease.held_by(who):
+            return f"{text}: not done, its page does not drive"
+        return _answer(partial(obey, stimulator, text))
+
+    def _go(self) -> None:
+        try:
+            super()._go()
+        finally:
+            self._worker.shutdown()
+
+
+def _answer(do: Callable[[], str]) -> str:
+    """Do something, and return what became of it, as a line that a page only shows."""
+    try:
+        said = do()
+    except (BenchError, ValueError) as error:
+        said = str(error)
+    return "".join(c if c.isprintable() else "?" for c in said)

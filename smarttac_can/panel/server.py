@@ -1,0 +1,303 @@
+"""The server of a panel: one page, and a WebSocket for each that is open. Needs aiohttp.
+
+The server sends a numbered update, and no other one until the page has answered that it shows this
+one. What has not been sent then is never sent: nothing queues. The same answer is the sign of life
+of the page that drives: see `Instrument`.
+
+Who may do what:
+
+* Any page of this server looks on. A request whose Host is not this server's, or a WebSocket whose
+  Origin is not, is refused: it comes from a page of somebody else.
+* A page with the token may stop the instrument, and drive it while no other page does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from hmac import compare_digest
+from ipaddress import ip_address
+from math import isfinite
+from pathlib import Path
+from time import monotonic
+from typing import Any, Final
+
+from aiohttp import ClientConnectionError, WSMsgType, web
+
+from smarttac_can import __version__
+from smarttac_can.panel.instrument import FAULTS, Instrument
+from smarttac_can.vocabulary.meanings import spoken
+from smarttac_can.vocabulary.states import Law, Mode
+
+UPDATE_S: Final = 0.1
+_MOST_PAGES: Final = 8
+_MOST_BYTES: Final = 1000
+"""Of a message from a page."""
+_PING_S: Final = 10.0
+_SHUTDOWN_S: Final = 1.0
+_DIGITS: Final = 6
+_FILES: Final = {
+    "/": ("page.html", "text/html"),
+    "/page.css": ("page.css", "text/css"),
+    "/page.js": ("page.js", "text/javascript"),
+}
+_HEADERS: Final = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+_SET_POINTS: Final = (
+    ("cof left", "Setpoint.COF left", ""),
+    ("cof right", "Setpoint.COF right", ""),
+    ("amplitude", "Setpoint.Amplitude", "um"),
+    ("voltage", "Setpoint.Voltage", "V"),
+    ("frequency", "Setpoint.Frequency", "Hz"),
+    ("boundary", "Setpoint.Boundary", "mm"),
+)
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class _Page:
+    """A page that is open."""
+
+    def __init__(self) -> None:
+        self.trusted = False
+        """Whether it has shown the token."""
+        self.sent = 0
+        self.seen = 0
+
+
+class Panel:
+    """Shows an instrument to every page, and lets one with the token drive it.
+
+    Parameters
+    ----------
+    instrument
+        What is shown, running.
+    token
+        What a page shows to stop and to drive.
+    host
+        Name or address by which pages reach the server.
+    """
+
+    def __init__(self, instrument: Instrument, token: str, host: str) -> None:
+        self._instrument = instrument
+        self._token = token.encode()
+        self._hosts = {f"[{host}]" if ":" in host else host}
+        if _is_loopback(host):
+            self._hosts.add("localhost")
+        folder = Path(__file__).parent
+        self._files = {
+            place: ((folder / name).read_text("utf-8"), kind)
+            for place, (name, kind) in _FILES.items()
+        }
+        self._pages: set[web.WebSocketResponse] = set()
+
+    def app(self) -> web.Application:
+        """Return the application that serves it."""
+        app = web.Application(middlewares=[self._check])
+        for place in self._files:
+            app.router.add_get(place, self._file)
+        app.router.add_get("/live", self._live)
+        app.on_shutdown.append(self._close)
+        return app
+
+    @web.middleware
+    async def _check(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
+        """Refuse what a page of somebody else may have sent, by its name for this server."""
+        host = request.headers.get("Host", "")
+        name = host.rpartition(":")[0] if host[-1:] != "]" and ":" in host else host
+        if name not in self._hosts:
+            raise web.HTTPForbidden(text=f"Host {host!r} is not this panel's\n")
+        return await handler(request)
+
+    async def _file(self, request: web.Request) -> web.Response:
+        text, kind = self._files[request.path]
+        return web.Response(text=text, content_type=kind, headers=_HEADERS)
+
+    async def _live(self, request: web.Request) -> web.WebSocketResponse:
+        origin = request.headers.get("Origin", "")
+        if origin != f"http://{request.headers['Host']}":
+            raise web.HTTPForbidden(text=f"Origin {origin!r} is not this panel's\n")
+        if len(self._pages) >= _MOST_PAGES:
+            raise web.HTTPServiceUnavailable(text=f"{_MOST_PAGES} pages are open already\n")
+        socket = web.WebSocketResponse(
+            heartbeat=_PING_S, max_msg_size=_MOST_BYTES, compress=False, timeout=_SHUTDOWN_S
+        )
+        self._pages.add(socket)
+        page = _Page()
+        try:
+            await socket.prepare(request)
+            await socket.send_str(json.dumps(self._introduction()))
+            teller = asyncio.create_task(self._tell(socket, page))
+            try:
+                await self._hear(socket, page)
+            finally:
+                # First of all: what follows may wait for a page that is gone.
+                self._instrument.leave(page)
+                teller.cancel()
+                with suppress(asyncio.CancelledError):
+                    await teller
+        finally:
+            self._pages.discard(socket)
+        return socket
+
+    async def _hear(self, socket: web.WebSocketResponse, page: _Page) -> None:
+        async for message in socket:
+            if message.type is not WSMsgType.TEXT:
+                return
+            try:
+                self._do(page, _asked(message.data))
+            except (ValueError, KeyError, RecursionError) as error:
+                text = f"not understood: {error}".encode()[:100]
+                await socket.close(code=1008, message=text)
+                return
+
+    def _do(self, page: _Page, asked: Mapping[str, Any]) -> None:
+        """Do what a page asks for."""
+        instrument = self._instrument
+        do = asked["do"]
+        if do == "seen":
+            if page.seen != page.sent == asked["n"]:
+                page.seen = page.sent
+                instrument.lease.hear(page, monotonic())
+        elif do == "drive":
+            page.trusted = compare_digest(str(asked["token"]).encode(), self._token)
+            if not page.trusted:
+                raise ValueError("wrong token")
+            if instrument.drives:
+                instrument.lease.take(page, monotonic())
+        elif do == "release":
+            instrument.leave(page)
+        elif do == "stop":
+            if page.trusted:
+                instrument.stop()
+        elif do == "line":
+            instrument.command(page, str(asked["text"]))
+        elif do == "finger":
+            instrument.guide(page, _number(asked["x"]), _number(asked["force"]))
+        else:
+            raise ValueError(f"{do!r} is nothing a page does")
+
+    async def _tell(self, socket: web.WebSocketResponse, page: _Page) -> None:
+        """Send an update each `UPDATE_S`, unless the one before is not shown yet."""
+        with suppress(ClientConnectionError):
+            while not socket.closed:
+                if page.seen == page.sent:
+                    page.sent += 1
+                    await socket.send_str(json.dumps(self._update(page)))
+                await asyncio.sleep(UPDATE_S)
+
+    def _introduction(self) -> dict[str, Any]:
+        """Return what does not change: the first message."""
+        instrument = self._instrument
+        rows = []
+        for name, of_object, unit in _SET_POINTS:
+            entry = instrument.od[of_object]
+            low, high, step = (
+                round(counts * entry.unit.in_unit(unit), _DIGITS)
+                for counts in (entry.low, entry.high, 1)
+            )
+            rows.append(
+                {
+                    "name": name,
+                    "object": of_object,
+                    "unit": unit,
+                    "low": low,
+                    "high": high,
+                    "step": step,
+                }
+            )
+        return {
+            "version": __version__,
+            "where": instrument.where,
+            "simulated": instrument.simulated,
+            "drives": instrument.drives,
+            "set_points": rows,
+            "modes": [spoken(mode) for mode in Mode if mode is not Mode.OFF],
+            "laws": [law.name.lower() for law in Law],
+            "faults": FAULTS if instrument.simulated else (),
+        }
+
+    def _update(self, page: _Page) -> dict[str, Any]:
+        instrument = self._instrument
+        update: dict[str, Any] = {
+            "n": page.sent,
+            "drives": instrument.lease.held_by(page),
+            "trusted": page.trusted,
+            "said": instrument.said,
+        }
+        seen = instrument.seen
+        if seen is not None:
+            view = seen.view
+            update |= {
+                "t": round(seen.at, 3),
+                "age": round(monotonic() - seen.at, 3),
+                "state": view.state,
+                "mode": view.mode,
+                "flags": view.flags,
+                "latched": view.latched,
+                "notes": view.notes,
+                "values": {name: round(value, _DIGITS) for name, value in view.values.items()},
+                "plane": seen.plane,
+                "peers": [(peer.name, peer.node_id, peer.nmt) for peer in view.peers],
+                "emergencies": [
+                    (round(emergency.ago, 1), emergency.node_id, emergency.text)
+                    for emergency in view.emergencies
+                ],
+                "bus_load": None if instrument.simulated else round(view.bus_load, 4),
+                "frame_rate": view.frame_rate,
+            }
+        return update
+
+    async def _close(self, _app: web.Application) -> None:
+        for socket in list(self._pages):
+            await socket.close(code=1001, message=b"the panel ends")
+
+
+async def serve(panel: Panel, host: str, port: int, told: Callable[[int], None]) -> None:
+    """Serve a panel until the task is cancelled.
+
+    Parameters
+    ----------
+    host, port
+        Where it listens; port 0 is any that is free.
+    told
+        Called with the port as soon as it listens.
+
+    Raises
+    ------
+    OSError
+        If it cannot listen there.
+    """
+    runner = web.AppRunner(panel.app(), access_log=None, shutdown_timeout=_SHUTDOWN_S)
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, host, port).start()
+        told(runner.addresses[0][1])
+        await asyncio.Event().wait()
+    finally:
+        await runner.cleanup()
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _asked(data: str) -> Mapping[str, Any]:
+    asked = json.loads(data)
+    if not isinstance(asked, dict):
+        raise ValueError("no object")
+    return asked
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise ValueError(f"{value!r} is no number")
+    return float(value)
