@@ -192,6 +192,9 @@ class Instrument(Background, ABC):
                 self.stop(f"the page that drove was not heard for {LAPSE_S:g} s: stopped")
             self.step(now)
             self._wake.wait(self._pause)
+        self.stop("the panel has ended: stopped")
+        # Two cycles on, so that a simulation shows it.
+        self.step(monotonic() + 2.0 * _CYCLE_S)
 
     def _call_off(self) -> None:
         self._over = True
@@ -243,9 +246,8 @@ class SimulatedBench(Instrument):
         if self._simulated_to is None:
             self._simulated_to = now
         cycles = min(round((now - self._simulated_to) / _CYCLE_S), _MOST_CYCLES)
-        self._simulated_to = max(
-            self._simulated_to + cycles * _CYCLE_S, now - _MOST_CYCLES * _CYCLE_S
-        )
+        slow = cycles == _MOST_CYCLES
+        self._simulated_to = now if slow else self._simulated_to + cycles * _CYCLE_S
         rows: list[Row] = []
         self._link.run(cycles, rows, self._stopping.is_set)
         self.seen = self._look(now)

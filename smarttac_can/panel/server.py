@@ -161,7 +161,7 @@ class Panel:
         instrument = self._instrument
         do = asked["do"]
         if do == "seen":
-            if page.seen != page.sent == asked["n"]:
+            if asked["n"] == page.sent != page.seen:
                 page.seen = page.sent
                 instrument.lease.hear(page, monotonic())
         elif do == "drive":

@@ -1,0 +1,223 @@
+"""A simulated bench stepped by hand: who may drive it, and how soon it is at 0 V."""
+
+import pytest
+from pages import voltage
+
+from smarttac_can.panel.instrument import FAULTS, LAPSE_S, Lease, SimulatedBench
+
+ME, OTHER = object(), object()
+
+
+class ByHand:
+    """A bench whose time is made here, driven by `ME`."""
+
+    def __init__(self) -> None:
+        self.bench = SimulatedBench()
+        self.now = 100.0
+        self.bench.lease.take(ME, self.now)
+        self.bench.step(self.now)
+
+    def go_on(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.01)):
+            self.now += 0.01
+            self.bench.step(self.now)
+
+    def line(self, text: str) -> str:
+        self.bench.command(ME, text)
+        self.go_on(0.02)
+        return self.bench.said
+
+    def value(self, name: str) -> float | None:
+        assert self.bench.seen is not None
+        return self.bench.seen.view.values.get(name)
+
+    @property
+    def state(self) -> str:
+        assert self.bench.seen is not None
+        return self.bench.seen.view.state
+
+
+@pytest.fixture
+def by_hand() -> ByHand:
+    made = ByHand()
+    made.go_on(0.3)
+    return made
+
+
+def test_one_drives_until_he_is_not_heard() -> None:
+    lease = Lease()
+    assert lease.take(ME, 1.0)
+    assert not lease.take(OTHER, 1.0)
+    lease.hear(OTHER, 5.0)
+    assert not lease.lapse(1.0 + LAPSE_S)
+    lease.hear(ME, 1.5)
+    assert not lease.lapse(1.5 + LAPSE_S)
+    assert lease.held_by(ME)
+    assert lease.lapse(1.51 + LAPSE_S)
+    assert not lease.held_by(ME)
+    assert not lease.drop(ME)
+    assert lease.take(OTHER, 9.0)
+    assert lease.drop(OTHER)
+
+
+def test_the_heartbeat_s_time_is_kept() -> None:
+    assert LAPSE_S < 1.0
+
+
+@pytest.mark.parametrize("idle_ms", [0, 1, 3, 9])
+def test_a_stop_is_0_v_two_cycles_later_at_most(by_hand: ByHand, idle_ms: int) -> None:
+    """However long the bench has slept when the stop comes."""
+    by_hand.line("voltage 40")
+    by_hand.line("mode open_loop")
+    by_hand.go_on(0.1)
+    assert voltage(by_hand.bench) == 40.0
+    by_hand.now += idle_ms * 1e-3
+    by_hand.bench.stop()
+    by_hand.now += 2e-3
+    by_hand.bench.step(by_hand.now)
+    assert voltage(by_hand.bench) == 0.0
+    assert by_hand.state == "ready"
+
+
+def test_a_stop_ends_what_is_being_simulated(by_hand: ByHand) -> None:
+    by_hand.line("voltage 40")
+    by_hand.line("mode open_loop")
+    by_hand.go_on(0.1)
+    cycles = by_hand.value("Cycle.Cycles")
+    assert cycles is not None
+
+    class Late:
+        """A stop that comes in the third cycle of a batch."""
+
+        asked = 0
+
+        def __call__(self) -> bool:
+            self.asked += 1
+            if self.asked == 3:
+                by_hand.bench.stop()
+            return by_hand.bench._stopping.is_set()
+
+    rows: list[tuple[int, ...]] = []
+    by_hand.bench._link.run(50, rows, Late())
+    assert len(rows) == 2
+    by_hand.now += 2e-3
+    by_hand.bench.step(by_hand.now)
+    assert voltage(by_hand.bench) == 0.0
+    now = by_hand.value("Cycle.Cycles")
+    assert now is not None
+    assert now - cycles == 4
+
+
+def test_a_stop_takes_back_what_waits(by_hand: ByHand) -> None:
+    by_hand.bench.command(ME, "mode open_loop")
+    by_hand.bench.stop()
+    by_hand.go_on(0.1)
+    assert by_hand.state == "ready"
+    assert by_hand.bench.said == "stop"
+
+
+def test_only_who_drives_commands_and_guides(by_hand: ByHand) -> None:
+    by_hand.bench.command(OTHER, "mode open_loop")
+    by_hand.bench.guide(OTHER, 5.0, 1.0)
+    by_hand.go_on(0.2)
+    assert by_hand.state == "ready"
+    assert by_hand.bench.said == "mode open_loop: not done, this page does not drive"
+    assert by_hand.value("Contact.Normal force") == pytest.approx(0.0, abs=0.02)
+
+
+def test_what_waits_is_not_done_for_who_has_left(by_hand: ByHand) -> None:
+    by_hand.bench.command(ME, "mode open_loop")
+    by_hand.bench.lease.drop(ME)
+    by_hand.go_on(0.1)
+    assert by_hand.state == "ready"
+
+
+def test_one_line_at_a_time(by_hand: ByHand) -> None:
+    by_hand.bench.command(ME, "voltage 40")
+    by_hand.bench.command(ME, "voltage 50")
+    assert by_hand.bench.said == "voltage 50: not done, the last one is not done yet"
+    by_hand.go_on(0.02)
+    assert by_hand.bench.said == "done: voltage 40"
+
+
+def test_the_finger_goes_where_it_is_guided_and_lifts_with_its_driver(by_hand: ByHand) -> None:
+    by_hand.line("cof 0.3 0.2")
+    by_hand.line("mode friction")
+    for step in range(200):
+        by_hand.bench.guide(ME, -10.0 + 0.05 * step, 0.5)
+        by_hand.go_on(0.01)
+    assert by_hand.value("Contact.Normal force") == pytest.approx(0.5, abs=0.03)
+    assert by_hand.value("Contact.Position") == pytest.approx(0.0, abs=1.0)
+    assert by_hand.value("Contact.COF") == pytest.approx(0.3, abs=0.06)
+    with pytest.raises(ValueError, match=r"x 0\.05 is outside"):
+        by_hand.bench.guide(ME, 50.0, 0.5)
+    by_hand.bench.leave(ME)
+    by_hand.go_on(0.2)
+    assert by_hand.value("Contact.Normal force") == pytest.approx(0.0, abs=0.02)
+    assert by_hand.bench.said == "the page that drove has left: stopped"
+
+
+def test_a_stroke_and_the_hand_begin_new_runs_at_0_v(by_hand: ByHand) -> None:
+    by_hand.line("voltage 40")
+    by_hand.line("mode open_loop")
+    assert by_hand.line("stroke 2 0.6 80") == "done: stroke 2 0.6 80"
+    assert by_hand.state != "running"
+    by_hand.go_on(1.0)
+    assert by_hand.value("Contact.Normal force") == pytest.approx(0.6, abs=0.03)
+    assert by_hand.line("hand") == "done: hand"
+    by_hand.go_on(0.3)
+    assert by_hand.value("Contact.Normal force") == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_is_broken_is_0_v_and_says_why(by_hand: ByHand, fault: str) -> None:
+    by_hand.bench.guide(ME, 0.0, 0.5)
+    by_hand.line("amplitude 1")
+    by_hand.line("mode amplitude_resonance")
+    by_hand.go_on(0.3)
+    assert by_hand.state == "running"
+    assert by_hand.line(f"break {fault}") == f"done: break {fault}"
+    by_hand.go_on(0.5)
+    assert by_hand.state == "fault"
+    assert voltage(by_hand.bench) == 0.0
+    assert by_hand.bench.seen is not None
+    assert by_hand.bench.seen.view.latched
+    by_hand.line("mend")
+    by_hand.go_on(3.0)
+    assert by_hand.line("reset") == "done: reset"
+    assert by_hand.state == "ready"
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("break glass", "'glass' is none of: a gauge is stuck"),
+        ("dance", "'dance' is none of: mode NAME"),
+        ("cof 9", "COF"),
+        ("stroke x 1 1", "invalid literal"),
+        ("slot x", "'slot x' is not of the form: slot N"),
+    ],
+)
+def test_nonsense_is_answered(by_hand: ByHand, text: str, answer: str) -> None:
+    said = by_hand.line(text)
+    assert answer in said
+    assert not said.startswith("done")
+    assert by_hand.state == "ready"
+
+
+def test_laws_and_textures_are_chosen(by_hand: ByHand) -> None:
+    assert by_hand.line("law predictive") == "done: law predictive"
+    assert by_hand.line("slot 2") == "done: slot 2"
+    assert by_hand.line("mode texture") == "done: mode texture"
+    assert by_hand.state == "running"
+
+
+def test_a_machine_that_slept_does_not_make_up_for_it(by_hand: ByHand) -> None:
+    before = by_hand.value("Cycle.Cycles")
+    assert before is not None
+    by_hand.now += 3600.0
+    by_hand.bench.step(by_hand.now)
+    by_hand.go_on(0.1)
+    after = by_hand.value("Cycle.Cycles")
+    assert after is not None
+    assert after - before == 200

@@ -1,0 +1,332 @@
+"""The real server on loopback, and pages that look, drive, fall silent, die and attack."""
+
+import asyncio
+import json
+import time
+
+import pytest
+from aiohttp import WSServerHandshakeError
+from pages import GUARD_S, HEARTBEAT_S, TOKEN, Browser, Page, browse, seconds_to_0_v, voltage
+
+from smarttac_can.panel.instrument import SimulatedBench
+from smarttac_can.panel.server import UPDATE_S
+
+ATTEMPTS = 4
+"""In one of which a busy machine lets the thread of the instrument have its turn in time."""
+LEFT = "the page that drove has left: stopped"
+
+
+def test_a_page_shows_what_the_instrument_shows() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.session.get(browser.url) as answer:
+            text = await answer.text()
+            assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
+        assert 'src="page.js"' in text
+        for name in ("page.js", "page.css"):
+            async with browser.session.get(f"{browser.url}/{name}") as answer:
+                assert "http://" not in (await answer.text()).replace("http://localhost", "")
+        async with browser.page() as page:
+            assert page.introduction["simulated"]
+            assert page.introduction["set_points"][2] == {
+                "name": "amplitude",
+                "object": "Setpoint.Amplitude",
+                "unit": "um",
+                "low": 0.0,
+                "high": 3.0,
+                "step": 0.001,
+            }
+            await page.until(lambda: page.now.get("state") == "ready")
+            assert not page.now["drives"]
+
+    browse(SimulatedBench(), script)
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", ""])
+def test_another_host_s_name_is_refused(host: str) -> None:
+    """A name of the attacker's that leads to this computer (DNS rebinding)."""
+
+    async def script(browser: Browser) -> None:
+        for path in ("/", "/page.js", "/live"):
+            async with browser.session.get(browser.url + path, headers={"Host": host}) as answer:
+                assert answer.status in (400, 403)
+
+    browse(SimulatedBench(), script)
+
+
+def test_the_name_localhost_is_this_computer_s() -> None:
+    async def script(browser: Browser) -> None:
+        host = f"localhost:{browser.port}"
+        async with browser.session.get(browser.url, headers={"Host": host}) as answer:
+            assert answer.status == 200
+        async with browser.page(Host=host, Origin=f"http://{host}"):
+            pass
+
+    browse(SimulatedBench(), script)
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "", "http://127.0.0.1:1", "https://127.0.0.1"]
+)
+def test_a_page_of_another_origin_has_no_socket(origin: str) -> None:
+    async def script(browser: Browser) -> None:
+        with pytest.raises(WSServerHandshakeError) as refused:
+            async with browser.page(Origin=origin):
+                pass
+        assert refused.value.status == 403
+
+    browse(SimulatedBench(), script)
+
+
+def test_without_the_token_nothing_is_driven_or_stopped() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as driver, browser.page() as other:
+            await driver.run_open_loop()
+            await other.send(do="stop")
+            await other.send(do="line", text="mode off")
+            await other.send(do="finger", x=0.0, force=2.0)
+            await other.send(do="release")
+            await asyncio.sleep(0.3)
+            assert voltage(bench) == 40.0
+            await other.send(do="drive", token="guess")
+            while not other.socket.closed:
+                await asyncio.sleep(0.01)
+            assert other.socket.close_code == 1008
+            assert voltage(bench) == 40.0
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    ["", "[]", "{}", "[" * 900, '{"do": "dance"}', '{"do": "finger", "x": "1", "force": 1}',
+     '{"do": "finger", "x": NaN, "force": 1}', '{"do": "finger", "x": 1e9, "force": 1}',
+     '{"do": "seen"}', '{"do": "drive"}', "x" * 5000],
+)  # fmt: skip
+def test_a_page_that_talks_nonsense_is_closed_and_stopped(nonsense: str) -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            await page.run_open_loop()
+            await page.socket.send_str(nonsense)
+            await seconds_to_0_v(bench)
+        async with browser.page() as page:
+            await page.drive()
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_one_page_drives() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as first, browser.page() as second:
+            await first.run_open_loop()
+            await second.send(do="drive", token=TOKEN)
+            await second.send(do="line", text="voltage 80")
+            await second.until(lambda: "does not drive" in second.now["said"])
+            assert not second.now["drives"]
+            assert voltage(bench) == 40.0
+            await second.send(do="stop")
+            await seconds_to_0_v(bench)
+            await first.send(do="release")
+            await second.until(lambda: not first.now["drives"])
+            await second.run_open_loop()
+            await first.send(do="release")
+            await asyncio.sleep(0.2)
+            assert voltage(bench) == 40.0
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_a_page_too_many_is_refused() -> None:
+    async def script(browser: Browser) -> None:
+        pages = [browser.page() for _ in range(8)]
+        for page in pages:
+            await page.__aenter__()
+        with pytest.raises(WSServerHandshakeError) as refused:
+            async with browser.page():
+                pass
+        assert refused.value.status == 503
+        for page in pages:
+            await page.__aexit__(None, None, None)
+        async with browser.page():
+            pass
+
+    browse(SimulatedBench(), script)
+
+
+# A driver that is gone: 0 V within the time of the heartbeat.
+
+
+def test_a_closed_tab_is_0_v_at_once() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            await page.run_open_loop()
+            await page.socket.close()
+            await seconds_to_0_v(bench)
+            assert bench.said == LEFT
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_a_dead_browser_is_0_v_at_once() -> None:
+    """Its system closes the connection without a word."""
+
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            await page.run_open_loop()
+            connection = page.socket._response.connection
+            assert connection is not None
+            assert connection.transport is not None
+            connection.transport.abort()
+            await seconds_to_0_v(bench)
+            assert bench.said == LEFT
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_a_laptop_that_sleeps_is_0_v_within_the_heartbeat_s_time() -> None:
+    """Its connection stays, and it drives no more when it wakes."""
+
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            for _ in range(ATTEMPTS):
+                await page.run_open_loop()
+                page.silent = True
+                took = await seconds_to_0_v(bench)
+                page.silent = False
+                await page.answer()
+                await page.send(do="line", text="mode open_loop")
+                await page.until(lambda: "does not drive" in page.now["said"])
+                assert voltage(bench) == 0.0
+                if took <= HEARTBEAT_S:
+                    return
+        pytest.fail(f"0 V after {took} s")
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_an_answer_to_an_older_update_is_no_sign_of_life() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            await page.run_open_loop()
+            page.silent = True
+            number = page.numbers[-1]
+
+            async def repeat() -> None:
+                while True:
+                    await page.send(do="seen", n=number - 1)
+                    await asyncio.sleep(0.02)
+
+            repeating = asyncio.create_task(repeat())
+            await seconds_to_0_v(bench)
+            repeating.cancel()
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_a_stalled_server_is_0_v_within_the_heartbeat_s_time() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            for _ in range(ATTEMPTS):
+                await page.run_open_loop()
+                begun = time.monotonic()
+                while voltage(bench):  # in the server's own loop, which does nothing else
+                    time.sleep(0.002)
+                    assert time.monotonic() < begun + GUARD_S
+                assert bench.seen is not None
+                took = bench.seen.at - begun
+                await page.until(lambda: not page.now["drives"])
+                assert "was not heard for 0.8 s" in page.now["said"]
+                if took <= HEARTBEAT_S:
+                    return
+        pytest.fail(f"0 V after {took} s")
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_two_panels_of_one_process_are_two_benches() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            await page.run_open_loop()
+            assert voltage(bench) == 40.0
+            assert voltage(other) == 0.0
+
+    bench, other = SimulatedBench(), SimulatedBench()
+    with other:
+        while other.seen is None:
+            time.sleep(0.01)
+        browse(bench, script)
+
+
+# Updates
+
+
+def test_late_updates_are_dropped_and_never_queued() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            page.silent = True
+            await asyncio.sleep(0.3)
+            held = len(page.numbers)
+            before = page.now["t"]
+            await asyncio.sleep(1.0)
+            assert len(page.numbers) == held
+            await page.answer()
+            await page.until(lambda: len(page.numbers) == held + 1)
+            assert page.now["t"] - before > 1.0
+            await asyncio.sleep(0.3)
+            assert len(page.numbers) == held + 1
+
+    browse(SimulatedBench(), script)
+
+
+def test_a_page_that_does_not_read_holds_nobody_up() -> None:
+    async def script(browser: Browser) -> None:
+        headers = {"Origin": browser.url}
+        async with (
+            browser.session.ws_connect(f"{browser.url}/live", headers=headers),
+            browser.page() as page,
+        ):
+            count = len(page.numbers)
+            await asyncio.sleep(10 * UPDATE_S)
+            assert len(page.numbers) - count >= 3
+
+    browse(SimulatedBench(), script)
+
+
+def test_the_loop_of_the_bench_goes_on_without_a_page() -> None:
+    async def script(_browser: Browser) -> None:
+        assert bench.seen is not None
+        before = bench.seen.view.values["Cycle.Cycles"]
+        await asyncio.sleep(0.5)
+        assert bench.seen.view.values["Cycle.Cycles"] > before
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_a_server_that_ends_leaves_0_v() -> None:
+    async def script(browser: Browser) -> None:
+        page = browser.page()
+        driver: Page = await page.__aenter__()
+        await driver.run_open_loop()
+
+    bench = SimulatedBench()
+    browse(bench, script)
+    assert voltage(bench) == 0.0
+
+
+def test_what_is_sent_is_plain_json() -> None:
+    """No NaN, which a browser does not read."""
+
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            await page.until(lambda: page.now.get("state"))
+            json.dumps([page.now, page.introduction], allow_nan=False)
+
+    browse(SimulatedBench(), script)
