@@ -70,9 +70,9 @@ const setPointOf = name => $(`set ${name}`);
 function setPoint({name, unit, low, high, step}) {
   const label = document.createElement("label"), input = document.createElement("input");
   Object.assign(input, {type: "number", id: `set ${name}`, min: low, max: high, step});
-  input.onchange = () => input.value && line(name.startsWith("cof ") ?
-    `cof ${setPointOf("cof left").value} ${setPointOf("cof right").value}` :
-    `${name} ${input.value}`);
+  const before = {"cof left": "cof ", "cof right": "cof - "}[name] ?? `${name} `;
+  input.onchange = () =>
+    input.value && line(before + input.value + (name === "cof left" ? " -" : ""));
   const [caption, limits] = [name, `${unit} (${low} to ${high})`].map(text => {
     const made = document.createElement("span");
     made.textContent = text;

@@ -22,6 +22,8 @@ _USAGES: Final = {
 }
 HINT: Final = ", ".join(_USAGES.values())
 _SIDES: Final = 2
+_STAYS: Final = "-"
+"""What a line has for the COF of a side that is to stay."""
 
 
 def obey(stimulator: Stimulator, text: str) -> str:
@@ -32,7 +34,7 @@ def obey(stimulator: Stimulator, text: str) -> str:
     stimulator
         Connected.
     text
-        Such as ``cof 0.3 0.4`` or ``boundary 5000 um``.
+        Such as ``cof 0.3 0.4``, ``cof - 0.4`` or ``boundary 5000 um``.
 
     Returns
     -------
@@ -56,7 +58,11 @@ def obey(stimulator: Stimulator, text: str) -> str:
     elif name == "reset" and not arguments:
         stimulator.reset_fault()
     elif name == "cof" and 1 <= len(arguments) <= _SIDES:
-        values = [_given(argument) for argument in arguments]
+        present = stimulator.cof if _STAYS in arguments else (0.0, 0.0)
+        values = [
+            side if argument == _STAYS else _given(argument)
+            for argument, side in zip(arguments, present, strict=False)
+        ]
         stimulator.cof = values if len(values) == _SIDES else values[0]
     elif name in _SET_POINTS and arguments:
         setattr(stimulator, name, _given(" ".join(arguments)))

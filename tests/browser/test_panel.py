@@ -1,0 +1,234 @@
+"""A person at the panel: a real browser, a real mouse, the space bar, and what a laptop does."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from time import monotonic, sleep, time
+from urllib.parse import urlsplit
+
+import psutil
+import pytest
+from conftest import GUARD_S, MEASURED, Tab, chromium, served
+from nodes_on_a_bus import NodeProcess
+from selenium.webdriver.common.by import By
+
+from smarttac_can.bench.link import RECORDED, Row
+from smarttac_can.panel.instrument import SimulatedBench
+
+FIRST_USE_S = 30.0
+STOPS = 20
+MOST_CYCLES = 2
+HEARTBEAT_S = 1.0
+ATTEMPTS = 4
+"""In one of which a busy machine lets a thread have its turn in time."""
+TICK, VOLTAGE = (RECORDED.index(name) for name in ("Contact.Tick", "Vibration.Voltage"))
+
+
+def voltage(bench: SimulatedBench) -> float:
+    assert bench.seen is not None
+    return bench.seen.view.values["Vibration.Voltage"]
+
+
+def wait_for_0_v(bench: SimulatedBench) -> None:
+    guard = monotonic() + GUARD_S
+    while voltage(bench):
+        assert monotonic() < guard
+        sleep(0.002)
+
+
+def test_a_person_begins_with_the_command(tmp_path: Path) -> None:
+    """Within 30 s of the command the COF is changed and the plate stroked, without a network."""
+    begun = monotonic()
+    panel = NodeProcess("panel", "--port", "0")
+    try:
+        found = re.fullmatch(
+            r"panel of a simulated bench: (http://\S+)", panel.lines.get(timeout=GUARD_S)
+        )
+        assert found
+        with chromium(tmp_path) as tab:
+            tab.open(found[1])
+            tab.click("friction")
+            tab.enter("cof left", "0.3")
+            tab.enter("cof right", "0.2")
+            tab.stroke(1)
+            tab.until(lambda: "Contact.COF" in tab.values())
+            tab.until(lambda: tab.values()["Setpoint.COF right"] == 0.2)
+            assert tab.values()["Setpoint.COF left"] == 0.3
+            took = monotonic() - begun
+            tab.stroke(5)
+            tab.picture("panel")
+            tab.lift()
+            complaints = tab.driver.get_log("browser")
+            assert not complaints
+            asked = [
+                urlsplit(message["params"]["request"]["url"])
+                for entry in tab.driver.get_log("performance")
+                if (message := json.loads(entry["message"])["message"])["method"]
+                == "Network.requestWillBeSent"
+            ]
+            places = {url.netloc for url in asked if url.scheme.startswith("http")}
+            assert places == {urlsplit(found[1]).netloc}
+        MEASURED.append(f"from the command to a stroke: {took:.1f} s")
+        assert took <= FIRST_USE_S
+    finally:
+        status, _, complaint = panel.end()
+    assert (status, complaint) == (0, "")
+
+
+def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
+    with served(SimulatedBench()) as url:
+        browser.open(url)
+        browser.click("Strokes by itself")
+        browser.click("friction")
+        browser.until(lambda: browser.values().get("Contact.COF"))
+
+        def drawn() -> list[str]:
+            pictures: list[str] = browser.driver.execute_script(
+                "return [...document.querySelectorAll('canvas')].map(c => c.toDataURL())"
+            )
+            return pictures
+
+        before = drawn()
+        assert len(before) == 7  # plate, five charts, the d-q plane
+        browser.until(lambda: all(a != b for a, b in zip(before, drawn(), strict=True)))
+        browser.click("Pause")
+        held = drawn()
+        sleep(0.5)
+        assert drawn()[1:6] == held[1:6]
+        browser.click("Go on")
+        lines = browser.driver.execute_script("return csv()").splitlines()
+        assert lines[0].startswith(
+            "time (s),Contact.COF,Contact.COF reference,Vibration.Amplitude (um)"
+        )
+        times = [float(line.partition(",")[0]) for line in lines[1:]]
+        assert times[0] == 0.0
+        assert all(a < b for a, b in pairwise(times))
+        zoom = "charts.firstChild.dispatchEvent(new WheelEvent('wheel', {deltaY: -1}));"
+        assert browser.driver.execute_script(f"{zoom} return span") == pytest.approx(48.0)
+
+
+def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
+    bench = SimulatedBench()
+    with served(bench) as url:
+        browser.open(url)
+        browser.run_open_loop()
+        browser.click("a gauge is stuck")
+        wait_for_0_v(bench)
+        browser.until(
+            lambda: browser.text("alarm").startswith("FAULT: a sensor is stuck. It is at 0 V")
+        )
+        assert browser.text("state") == "fault"
+        browser.picture("fault")
+        browser.click("Mend")
+        sleep(0.5)
+        browser.click("Reset fault")
+        browser.until(lambda: browser.text("state") == "ready")
+        assert not browser.text("alarm")
+        browser.enter("amplitude", "99")
+        browser.until(lambda: "cannot write 99000 nm" in browser.text("said"))
+
+
+def test_the_space_bar_is_0_v_two_cycles_after_it_is_received(browser: Tab) -> None:
+    bench = SimulatedBench()
+    rows: list[Row] = []
+    received: list[tuple[float, int]] = []
+    zero_at: list[float] = []
+    run, stop = bench._link.run, bench.stop
+
+    def recorded(cycles: int, into: list[Row], interrupted: Callable[[], bool]) -> None:
+        run(cycles, into, interrupted)
+        rows.extend(into)
+        if len(zero_at) < len(received) and into and not into[-1][VOLTAGE]:
+            zero_at.append(time())
+
+    def noted(why: str = "stop") -> None:
+        if why == "stop":
+            received.append((time(), bench._link.read("Contact.Tick")))
+        stop(why)
+
+    bench._link.run = recorded  # type: ignore[method-assign]
+    bench.stop = noted  # type: ignore[method-assign]
+    pressed, cycles = [], []
+    with served(bench) as url:
+        browser.open(url)
+        browser.driver.execute_script(
+            "addEventListener('keydown', () => window.pressed = performance.timeOrigin "
+            "+ performance.now(), true)"
+        )
+        for number in range(1, STOPS + 1):
+            browser.run_open_loop()
+            browser.press_space()
+            browser.until(lambda: len(zero_at) == number)  # noqa: B023
+            pressed.append(browser.driver.execute_script("return window.pressed") / 1e3)
+            tick = received[-1][1]
+            after = [row for row in rows if 0 < (row[TICK] - tick) & 0xFFFF < 1000]
+            cycles.append(next(n for n, row in enumerate(after, 1) if not row[VOLTAGE]))
+            rows.clear()
+    took = [1e3 * (zero - press) for zero, press in zip(zero_at, pressed, strict=True)]
+    MEASURED.append(
+        f"from stop received to 0 V: {max(cycles)} cycles at most; from the key to 0 V: "
+        f"median of {STOPS} {median(took):.1f} ms, longest {max(took):.1f} ms"
+    )
+    assert max(cycles) <= MOST_CYCLES
+
+
+def test_a_closed_tab_stops_and_another_one_may_drive(browser: Tab) -> None:
+    bench = SimulatedBench()
+    driver = browser.driver
+    with served(bench) as url:
+        browser.open(url)
+        browser.run_open_loop()
+        first = driver.current_window_handle
+        driver.switch_to.new_window("tab")
+        second = driver.current_window_handle
+        browser.open(url)
+        assert browser.text("drive") == "Drive"
+        assert driver.find_element(By.ID, "driving").get_attribute("disabled")
+        assert voltage(bench) == 40.0
+        driver.switch_to.window(first)
+        driver.close()
+        driver.switch_to.window(second)
+        wait_for_0_v(bench)
+        assert bench.said == "the page that drove has left: stopped"
+        browser.click("Drive")
+        browser.run_open_loop()
+
+
+def test_a_browser_that_stands_still_or_dies_is_0_v(tmp_path: Path) -> None:
+    """A laptop that sleeps, and one whose browser is killed."""
+    bench = SimulatedBench()
+    with served(bench) as url, chromium(tmp_path) as tab:
+        tab.open(url)
+        service = tab.driver.service
+        assert service is not None
+        assert service.process is not None
+        family = psutil.Process(service.process.pid).children(recursive=True)
+        for _ in range(ATTEMPTS):
+            tab.until(lambda: tab.text("drive") == "You drive")
+            tab.run_open_loop()
+            for process in family:
+                process.send_signal(signal.SIGSTOP)
+            begun = monotonic()
+            wait_for_0_v(bench)
+            took = monotonic() - begun
+            assert "was not heard for 0.8 s" in bench.said
+            for process in family:
+                process.send_signal(signal.SIGCONT)
+            tab.until(lambda: tab.text("drive") == "Drive")
+            assert tab.text("state") == "ready"
+            tab.click("Drive")
+            if took <= HEARTBEAT_S:
+                break
+        else:
+            pytest.fail(f"0 V after {took} s")
+        tab.run_open_loop()
+        for process in family:
+            process.kill()
+        wait_for_0_v(bench)
+        assert bench.said == "the page that drove has left: stopped"
