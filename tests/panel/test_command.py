@@ -1,0 +1,217 @@
+"""``smarttac panel`` as a process: without a bus, on a bus, and what it refuses."""
+
+import asyncio
+import re
+import signal
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import Any
+
+import can
+import psutil
+import pytest
+from aiohttp import ClientSession
+from click.testing import CliRunner
+from nodes_on_a_bus import (
+    GUARD_S,
+    NodeProcess,
+    in_threads,
+    multicast_options,
+    stimulator_with_plate,
+)
+from pages import Browser, Page
+
+from smarttac_can.bench import Stimulator
+from smarttac_can.cli import main
+from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.vocabulary.states import Mode
+
+
+@pytest.fixture
+def node(multicast: dict[str, Any]) -> Iterator[StimulatorNode]:
+    """Run a node in a thread, which ends no run because the machine is busy."""
+    made = stimulator_with_plate(lockstep=False)
+    with in_threads(multicast, made, lockstep=False):
+        yield made
+
+
+async def shows(node: StimulatorNode, mode: Mode) -> None:
+    """Return once the node itself shows a mode; the bound is a guard."""
+    guard = monotonic() + GUARD_S
+    while node.od["Mode display"].value != mode:
+        assert monotonic() < guard, node.od["Message"].value
+        await asyncio.sleep(0.01)
+
+
+@contextmanager
+def panel(*options: str) -> Iterator[tuple[NodeProcess, str, int]]:
+    """Run the command; yields it with its token and port."""
+    process = NodeProcess("panel", "--port", "0", *options)
+    try:
+        said = process.lines.get(timeout=GUARD_S)
+        found = re.fullmatch(r"panel of .*: http://127\.0\.0\.1:(\d+)/#(\S{22})", said)
+        assert found, said
+        yield process, found[2], int(found[1])
+    finally:
+        process.end(signal.SIGKILL)
+
+
+def on_a_page(port: int, script: Callable[[Page], Awaitable[None]]) -> None:
+    async def run() -> None:
+        async with ClientSession() as session, Browser(session, port).page() as page:
+            await script(page)
+
+    asyncio.run(run())
+
+
+async def drive(page: Page, token: str) -> None:
+    await page.send(do="drive", token=token)
+    await page.until(lambda: page.now.get("drives") and page.now.get("state") == "ready")
+    for line in ("voltage 20", "mode open_loop"):
+        await page.line(line)
+    await page.until(lambda: page.now["state"] == "running")
+
+
+def refused(*options: str) -> str:
+    result = CliRunner().invoke(main, ["panel", *options])
+    assert result.exit_code in (1, 2)
+    return result.stderr.strip().splitlines()[-1]
+
+
+def test_a_simulated_bench_reaches_no_bus(
+    monkeypatch: pytest.MonkeyPatch, multicast: dict[str, Any]
+) -> None:
+    """Nor does one that finds a bus in python-can's configuration."""
+    for name in ("interface", "channel"):
+        monkeypatch.setenv(f"CAN_{name.upper()}", multicast[name])
+    monkeypatch.setenv("CAN_CONFIG", f'{{"port": {multicast["port"]}}}')
+    with can.Bus(**multicast) as bus, panel() as (process, token, port):
+
+        async def script(page: Page) -> None:
+            assert page.introduction["simulated"]
+            await drive(page, token)
+            sockets = psutil.Process(process.process.pid).net_connections("all")
+            tcp = {(each.laddr.ip, each.laddr.port) for each in sockets if each.laddr}
+            assert tcp == {("127.0.0.1", port)}
+
+        on_a_page(port, script)
+        assert bus.recv(0.2) is None
+        status, _, complaint = process.end(signal.SIGTERM)
+    assert (status, complaint) == (0, "")
+
+
+def test_without_drive_a_page_looks_on(node: StimulatorNode, multicast: dict[str, Any]) -> None:
+    with Stimulator.connect(**multicast) as bench:
+        bench.voltage = 20.0
+        bench.mode = "open_loop"
+        with panel(*multicast_options(multicast)) as (_, token, port):
+
+            async def script(page: Page) -> None:
+                assert not page.introduction["simulated"]
+                assert not page.introduction["drives"]
+                await page.until(lambda: page.now.get("state") == "running")
+                await page.until(lambda: page.now["values"].get("Setpoint.Voltage") == 20.0)
+                await page.send(do="drive", token=token)
+                await page.send(do="stop")
+                await page.send(do="line", text="mode off")
+                await page.until(lambda: "does not drive" in page.now["said"])
+                assert page.now["bus_load"] > 0.0
+                assert not page.now["drives"]
+
+            on_a_page(port, script)
+            assert node.od["Mode display"].value == Mode.OPEN_LOOP
+
+
+def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, Any]) -> None:
+    options = (*multicast_options(multicast), "--drive")
+    with panel(*options) as (process, token, port):
+
+        async def script(page: Page) -> None:
+            await drive(page, token)
+            await shows(node, Mode.OPEN_LOOP)
+            await page.line("amplitude 1.5")
+            await page.send(do="line", text="amplitude 99")
+            await page.until(lambda: "cannot write 99000 nm" in page.now["said"])
+            await page.send(do="stop")
+            await page.until(lambda: page.now["state"] == "ready")
+            await shows(node, Mode.OFF)
+            await page.line("mode open_loop")
+            await shows(node, Mode.OPEN_LOOP)
+            page.silent = True
+            await shows(node, Mode.OFF)
+            page.silent = False
+            await page.answer()
+            await page.until(lambda: "was not heard for 0.8 s" in page.now["said"])
+            await drive(page, token)
+
+        on_a_page(port, script)
+        asyncio.run(shows(node, Mode.OFF))
+        assert process.end(signal.SIGTERM)[0] == 0
+
+
+def test_a_second_panel_does_not_drive_the_same_stimulator(
+    node: StimulatorNode, multicast: dict[str, Any]
+) -> None:
+    options = (*multicast_options(multicast), "--drive")
+    with (
+        panel(*options) as (_, token, port),
+        panel(*options) as (_, other_token, other_port),
+    ):
+
+        async def run() -> None:
+            async with (
+                ClientSession() as session,
+                Browser(session, port).page() as first,
+                Browser(session, other_port).page() as second,
+            ):
+                await drive(first, token)
+                await second.send(do="drive", token=other_token)
+                await second.until(lambda: second.now["drives"])
+                await second.send(do="line", text="mode amplitude")
+                await second.until(lambda: "another" in second.now["said"])
+                assert first.now["mode"] == "open loop"
+
+        asyncio.run(run())
+        asyncio.run(shows(node, Mode.OFF))
+
+
+def test_a_panel_that_is_killed_leaves_0_v(node: StimulatorNode, multicast: dict[str, Any]) -> None:
+    options = (*multicast_options(multicast), "--drive")
+    with panel(*options) as (process, token, port):
+
+        async def script(page: Page) -> None:
+            await drive(page, token)
+            await shows(node, Mode.OPEN_LOOP)
+            process.process.send_signal(signal.SIGKILL)
+            await shows(node, Mode.OFF)
+            assert node.od["Message"].value == "the heartbeat of a watched node is lost"
+
+        on_a_page(port, script)
+
+
+def test_a_port_that_is_taken_is_one_line() -> None:
+    with panel() as (_, _, port):
+        process = NodeProcess("panel", "--port", str(port))
+        process.process.wait(GUARD_S)
+        status, said, complaint = process.end()
+    assert (status, said) == (1, [])
+    assert complaint.count("\n") == 1
+    assert complaint.startswith("Error: ")
+
+
+@pytest.mark.parametrize("options", [("--drive",), ("--channel", "x"), ("--plate-node", "33")])
+def test_what_a_bus_needs_is_said(options: tuple[str, ...]) -> None:
+    assert refused(*options) == "Error: a bus needs --interface; without one a bench is simulated"
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_every_address_is_none(host: str) -> None:
+    assert refused("--host", host) == (
+        f"Error: Invalid value: --host {host} is every address: name one"
+    )
+
+
+def test_without_aiohttp_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("smarttac_can.cli.panel.find_spec", lambda _: None)
+    assert refused() == "Error: panel needs aiohttp: pip install 'smarttac-can[panel]'"
