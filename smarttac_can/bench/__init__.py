@@ -8,6 +8,7 @@ from smarttac_can.bench.errors import (
     NotRunningError,
     RunInterruptedError,
 )
+from smarttac_can.bench.events import Event, Events
 from smarttac_can.bench.link import Reading
 from smarttac_can.bench.plate_loads import Placing, Weighing, read_plan
 from smarttac_can.bench.recording import Recording
@@ -32,6 +33,8 @@ __all__ = [
     "BusLostError",
     "BusyError",
     "Calibration",
+    "Event",
+    "Events",
     "FaultError",
     "HeartbeatLostError",
     "Law",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from difflib import get_close_matches
 from operator import itemgetter
 from pathlib import Path
@@ -210,7 +210,7 @@ class CanLink:
             device.start()
         # In lockstep the nodes' time stands still without the bench.
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
-        self._heard: frozenset[int] = frozenset()
+        self._heard: tuple[frozenset[int], ...] = ()
         self._alone = OneRun()
         self._time_is_right = not lockstep
         self._services = {
@@ -326,7 +326,7 @@ class CanLink:
         )
 
     @contextmanager
-    def frames(self, hear: Hear) -> Iterator[None]:
+    def frames(self, hear: Hear, *, every_cycle: bool = True) -> Iterator[None]:
         """Pass on the frames of these nodes, and those that command them."""
         network = self._network
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
@@ -334,8 +334,9 @@ class CanLink:
         tap = (can_ids, hear)
         if self._threaded:
             hold_more(network.bus)
+        types = self._every_cycle.held() if every_cycle else nullcontext()
         # Before all types are set there is no whole cycle, and after the first is put back none.
-        with self._hearing(can_ids), self._every_cycle.held():
+        with self._hearing(can_ids), types:
             network.taps += (tap,)
             try:
                 yield
@@ -345,6 +346,11 @@ class CanLink:
     def raw(self, path: Path) -> AbstractContextManager[str]:
         """Log all frames on the bus, those of this bench too, in a format of python-can."""
         return raw_log(self._network, path)
+
+    def silent(self) -> list[int]:
+        """Return the node-IDs whose heartbeats came and have stopped; in lockstep none."""
+        # In lockstep the nodes' time, and so their heartbeat, stands still between the cycles.
+        return [d.od.node_id for d in self._devices if not self._lockstep and d.silence]
 
     def wrong_time(self) -> str:
         """Return what is wrong if the stimulator keeps another time than the link; else nothing."""
@@ -419,19 +425,23 @@ class CanLink:
     @contextmanager
     def _hearing(self, can_ids: Iterable[int]) -> Iterator[None]:
         """Add frames to those that the kernel lets pass, while a block lasts."""
-        before, self._heard = self._heard, self._heard | frozenset(can_ids)
+        heard = frozenset(can_ids)
+        self._heard += (heard,)
         self._listen()
         try:
             yield
         finally:
-            self._heard = before
+            # Blocks of several threads end in any order.
+            self._heard = tuple(other for other in self._heard if other is not heard)
             self._listen()
 
     def _listen(self) -> None:
         """Set the filter of the kernel to the frames that are listened to here."""
         if self._threaded:
             heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
-            hear_only(self._network.bus, {*self._network.subscribers, heartbeat, *self._heard})
+            hear_only(
+                self._network.bus, {*self._network.subscribers, heartbeat}.union(*self._heard)
+            )
 
     def _produce_sync(self, cycles: int, interrupted: Callable[[], bool]) -> None:
         complete = self._cycles.complete

@@ -191,10 +191,15 @@ class Link(Protocol):
     def source(self) -> FrameSource:
         """Return what the frames that `frames` passes on mean."""
 
-    def frames(self, hear: Hear) -> AbstractContextManager[None]:
-        """Pass on the frames of all cycles, and those of masters, while a block lasts.
+    def frames(self, hear: Hear, *, every_cycle: bool = True) -> AbstractContextManager[None]:
+        """Pass on the frames of the nodes, and those of masters, while a block lasts.
 
-        `hear` is called as they come, by whichever thread has them.
+        Parameters
+        ----------
+        hear
+            Called as they come, by whichever thread has them.
+        every_cycle
+            Whether the TPDOs are set to every cycle.
         """
 
     def raw(self, path: Path) -> AbstractContextManager[str]:
@@ -202,6 +207,9 @@ class Link(Protocol):
 
         It yields one line: what in the log differs from the bus; empty if nothing does.
         """
+
+    def silent(self) -> list[int]:
+        """Return the node-IDs whose heartbeats came and have stopped."""
 
     def wrong_time(self) -> str:
         """Return what is wrong if the stimulator keeps another time than the link; else nothing."""

@@ -170,12 +170,17 @@ class RemoteDevice:
                 "loss of a driver that it watches, has stopped it; connect again, which starts it"
             )
 
+    @property
+    def silence(self) -> float:
+        """Time in s since the last heartbeat if they came and have stopped; else 0."""
+        if self.heartbeat_at is None or not self.heartbeat_s:
+            return 0.0
+        silence = monotonic() - self.heartbeat_at
+        return silence if silence > _HEARTBEATS_MISSED * self.heartbeat_s else 0.0
+
     def check_heartbeat(self) -> None:
         """Raise HeartbeatLostError if heartbeats came and have stopped."""
-        if self.heartbeat_at is None or not self.heartbeat_s:
-            return
-        silence = monotonic() - self.heartbeat_at
-        if silence > _HEARTBEATS_MISSED * self.heartbeat_s:
+        if silence := self.silence:
             raise HeartbeatLostError(
                 f"node {self.od.node_id} has sent no heartbeat for {silence:.1f} s: "
                 "it has stopped or left the bus; connect again when it is back"

@@ -6,6 +6,7 @@ the bench, and a simulation on the local link has no use for it.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,7 +37,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.cia import EMCY_ID, FRAME_BYTES, Abort, AbortCode, ErrorRegister
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
@@ -44,6 +45,7 @@ from smarttac_can.plant.finger import Finger, GuidedFinger
 from smarttac_can.vocabulary.meanings import RECORDED as GUIDED
 from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 STIMULATOR_ID: Final = 32
 """Node-ID of the stimulator unless another is given."""
@@ -51,6 +53,8 @@ PLATE_ID: Final = 33
 """Node-ID of the plate node unless another is given."""
 LinkName = Literal["local", "bus"]
 _STATUS_TPDO: Final = 1
+_EMCY: Final = struct.Struct("<HBB4x")
+"""Code, error register and watchdog."""
 
 
 def stimulator_od(node_id: int = STIMULATOR_ID) -> ObjectDictionary:
@@ -250,9 +254,10 @@ class LocalLink:
         self._recorded = [block.od[name].reader for name in RECORDED]
         self._pdos = published_pdos(block.od, lambda entry: int(entry.default))
         self._readers = [[block.od[name].reader for name in pdo.names] for pdo in self._pdos]
-        self._hear: Hear | None = None
+        self._ears: tuple[Hear, ...] = ()
         self._alone = OneRun()
         self._status = b""
+        self._latched = 0
 
     @property
     def where(self) -> str:
@@ -302,6 +307,7 @@ class LocalLink:
             raise refused_write(entry, raw, error) from error
         node_id = self._block.od.node_id
         self._tell((download(node_id, entry, raw), downloaded(node_id, entry)))
+        self._tell(self._frames(cycle=False))
 
     def read_table(self, name: str) -> bytes:
         """Read an object that is a DOMAIN."""
@@ -345,8 +351,8 @@ class LocalLink:
                     return
                 tick()
                 rows.append(tuple([read() for read in recorded]))
-                if self._hear is not None:
-                    self._tell_cycle(self._hear)
+                if self._ears:
+                    self._tell(self._frames(cycle=True))
 
     def source(self) -> FrameSource:
         """Return what the PDOs of a stimulator with the default mapping would carry."""
@@ -359,17 +365,21 @@ class LocalLink:
         )
 
     @contextmanager
-    def frames(self, hear: Hear) -> Iterator[None]:
+    def frames(self, hear: Hear, *, every_cycle: bool = True) -> Iterator[None]:
         """Pass on the frames that there would be with a bus."""
-        self._hear = hear
+        self._ears += (hear,)
         try:
             yield
         finally:
-            self._hear = None
+            self._ears = tuple(other for other in self._ears if other is not hear)
 
     def raw(self, path: Path) -> NoReturn:
         """Refuse: without a bus there is nothing to log."""
         raise BenchError(f"there is no bus whose frames could go to {path}: simulate('bus')")
+
+    def silent(self) -> list[int]:
+        """Return an empty list: a function answers."""
+        return []
 
     def wrong_time(self) -> str:
         """Return an empty text: time passes in `run` alone."""
@@ -379,17 +389,30 @@ class LocalLink:
         """Do nothing: there is no bus to leave."""
 
     def _tell(self, frames: Iterable[Frame]) -> None:
-        """Pass on the frames of a write that there would be with a bus."""
-        if self._hear is not None:
-            for frame in frames:
-                self._hear(frame.can_id, frame.data)
+        """Pass on frames that there would be with a bus."""
+        if self._ears:
+            for can_id, data, _ in frames:
+                for hear in self._ears:
+                    hear(can_id, data)
 
-    def _tell_cycle(self, hear: Hear) -> None:
-        """Pass on the TPDOs of a cycle; the one with the status only if it has changed."""
+    def _frames(self, *, cycle: bool) -> Iterator[Frame]:
+        """Yield the public TPDOs, and the emergencies of what was latched.
+
+        The TPDO with the status comes if it has changed, the others in a cycle.
+        """
         for pdo, readers in zip(self._pdos, self._readers, strict=True):
-            data = pdo.layout.pack(*[read() for read in readers])
-            if pdo.number == _STATUS_TPDO:
-                if data == self._status:
-                    continue
-                self._status = data
-            hear(pdo.can_id, data)
+            status = pdo.number == _STATUS_TPDO
+            if cycle or status:
+                data = pdo.layout.pack(*[read() for read in readers])
+                if status:
+                    before, self._status = self._status, data
+                if not status or data != before:
+                    yield Frame(pdo.can_id, data)
+        known, self._latched = self._latched, self._block.supervisor.latched
+        can_id = EMCY_ID + self._block.od.node_id
+        for _ in watchdogs_in(known & ~self._latched):
+            yield Frame(can_id, bytes(FRAME_BYTES))
+        for watchdog in watchdogs_in(self._latched & ~known):
+            row = WATCHDOGS[watchdog]
+            register = row.register | ErrorRegister.GENERIC
+            yield Frame(can_id, _EMCY.pack(row.code, register, watchdog))

@@ -18,6 +18,7 @@ from smarttac_can.bench.errors import (
     NotRunningError,
     RunInterruptedError,
 )
+from smarttac_can.bench.events import Events
 from smarttac_can.bench.link import ClosedLink, Link, Reading, Row, unwrapped
 from smarttac_can.bench.named_objects import (
     ARMED,
@@ -728,6 +729,20 @@ class Stimulator(NamedObjects):
             self._stop_driving,
         )
         return self._recording
+
+    def events(self) -> Events:
+        """Hear of state changes, faults and heartbeats while a ``with`` block lasts.
+
+        Beside whatever else is done, from here or by others; any number of blocks at once.
+
+        Examples
+        --------
+        >>> with Stimulator.simulate() as stimulator, stimulator.events() as events:
+        ...     stimulator.mode = "amplitude"
+        ...     print([event.text for event in events.within(0.1)])
+        ['ready', 'armed', 'running']
+        """
+        return Events(self._link, self._od.node_id)
 
     def mark(self, text: str) -> None:
         """Put a marker into the recording that goes on.

@@ -1,0 +1,162 @@
+"""State changes, faults and heartbeats of a stimulator, one after another as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from queue import Empty, SimpleQueue
+from time import monotonic
+from typing import Final, Literal, NamedTuple, Self
+
+from smarttac_can.bench.link import Link, Row
+from smarttac_can.bench.named_objects import finite
+from smarttac_can.host.process_signals import interrupt_waits
+from smarttac_can.master.errors import BenchError
+from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, LAST_NODE_ID
+from smarttac_can.vocabulary.meanings import emergency_text, spoken
+from smarttac_can.vocabulary.states import State, known_state, state_in
+
+_STATUS: Final = "Statusword"
+_LOOK_S: Final = 0.1
+"""How often heartbeats are looked at."""
+_MOST_S: Final = 604_800
+_NONE: Final = -1
+"""In place of an NMT state, of a node that is lost."""
+_CYCLE_S: Final = 1e-3
+
+
+class Event(NamedTuple):
+    """What has happened to a stimulator or its plate node."""
+
+    node_id: int
+    """Of which node."""
+    kind: Literal["state", "fault", "heartbeat"]
+    """Another state of the stimulator, an emergency message of a node, or another NMT state."""
+    text: str
+    """The state, what the fault is, the NMT state that a heartbeat shows, or ``lost``."""
+    state: State | None = None
+    """The state, of a ``state``."""
+
+
+class Events:
+    """What happens while a ``with`` block lasts; `Stimulator.events` makes one.
+
+    It only listens. What comes during `Stimulator.run`, or while a script looks at another event,
+    is kept.
+
+    Parameters
+    ----------
+    link
+        To the stimulator.
+    node_id
+        Of the stimulator.
+    """
+
+    def __init__(self, link: Link, node_id: int) -> None:
+        self._link = link
+        self._node_id = node_id
+        self._come: SimpleQueue[Event] = SimpleQueue()
+        self._block: AbstractContextManager[None] | None = None
+        self._nmt: dict[int, int] = {}
+        self._lost: set[int] = set()
+
+    def __enter__(self) -> Self:
+        """Begin to listen.
+
+        Raises
+        ------
+        BenchError
+            If no TPDO of the stimulator maps the statusword.
+        """
+        source = self._link.source()
+        carriers = [pdo for pdo in source.published if _STATUS in pdo.names]
+        if not carriers:
+            raise BenchError(
+                f"no TPDO of node {self._node_id} maps the {_STATUS}, by which a bench hears of "
+                "another state: restore the default mapping"
+            )
+        self._clocked, self._carrier = source.clocked, carriers[0]
+        self._state: State | None = state_in(self._link.read(_STATUS))
+        self._block = self._link.frames(self._hear, every_cycle=False)
+        self._block.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Listen no more."""
+        block, self._block = self._block, None
+        assert block is not None
+        block.__exit__(None, None, None)
+
+    def within(self, seconds: float) -> Iterator[Event]:
+        """Let time pass, and yield what happens as it comes, and before that what has come already.
+
+        Parameters
+        ----------
+        seconds
+            For how long, 0 to 604800: of the loop's time in lockstep and in a simulation, which
+            run meanwhile, of the clock otherwise. 0 is for what has come already.
+
+        Raises
+        ------
+        ValueError
+            If `seconds` is not a finite number, or outside its bounds.
+        BenchError
+            Outside of the block; in lockstep and in a simulation, as `Stimulator.run` does.
+        """
+        length = finite("seconds", seconds)
+        if not 0 <= length <= _MOST_S:
+            raise ValueError(f"seconds {seconds} is outside 0..{_MOST_S}")
+        if self._block is None:
+            raise BenchError("events come in a block only: with stimulator.events() as events")
+        return self._wait(length) if self._clocked else self._run(length)
+
+    def _wait(self, seconds: float) -> Iterator[Event]:
+        end = monotonic() + seconds
+        while True:
+            left = end - monotonic()
+            try:
+                yield self._come.get(timeout=min(max(left, 0.0), _LOOK_S))
+            except Empty:
+                before, self._lost = self._lost, set(self._link.silent())
+                for node_id in sorted(self._lost - before):
+                    # Its next heartbeat is an event, too.
+                    self._nmt[node_id] = _NONE
+                    self._come.put(Event(node_id, "heartbeat", "lost"))
+                if left <= 0 and self._come.empty():
+                    return
+
+    def _run(self, seconds: float) -> Iterator[Event]:
+        left = round(seconds / _CYCLE_S)
+        while True:
+            while not self._come.empty():
+                yield self._come.get()
+            if left <= 0:
+                return
+            rows: list[Row] = []
+            with interrupt_waits() as interrupted:
+                self._link.run(left, rows, lambda: not self._come.empty() or interrupted())
+                if interrupted():
+                    raise KeyboardInterrupt
+            left -= max(len(rows), 1)
+
+    def _hear(self, can_id: int, data: bytes) -> None:
+        """Take a frame, in whichever thread has it."""
+        service, node_id = can_id & ~LAST_NODE_ID, can_id & LAST_NODE_ID
+        if can_id == self._carrier.can_id:
+            layout = self._carrier.layout
+            if len(data) == layout.size:
+                values = dict(zip(self._carrier.names, layout.unpack(data), strict=True))
+                state = known_state(values[_STATUS])
+                before, self._state = self._state, state
+                if state is not None and state is not before:
+                    self._come.put(Event(self._node_id, "state", spoken(state), state))
+        elif service == EMCY_ID and (code := int.from_bytes(data[:2], "little")):
+            self._come.put(Event(node_id, "fault", emergency_text(code)))
+        elif service == HEARTBEAT_ID and data:
+            # Here scan is imported already, which takes long and has no use without a bus.
+            from smarttac_can.commissioning.scan import STATES, UNKNOWN  # noqa: PLC0415
+
+            shown = data[0] & LAST_NODE_ID
+            if self._nmt.get(node_id, shown) != shown or not shown:  # boot-up is always one
+                self._come.put(Event(node_id, "heartbeat", STATES.get(shown, UNKNOWN)))
+            self._nmt[node_id] = shown
