@@ -37,7 +37,7 @@ WEBER: Final = 0.11
 """Just noticeable change of friction over friction; Gueorguiev et al., J. R. Soc. Interface 14
 (2017) 20170641."""
 FREQUENCIES: Final = (1, 2, 5, 10, 20, 30, 50, 70, 100, 150, 200, 250, 300, 400)
-SHOWN: Final = (1, 10, 50, 100, 200, 400)
+SHOWN: Final = (10, 50, 100, 200, 400)
 SPEEDS: Final = (30.0, 60.0, 120.0)
 SWINGS: Final = (0.02, 0.05, 0.1)
 FORCE: Final = 1.0
