@@ -22,6 +22,7 @@ from smarttac_can.paper.reproduce import CANDUMP, RESULTS, TRACES
 from smarttac_can.population.steps import UndefinedError
 
 INSIDE, OUTSIDE, MISSING, NOT_JUDGED = "inside", "outside", "missing", ""
+_MARKS = {INSIDE: "✓", OUTSIDE: "✗", MISSING: "?"}
 _NUMBERS_OF = {"fig7": "table1"}
 """Under which key the numbers of a figure stand, where that is not its name."""
 _WHOLE_FROM = 1000
@@ -183,10 +184,10 @@ def write_report(
     """
     directory.mkdir(parents=True, exist_ok=True)
     traces = list(traces)
-    sections = []
+    sections, missing = [], []
     for name, picture in _pictures(traces, law, summary["law"]):
         if isinstance(picture, UndefinedError):
-            sections.append(f"<p>Fig. {name[3:]}: {escape(str(picture))}.</p>")
+            missing.append(f"<p>Fig. {name[3:]}: {escape(str(picture))}.</p>")
             continue
         for form, data in picture.items():
             (directory / f"{name}.{form}").write_bytes(data)
@@ -197,10 +198,12 @@ def write_report(
             f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
             for name, value in _parameters(summary)
         ),
+        first="".join(sections[:1]),
         verdict=escape(_headline(compare(summary))),
+        verdicts="\n".join(map(_verdict_html, compare(summary))),
         comparison="".join(map(_comparison_html, compare(summary))),
         steps=_steps_html(summary["table1"]),
-        figures="\n".join(sections),
+        figures="\n".join(sections[1:] + missing),
         fitted=_list_html(fitted),
         chosen=_list_html(chosen),
         emerges=_list_html(emerges),
@@ -215,16 +218,19 @@ def write_report(
 def _pictures(
     traces: list[Trace], law: Callable[[float], float], law_name: str
 ) -> Iterator[tuple[str, dict[str, bytes] | UndefinedError]]:
-    """Yield the name of each figure and its picture by format, or why there is none."""
+    """Yield the name of each figure and its picture by format, or why there is none.
+
+    The one that shows what the instrument is for comes first.
+    """
     from smarttac_can.bench.drawing import rendered  # noqa: PLC0415  matplotlib is an extra
     from smarttac_can.paper import figures  # noqa: PLC0415
 
     draw: dict[str, Callable[[], Any]] = {
+        "fig7": lambda: figures.fig7(traces, law_name),
         "fig2": lambda: figures.fig2(traces),
         "fig3": lambda: figures.fig3(law),
         "fig5": lambda: figures.fig5(traces),
         "fig6": lambda: figures.fig6(traces),
-        "fig7": lambda: figures.fig7(traces, law_name),
     }
     for name, figure in draw.items():
         try:
@@ -296,15 +302,25 @@ def _headline(comparisons: Sequence[Comparison]) -> str:
 def _comparison_html(item: Comparison) -> str:
     paper, band = _paper_cells(item)
     title = f' title="{escape(item.reason)}"' if item.reason else ""
-    mark = {INSIDE: "✓ ", OUTSIDE: "✗ ", MISSING: "? "}.get(item.verdict, "")
-    badge = f'<span class="{item.verdict}">{mark}{item.verdict}</span>' if mark else ""
     return (
         f'<tr><th scope="row">{escape(item.published.name)}<small>'
         f"{escape(item.published.where)}</small></th>"
         f"<td>{item.published.origin}</td>"
         f"<td{title}>{escape(_with_unit(item.value, item))}</td>"
-        f"<td>{escape(paper)}</td><td>{escape(band)}</td><td>{badge}</td></tr>\n"
+        f"<td>{escape(paper)}</td><td>{escape(band)}</td>"
+        f"<td>{_badge_html(item, item.verdict)}</td></tr>\n"
     )
+
+
+def _verdict_html(item: Comparison) -> str:
+    return _badge_html(item, f"{item.published.name}: {_with_unit(item.value, item)}")
+
+
+def _badge_html(item: Comparison, text: str) -> str:
+    """Show a text in the colour of the verdict; empty if there is none."""
+    if item.verdict == NOT_JUDGED:
+        return ""
+    return f'<span class="{item.verdict}">{_MARKS[item.verdict]} {escape(text)}</span>'
 
 
 def _steps_html(table: Mapping[str, Any]) -> str:
@@ -331,7 +347,9 @@ def _steps_html(table: Mapping[str, Any]) -> str:
 def _figure_html(name: str, png: bytes, comparisons: Sequence[Comparison]) -> str:
     data, caption = base64.b64encode(png).decode("ascii"), escape(CAPTIONS[name])
     return (
-        f'<figure id="{name}"><img alt="{caption}" src="data:image/png;base64,{data}">'
+        f'<figure id="{name}"><a class="zoom" id="zoom-{name}" href="#zoom-{name}">'
+        f'<img alt="{caption}" src="data:image/png;base64,{data}"></a>'
+        f'<a class="close" href="#{name}">close</a>'
         f"<figcaption><b>Fig. {name[3:]}</b> (simulated). {caption}</figcaption>"
         f"{_beside_html(name, comparisons)}</figure>"
     )
@@ -350,8 +368,9 @@ def _beside_html(name: str, comparisons: Sequence[Comparison]) -> str:
         return ""
     head = '<th scope="col"></th><th scope="col">Simulated</th><th scope="col">Paper</th>'
     return (
+        "<details><summary>Beside the paper's numbers</summary>"
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>\n{rows}</tbody></table></div>"
+        f"<tbody>\n{rows}</tbody></table></div></details>"
     )
 
 

@@ -41,6 +41,7 @@ class Page(HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.open, self.images, self.fetched, self.words = [], [], [], []
+        self.links, self.places = [], []
         self.feed(text)
         assert self.open == []
 
@@ -50,8 +51,12 @@ class Page(HTMLParser):
         for name, value in attributes:
             if name == "src" and value.startswith("data:image/png;base64,"):
                 self.images.append(base64.b64decode(value.split(",", 1)[1], validate=True))
+            elif name == "href" and value.startswith("#"):
+                self.links.append(value[1:])
             elif name in {"src", "href", "srcset", "data"}:
                 self.fetched.append(value)
+            elif name == "id":
+                self.places.append(value)
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -73,9 +78,27 @@ def test_the_page_stands_alone(report):
     page = Page(text)
     assert page.fetched == []
     assert not re.search(r"url\(|@import|<script|https?:", text)
-    files = [index.with_name(f"fig{n}.png").read_bytes() for n in (2, 3, 5, 6, 7)]
+    files = [index.with_name(f"fig{n}.png").read_bytes() for n in (7, 2, 3, 5, 6)]
     assert page.images == files
     assert all(picture.startswith(b"\x89PNG") for picture in files)
+
+
+def test_picture_verdicts_figures_and_table_in_this_order(report):
+    _, text = report
+    marks = (
+        'id="fig7"', "9 of 9 judged results", '<span class="inside">✓ ', 'id="fig2"',
+        "Result and paper", "<h2>What was fitted",
+    )  # fmt: skip
+    places = [text.index(mark) for mark in marks]
+    assert places == sorted(places)
+
+
+def test_each_figure_zooms_and_closes_again(report):
+    page = Page(report[1])
+    names = [f"fig{number}" for number in (7, 2, 3, 5, 6)]
+    assert page.links == [place for name in names for place in (f"zoom-{name}", name)]
+    assert set(page.links) <= set(page.places)
+    assert ".zoom:target {" in report[1]
 
 
 def test_each_figure_is_there_as_svg_and_shows_no_day(report):
@@ -89,7 +112,7 @@ def test_each_figure_is_there_as_svg_and_shows_no_day(report):
 
 def test_the_papers_numbers_stand_below_each_figure(report):
     figures = re.findall(r'<figure id="(\w+)">.*?</figure>', report[1], re.DOTALL)
-    assert figures == ["fig2", "fig3", "fig5", "fig6", "fig7"]
+    assert figures == ["fig7", "fig2", "fig3", "fig5", "fig6"]
     shown = {}
     for name in figures:
         figure = re.search(rf'<figure id="{name}">(.*?)</figure>', report[1], re.DOTALL)
