@@ -40,54 +40,26 @@ def test_a_late_call_sends_one_heartbeat_and_keeps_the_phase() -> None:
     play(device, "+ 35ms\n< 720 05\n+ 4ms\n+ 1ms\n< 720 05")
 
 
-def test_writing_the_same_period_sends_a_heartbeat_at_once_and_begins_anew() -> None:
-    play(
-        started(),
-        """
-        > 620 2B 17 10 00 0A 00 00 00     # 10 ms
-        < 720 05
-        < 5A0 60 17 10 00 00 00 00 00
-        + 9ms
-        > 620 2B 17 10 00 0A 00 00 00     # the same 10 ms
-        < 720 05
-        < 5A0 60 17 10 00 00 00 00 00
-        + 9ms
-        + 1ms
-        < 720 05
-        + 9ms
-        + 1ms
-        < 720 05
-        """,
-    )
+def period(ms: int) -> str:
+    """Write Producer heartbeat time; a heartbeat goes out at once unless it is 0."""
+    heartbeat = "< 720 05\n" if ms else ""
+    return f"> 620 2B 17 10 00 {ms:02X} 00 00 00\n{heartbeat}< 5A0 60 17 10 00 00 00 00 00\n"
 
 
-def test_no_heartbeat_is_sent_when_0_is_written_again() -> None:
-    play(
-        started(),
-        """
-        > 620 2B 17 10 00 00 00 00 00
-        < 5A0 60 17 10 00 00 00 00 00
-        100x + 1ms
-        """,
-    )
-
-
-def test_another_period_begins_at_once() -> None:
-    play(
-        started(),
-        """
-        > 620 2B 17 10 00 0A 00 00 00     # 10 ms
-        < 720 05
-        < 5A0 60 17 10 00 00 00 00 00
-        + 6ms
-        > 620 2B 17 10 00 14 00 00 00     # 20 ms
-        < 720 05
-        < 5A0 60 17 10 00 00 00 00 00
-        + 19ms
-        + 1ms
-        < 720 05
-        """,
-    )
+@pytest.mark.parametrize(
+    ("written", "goes_on"),
+    [
+        # The same one begins anew as well.
+        (period(10) + "+ 9ms\n" + period(10), "+ 9ms\n+ 1ms\n< 720 05\n+ 9ms\n+ 1ms\n< 720 05"),
+        (period(10) + "+ 6ms\n" + period(20), "+ 19ms\n+ 1ms\n< 720 05"),
+        (period(0), "100x + 1ms"),
+        (period(10) + period(0), "100x + 1ms"),
+    ],
+)
+def test_a_period_that_is_written_sends_a_heartbeat_at_once_and_begins_anew(
+    written: str, goes_on: str
+) -> None:
+    play(started(), written + goes_on)
 
 
 def test_consumer_reports_loss_and_return() -> None:

@@ -72,17 +72,6 @@ def test_a_plan_before_a_write_is_that_of_all_objects_after_it(
             assert plans == build_plans(OD, present)
 
 
-@pytest.mark.parametrize(
-    ("name", "raw"),
-    [("Limit.Lowest frequency", 4_400_001), ("Limit.Highest frequency", 4_269_999)],
-)
-def test_limits_that_contradict_each_other_are_refused(name: str, raw: int) -> None:
-    OD.reset()
-    with pytest.raises(Abort) as refused:
-        built(OD, OD[name], raw)
-    assert refused.value.code == AbortCode.VALUE
-
-
 def fields_of(plans: Plans) -> dict[str, object]:
     """The fields of both plans, and those of the bounds of the vibration, by name."""
     control, watch = plans.control, plans.watch

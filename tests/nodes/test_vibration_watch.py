@@ -24,8 +24,10 @@ PI, PREDICTIVE = 0, 2
 LIFTED, STROKE = 0, 1
 
 
-def driving(mode: int, *, finger: int = LIFTED, **setpoints: int) -> tuple[Line, StimulatorNode]:
-    """A stimulator that drives a plate inside, tared without a finger."""
+def driving(
+    mode: int | None, *, finger: int = LIFTED, **setpoints: int
+) -> tuple[Line, StimulatorNode]:
+    """A stimulator that drives a plate inside, tared without a finger; without a mode it rests."""
     line, node = plate_inside(lockstep=True)
     line.nmt(START)
     line.sync(70)
@@ -35,7 +37,8 @@ def driving(mode: int, *, finger: int = LIFTED, **setpoints: int) -> tuple[Line,
     for name, raw in {"Amplitude": 1000, **setpoints}.items():
         assert line.write(node, f"Setpoint.{name.replace('_', ' ')}", raw) == 0
     line.sync(100)
-    line.run(node, mode)
+    if mode is not None:
+        line.run(node, mode)
     return line, node
 
 
@@ -90,9 +93,8 @@ def test_off_the_resonance_a_broken_axis_hides_no_vibration(
     law: int, Fn: int, per_mille: int
 ) -> None:
     """90 Hz below the resonance the direct axis fails: the phase that is read is wrong."""
-    line, node = driving(AMPLITUDE, finger=STROKE if Fn else LIFTED, Frequency=4_330_000,
+    line, node = driving(None, finger=STROKE if Fn else LIFTED, Frequency=4_330_000,
                          Amplitude=3000)  # fmt: skip
-    assert line.write(node, "Controlword", 0) == 0
     assert line.write(node, "Controller.Vibration law", law) == 0
     if Fn:
         assert line.write(node, "Finger.Force", Fn) == 0
@@ -209,8 +211,7 @@ def test_excess_in_one_cycle_of_three_is_a_fault() -> None:
 
 @pytest.mark.parametrize("gain", [100, 400])
 def test_a_model_of_a_weak_pickup_does_not_lower_the_bound(gain: int) -> None:
-    line, node = driving(OPEN_LOOP, Voltage=0)
-    assert line.write(node, "Controlword", 0) == 0
+    line, node = driving(None)
     assert line.write(node, "Model.Gain per volt", 50 * gain) == 0
     lose_gain(line, node, PICKUP, gain)
     line.run(node, AMPLITUDE)
@@ -232,8 +233,7 @@ def identified(line: Line, node: StimulatorNode) -> None:
 def test_a_weak_pickup_is_a_fault_in_a_run_that_begins_with_an_identified_plate(
     gain: int, mode: int
 ) -> None:
-    line, node = driving(OPEN_LOOP)
-    assert line.write(node, "Controlword", 0) == 0
+    line, node = driving(None)
     identified(line, node)
     assert line.write(node, "Simulation.Start run", 1) == 0
     assert node.od["Model.State"].value == DONE
@@ -254,8 +254,7 @@ def test_a_weak_pickup_is_a_fault_in_a_run_that_begins_with_an_identified_plate(
 def test_hops_of_the_frequency_are_no_fault_and_make_no_more(
     known: bool, dead_time: int, law: int, mode: int
 ) -> None:
-    line, node = driving(OPEN_LOOP)
-    assert line.write(node, "Controlword", 0) == 0
+    line, node = driving(None)
     for name, raw in (("Controller.Dead time", dead_time), ("Simulation.Drive instant", dead_time),
                       ("Controller.Vibration law", law), ("Simulation.Start run", 1)):  # fmt: skip
         assert line.write(node, name, raw) == 0
@@ -296,8 +295,7 @@ def test_a_hop_in_mode_amplitude_is_a_way_of_5_hz_a_cycle() -> None:
 
 def test_an_identification_that_would_drive_too_much_says_what_to_correct() -> None:
     """A pick-up that reads next to nothing lets the probe go up to the bound of the drive."""
-    line, node = driving(OPEN_LOOP)
-    assert line.write(node, "Controlword", 0) == 0
+    line, node = driving(None)
     lose_gain(line, node, PICKUP, 20)
     line.run(node, IDENTIFY)
     assert most_um(line, node, 800) < 3.28
