@@ -14,7 +14,7 @@ from smarttac_can.nodes.loop_time import MissedTime
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
-from smarttac_can.vocabulary.watchdogs import Watchdog, sync_drift_tolerance
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 OPEN_LOOP = 1
 
@@ -214,8 +214,3 @@ def test_a_pause_within_the_deadline_is_no_drift() -> None:
         for _ in range(15):
             rig.master.sync()
     assert rig.state is State.RUNNING, rig.od["Message"].value
-
-
-def test_the_drift_that_is_tolerated() -> None:
-    assert sync_drift_tolerance(3) == 13
-    assert sync_drift_tolerance(20) == 30

@@ -70,18 +70,6 @@ def test_the_message_says_what_to_do_about_a_double_before_anything_is_armed() -
     assert node.od["Message"].value == ""
 
 
-def test_the_message_of_the_first_fault_stays_whatever_a_double_does() -> None:
-    line, node = ready_inside()
-    line.run(node, 1)
-    node.bus_off()
-    node.bus_recovered()
-    assert node.block.state is State.FAULT
-    line.send(Frame(0x720, b"\5"))
-    assert node.od["Message"].value == "the CAN controller is bus-off"
-    line.advance(3001)
-    assert node.od["Message"].value == "the CAN controller is bus-off"
-
-
 def test_two_plates_do_not_give_two_cycles_a_sync() -> None:
     first, second = (PlateNode(plate_od(), deadline_ms=3) for _ in range(2))
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)

@@ -247,18 +247,6 @@ def test_two_wrong_readings_in_a_row_pass_and_the_third_does_not() -> None:
     assert stage(plate) == 0
 
 
-@pytest.mark.parametrize(("wrong", "right", "at_most"), [(2, 1, 6), (1, 1, 8), (1, 2, 11)])
-def test_readings_that_are_wrong_now_and_then_are_a_fault(
-    wrong: int, right: int, at_most: int
-) -> None:
-    line, plate = watched()
-    for at in range(at_most):
-        volts = 140 if at % (wrong + right) < wrong else 20
-        cycle(line, plate, 20, says(volts=volts))
-    assert stage(plate) == 0
-    assert emergencies(line) == [STAGE]
-
-
 def test_a_stage_that_is_live_at_0_v_does_not_get_a_voltage() -> None:
     line, plate = configured()
     for _ in range(5):

@@ -246,16 +246,6 @@ def test_drives_outside_the_limits_are_refused() -> None:
     assert plate.od["Drive.Voltage"].value == 0
 
 
-def test_two_plates_on_the_same_seed_send_the_same() -> None:
-    def sent(seed: int) -> list[Frame]:
-        line, _ = plate_alone(presets={"Simulation.Seed": seed, "Finger.Motion": 1})
-        line.nmt(START)
-        return line.sync(50)
-
-    assert sent(3) == sent(3)
-    assert sent(3) != sent(4)
-
-
 def test_start_run_begins_anew_with_the_simulation_as_written() -> None:
     line, plate = ready_plate()
     first = [frame for frame in line.sync(20) if frame.can_id in MEASUREMENT]

@@ -126,19 +126,6 @@ def test_a_stimulator_that_comes_late_is_in_fault_before_it_hears_what_waited() 
     assert node.block.state is State.FAULT
 
 
-def test_who_produces_sync_counts_the_ticks_that_it_came_too_late_for() -> None:
-    node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True)
-    node.start()
-    node.receive(requests.nmt(START))
-    missed = node.od["Cycle.Missed deadlines"]
-    node.advance(1000)
-    assert missed.value == 0
-    node.advance(3400)
-    assert missed.value == 2, "a SYNC at 4.4 ms is that of 2 ms, and 0.4 ms are owed"
-    node.advance(1600)
-    assert missed.value == 3, "0.6 ms more"
-
-
 @pytest.mark.parametrize("server", [0x20, 0x21])
 def test_nothing_is_stored_while_something_drives(server: int) -> None:
     rig = driven(Mode.AMPLITUDE)
