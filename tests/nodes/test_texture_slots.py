@@ -144,17 +144,6 @@ def test_an_empty_slot_is_not_played(bench: Bench) -> None:
     assert bench.node.block.state is State.RUNNING
 
 
-def test_an_empty_slot_that_an_rpdo_asks_for_ends_in_0_v(bench: Bench) -> None:
-    bench.run(Mode.FRICTION)
-    bench.line.sync(400)
-    assert bench.node.od["Drive.Voltage"].value > 0
-    bench.line.send(Frame(0x200 + STIMULATOR_ID, bytes((3, 0, Mode.TEXTURE))))
-    assert bench.node.od["Mode"].value == Mode.TEXTURE
-    bench.line.sync(2)
-    assert bench.node.block.state is State.FAULT
-    assert bench.node.od["Drive.Voltage"].value == 0
-
-
 def test_another_slot_plays_from_the_next_cycle_without_a_bump(bench: Bench) -> None:
     level = TextureTable(Axis.POSITION, False, 0, 1000, (3500,))
     bench.download(1, level.pack())
@@ -171,23 +160,6 @@ def test_another_slot_plays_from_the_next_cycle_without_a_bump(bench: Bench) -> 
     bench.download(3, TextureTable(Axis.POSITION, False, 0, 1000, (4000,)).pack())
     bench.line.sync()
     assert block.cascade.mu_ref == pytest.approx(0.40)
-
-
-def test_what_follows_from_friction_to_texture_is_bumpless(bench: Bench) -> None:
-    bench.download(1, TextureTable(Axis.POSITION, False, 0, 1000, (3500,)).pack())
-    for side in ("left", "right"):
-        bench.write(f"Setpoint.COF {side}", 3500)
-    drives = {}
-    for after in (Mode.FRICTION, Mode.TEXTURE):
-        bench.write("Controlword", 0)
-        bench.write("Simulation.Start run", 1)
-        bench.line.sync(120)
-        bench.run(Mode.FRICTION)
-        bench.line.sync(400)
-        bench.write("Mode", after)
-        bench.line.sync()
-        drives[after] = bench.node.block.cascade.drive
-    assert drives[Mode.TEXTURE].voltage == pytest.approx(drives[Mode.FRICTION].voltage, abs=5.0)
 
 
 def test_the_preview_is_that_of_the_object(bench: Bench) -> None:
