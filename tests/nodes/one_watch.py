@@ -15,10 +15,18 @@ from smarttac_can.nodes.watches import Seen, WatchPlan, at_rest, watch_plan, wat
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.signals import Contact, Drive, Measurement
 from smarttac_can.vocabulary.states import IdentificationState
+from smarttac_can.vocabulary.watchdogs import Watchdog
 
 RESONANCE_HZ = 43_390.0
 LIFTED = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
 UNTARED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Present(set[Watchdog]):
+    """Which watchdogs see a fault, by what is observed."""
+
+    def observe(self, watchdog: Watchdog, comes: bool) -> None:
+        (self.add if comes else self.discard)(watchdog)
 
 
 def plan_of(od: ObjectDictionary, deadline_ms: int = 3) -> WatchPlan:

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 from line import packed
+from one_watch import Present
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.port import Clock
 from smarttac_can.nodes.bus_loop import BusLoop
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS, received_measurement
 from smarttac_can.nodes.loop_time import Deadline
-from smarttac_can.vocabulary.watchdogs import Watchdog
 
 FIRST, SECOND, LAST = 5, 6, 7
 
@@ -24,18 +24,17 @@ class Loop:
     def __init__(self) -> None:
         self.od = stimulator_od()
         self.clock = Clock()
-        self.faults: set[Watchdog] = set()
+        self.faults = Present()
         self.unanswered = 0
         self.deadlines = [self.od.entry(index, 5) for index in (0x1404, 0x1405, 0x1406)]
         for entry in self.deadlines:
             entry.value = 3
         self.deadline = Deadline(self.od, MEASUREMENT_RPDOS)
-        self.loop = BusLoop(self.od, self.clock, self.deadline, self._observe, self._unanswered)
+        self.loop = BusLoop(
+            self.od, self.clock, self.deadline, self.faults.observe, self._unanswered
+        )
         data = packed(received_measurement(stimulator_od()))
         self.parts = {FIRST: data[:8], SECOND: data[8:16], LAST: data[16:]}
-
-    def _observe(self, watchdog: Watchdog, present: bool) -> None:
-        (self.faults.add if present else self.faults.discard)(watchdog)
 
     def _unanswered(self) -> None:
         self.unanswered += 1

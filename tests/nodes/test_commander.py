@@ -5,6 +5,7 @@ import struct
 import pytest
 from driven import MASTER, STATE, driven, reset_fault, write, write_entry
 from line import START, Line, plate_inside, ready_inside
+from one_watch import Present
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.device import Device
@@ -98,15 +99,10 @@ def test_a_master_that_is_gone_is_forgotten_with_its_watch() -> None:
     assert reset_fault(rig) == 0
 
 
-def watch() -> tuple[Clock, Commander, set[Watchdog]]:
+def watch() -> tuple[Clock, Commander, Present]:
     """A watch with what is present of its faults."""
-    od, present = stimulator_od(), set[Watchdog]()
-
-    def observe(watchdog: Watchdog, comes: bool) -> None:
-        (present.add if comes else present.discard)(watchdog)
-
-    device = Device(od, Application(), node_id=32)
-    return device.clock, Commander(device, 0x21, observe, lockstep=False), present
+    present, device = Present(), Device(stimulator_od(), Application(), node_id=32)
+    return device.clock, Commander(device, 0x21, present.observe, lockstep=False), present
 
 
 def test_the_plate_may_boot_as_it_has_watchdogs_of_its_own() -> None:

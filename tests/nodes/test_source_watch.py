@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from one_watch import Present
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.port import Clock
@@ -20,15 +21,12 @@ class Watch:
 
     def __init__(self) -> None:
         self.clock = Clock()
-        self.tripped: set[Watchdog] = set()
+        self.tripped = Present()
         self.od = stimulator_od()
         set_deadline(self.od, MEASUREMENT_RPDOS, 3)
         self.source = SourceWatch(
-            self.od, self.clock, Deadline(self.od, MEASUREMENT_RPDOS), self._observe
+            self.od, self.clock, Deadline(self.od, MEASUREMENT_RPDOS), self.tripped.observe
         )
-
-    def _observe(self, watchdog: Watchdog, present: bool) -> None:
-        (self.tripped.add if present else self.tripped.discard)(watchdog)
 
     def sync(self, count: int = 1, *, answers: int = 0, us: int = 1000) -> None:
         """Let time pass to a SYNC, so many times, and have so many measurements after each."""

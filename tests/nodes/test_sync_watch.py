@@ -1,6 +1,7 @@
 """How many SYNCs in a window are right, counted by the clock."""
 
 import pytest
+from one_watch import Present
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.device.port import Clock
@@ -15,14 +16,11 @@ class Watch:
 
     def __init__(self, deadline_ms: int = 3) -> None:
         self.clock = Clock()
-        self.tripped: set[Watchdog] = set()
+        self.tripped = Present()
         od = stimulator_od()
         od.entry(0x1019).value = 10
         set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
-        self.sync = SyncWatch(od, self.clock, Deadline(od, MEASUREMENT_RPDOS), self._observe)
-
-    def _observe(self, watchdog: Watchdog, present: bool) -> None:
-        (self.tripped.add if present else self.tripped.discard)(watchdog)
+        self.sync = SyncWatch(od, self.clock, Deadline(od, MEASUREMENT_RPDOS), self.tripped.observe)
 
     def hear(self, milliseconds: int, syncs: list[int]) -> None:
         """Let time pass, with so many SYNCs at the end of each millisecond."""
