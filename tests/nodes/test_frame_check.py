@@ -7,6 +7,7 @@ from line import (
     PREOP,
     START,
     SYNC,
+    cycle,
     drive,
     driven_both,
     ids,
@@ -53,6 +54,13 @@ def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:
     line.sync(22)
     line.send(drive(0, 99), drive(2000, 22))
     assert stage(plate) == 2000
+
+
+def test_a_disturbed_plate_takes_0_v_alone_until_20_cycles_without_a_wrong_check() -> None:
+    line, plate = ready_plate()
+    line.send(*[flipped(drive(2000, 0), 3)] * 4, drive(0, 0))
+    assert [cycle(line, plate, 20) for _ in range(20)] == [0] * 20
+    assert [cycle(line, plate, volts) for volts in (0, 20)] == [0, 20]
 
 
 def test_a_measurement_with_any_wrong_bit_is_not_answered() -> None:
