@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.plant.finger import Lifted, Stroke, Trajectory
+from smarttac_can.plant.finger import GuidedFinger, Lifted, Stroke, Trajectory
 
 
 def follow(finger, seconds):
@@ -141,3 +141,52 @@ def test_trajectory_is_linear_between_samples_and_lifted_outside():
 def test_trajectory_refuses(samples, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         Trajectory(samples)
+
+
+def test_a_guided_finger_goes_where_it_is_guided_without_a_blow():
+    finger = GuidedFinger(lag=0.02)
+    assert finger.at(0.0) == (0.0, 0.0)
+    finger.guide(0.01, 0.5)
+    down = np.array([finger.at(k * 1e-3) for k in range(1, 301)])
+    assert down[-1] == pytest.approx((0.01, 0.5), abs=1e-4)
+    finger.guide(-0.01, 1.0)
+    over = np.array([finger.at(k * 1e-3) for k in range(301, 601)])
+    assert np.all(np.diff(over[:, 0]) <= 0.0)
+    assert np.all(np.diff(over[:, 1]) >= 0.0)
+    assert np.max(np.abs(np.diff(over[:, 0]))) < 0.02 / 20  # 20 mm in 20 ms at most
+    assert over[-1] == pytest.approx((-0.01, 1.0), abs=1e-4)
+    finger.guide(0.03, 0.0)
+    up = np.array([finger.at(k * 1e-3) for k in range(601, 901)])
+    assert up[-1, 1] == 0.0
+    assert np.all(np.diff(up[:, 1]) <= 0.0)
+
+
+def test_a_lifted_guided_finger_comes_down_where_it_is_guided():
+    finger = GuidedFinger()
+    finger.guide(0.02, 0.0)
+    assert finger.at(1e-3) == (0.02, 0.0)
+    finger.guide(-0.02, 0.5)
+    x, _ = np.array([finger.at(k * 1e-3) for k in range(2, 100)]).T
+    assert np.all(x == -0.02)
+
+
+def test_a_guided_finger_begins_anew_with_a_run_and_at_any_pace():
+    one, other = GuidedFinger(), GuidedFinger()
+    for finger in (one, other):
+        finger.at(5.0)
+        finger.guide(0.01, 0.5)
+        assert finger.at(0.0) == (0.01, 0.0)
+    for k in range(1, 41):
+        slow = one.at(k * 1e-3)
+    assert other.at(0.04) == pytest.approx(slow, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("x", "Fn", "reason"),
+    [(0.039, 0.5, "x 0.039 is outside -0.038..0.038"), (0.0, -0.1, "Fn -0.1 is outside 0..10")],
+)
+def test_a_guided_finger_stays_on_the_plate(x, Fn, reason):
+    finger = GuidedFinger()
+    with pytest.raises(ValueError, match=re.escape(reason)):
+        finger.guide(x, Fn)
+    assert finger.at(1.0) == (0.0, 0.0)

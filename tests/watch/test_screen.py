@@ -257,6 +257,12 @@ def test_set_points_take_units_as_at_the_bench() -> None:
             assert obey(bench, text) == f"done: {text}"
         assert (bench.boundary, bench.voltage, bench.amplitude) == pytest.approx((5, 20, 1.5))
         assert bench.cof == pytest.approx((0.3, 0.4))
+        assert obey(bench, "cof - 0.5") == "done: cof - 0.5"
+        assert obey(bench, "cof 0.2 -") == "done: cof 0.2 -"
+        assert bench.cof == pytest.approx((0.2, 0.5))
+        obey(bench, "law predictive")
+        obey(bench, "slot 3")
+        assert (bench.law.name, bench.texture_slot) == ("PREDICTIVE", 3)
 
 
 @pytest.mark.parametrize(
@@ -266,6 +272,8 @@ def test_set_points_take_units_as_at_the_bench() -> None:
         ("cof 1 2 3", "'cof 1 2 3' is not of the form: cof C [C]"),
         ("mode", "'mode' is not of the form: mode NAME"),
         ("voltage", "'voltage' is not of the form: voltage V"),
+        ("slot one", "'slot one' is not of the form: slot N"),
+        ("law of nature", "'law of nature' is not of the form: law NAME"),
         ("reset now", "'reset now' is not of the form: reset"),
         ("stop", f"'stop' is none of: {HINT}"),
         ("voltage 5 mm", "Setpoint.Voltage '5 mm' is no number with a unit like V"),
