@@ -5,8 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from time import monotonic
 from typing import Final
 
@@ -16,12 +15,15 @@ from smarttac_can.host.bus import Bus, BusError, QueueFullError
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 
 _WAIT_S: Final = 0.01
-"""Longest time a frame that is to go out waits for one that comes."""
 _END_S: Final = 5.0
 
 
 class Listener(Background):
     """Hears every frame of a bus while its block lasts, also when the bus goes and comes back.
+
+    Frames are sent by whoever calls `send`, at once: a stop does not wait until the thread that
+    listens has heard something. python-can's buses take a sender beside a receiver, as
+    python-canopen does; the lock keeps senders from each other, and from a bus that is closed.
 
     Parameters
     ----------
@@ -39,7 +41,8 @@ class Listener(Background):
         self.lost = ""
         self._over = threading.Event()
         self._heard: SimpleQueue[tuple[float, Frame]] = SimpleQueue()
-        self._outgoing: SimpleQueue[Frame] = SimpleQueue()
+        self._sending = threading.Lock()
+        self._failed: BusError | None = None
         self._bus = ReconnectingBus(open_bus, _Nobody(), lost=self._lose, back=self._find)
 
     def heard(self) -> Iterator[tuple[float, Frame]]:
@@ -48,35 +51,36 @@ class Listener(Background):
             yield self._heard.get()
 
     def send(self, frame: Frame) -> None:
-        """Have a frame sent; without a bus it is dropped."""
-        self._outgoing.put(frame)
+        """Send a frame; it is dropped without a bus, and where the queue of the bus is full."""
+        with self._sending:
+            if self._over.is_set():
+                return
+            try:
+                self._bus.send(frame)
+            except QueueFullError:
+                # A read is asked again, a stop is written again.
+                return
+            except BusError as error:
+                self._failed = error
 
     def _listen(self) -> None:
         try:
             frames: deque[Frame] = deque()
             while not self._over.is_set():
                 try:
-                    self._send_what_waits()
+                    if self._failed is not None:
+                        raise self._failed
                     if not self._bus.read(frames) and not frames:
                         self._bus.wait(_WAIT_S)
                 except BusError as error:
-                    self._bus.lose(error)
+                    with self._sending:
+                        self._failed = None
+                        self._bus.lose(error)
                 while frames:
                     self._heard.put((monotonic(), frames.popleft()))
-            with suppress(BusError):
-                self._send_what_waits()
         finally:
-            self._close()
-
-    def _send_what_waits(self) -> None:
-        try:
-            while True:
-                self._bus.send(self._outgoing.get_nowait())
-        except Empty:
-            return
-        except QueueFullError:
-            # A read is asked again, a stop is written again.
-            return
+            with self._sending:
+                self._close()
 
     def _close(self) -> None:
         try:
