@@ -80,9 +80,15 @@ class Rig:
         subject: int = 0,
         seed: int = 1,
         wrong: tuple[float, float, float] = (1.0, 1.0, 0.0),
+        softening: float = 0.0,
     ) -> None:
         gain, tau, off = wrong
-        true = ResonatorParameters(gain=50e-9 * gain, tau=PlateModel().tau * tau, f0=43_390.0 + off)
+        true = ResonatorParameters(
+            gain=50e-9 * gain,
+            tau=PlateModel().tau * tau,
+            f0=43_390.0 + off,
+            softening=softening,
+        )
         self.plate = WatchedPlate(
             PlateParameters(resonator=true),
             SUBJECTS[subject],

@@ -56,6 +56,7 @@ class ModeCoefficients(NamedTuple):
     f0: float
     f0_slope: float
     reference_temperature: float
+    softening: float
 
 
 class Fingertip(NamedTuple):
@@ -157,6 +158,7 @@ def coefficients(
             mode.f0,
             mode.f0_slope,
             mode.reference_temperature,
+            mode.softening,
         ),
         Fingertip(friction_map(subject, sound_f0), skin_of(subject), filmed),
         subject.load_damping,
@@ -232,7 +234,7 @@ def _moved(
         mode, fingertip, load_damping, load_stiffness, before, after, normal,
         ripple, node_distance, ambient, resistance, warming, wetting,
     ) = coefficients  # fmt: skip
-    m, _, damping, f0, f0_slope, reference_temperature = mode
+    m, _, damping, f0, f0_slope, reference_temperature, _ = mode
     motion, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion = state
     old, new = drives
     (x0, Fn0), (x1, Fn1) = fingers
@@ -247,10 +249,7 @@ def _moved(
         shape = shape_at(0.5 * (x0 + x1), ripple, node_distance)
         load *= shape * shape
     resonance = resonance_at(f0, f0_slope, temperature - reference_temperature)
-    loaded = (
-        damping + load_damping * load,
-        stiffness_of(m, resonance) + load_stiffness * load,
-    )
+    loaded = (damping + load_damping * load, load_stiffness * load, resonance)
     sliding = (bare_friction(fingertip.friction, Fn, occlusion), (x1 - x0) / TICK, shape)
     if before.steps:
         motion = _advanced(coefficients, before, motion, old, loaded, sliding)
@@ -266,7 +265,7 @@ def _advanced(
     segment: Segment,
     motion: Motion,
     drive: Drive,
-    loaded: tuple[float, float],
+    loaded: tuple[float, float, float],
     sliding: tuple[float, float, float],
 ) -> Motion:
     """Return what moves, after a part of a tick.
@@ -276,7 +275,8 @@ def _advanced(
     coefficients, segment, motion, drive
         The plate.
     loaded
-        Damping in N s/m and stiffness in N/m of the mode under the finger.
+        Damping of the mode under the finger in N s/m, stiffness of the finger in N/m, and resonance
+        in Hz of the bare mode at rest.
     sliding
         Its friction without vibration in N, the velocity of its bone in m/s, and the shape of the
         mode where it is.
@@ -285,15 +285,23 @@ def _advanced(
     W, rate, before, filmed, v, stretch, z, Ft, Fx, Fx_rate = motion
     bare, v_bone, shape = sliding
     friction, skin, lagging = coefficients.fingertip
-    mass, conversion, _, _, _, _ = coefficients.mode
+    mass, conversion, _, _, _, _, softening = coefficients.mode
+    d, c_finger, resonance = loaded
     voltage, frequency = drive
     omega = TWO_PI * frequency
     if omega != before:
         rate = rate_in_frame(W, rate, omega - before)
-    step = response(mass, length, omega, conversion * voltage, *loaded)
+    force = conversion * voltage
+    step = response(mass, length, omega, force, d, stiffness_of(mass, resonance) + c_finger)
     skinned = skin_step(skin, length, v_bone, bare)
     size = abs(W)
     for _ in range(steps):
+        if softening:
+            # Of second order: the stiffness of a sub-step is that of its mean amplitude.
+            softer = resonance - softening * size
+            step = response(mass, length, omega, force, d, stiffness_of(mass, softer) + c_finger)
+            softer = resonance - 0.5 * softening * (size + abs(vibrate(step, W, rate)[0]))
+            step = response(mass, length, omega, force, d, stiffness_of(mass, softer) + c_finger)
         W, rate = vibrate(step, W, rate)
         size_before, size = size, abs(W)
         vibration = 0.5 * (size_before + size)

@@ -50,6 +50,9 @@ class ResonatorParameters:
     """Change of the resonance frequency in Hz/K [P]: 43250 Hz at 30 degC."""
     reference_temperature: float = 20.0
     """Temperature in degC at which :attr:`f0` applies [P]."""
+    softening: float = 0.0
+    """Fall of the resonance with the amplitude in Hz/m peak-to-peak, -1e9..1e9; 0 is a linear
+    plate [A], piezo plates have some 60e6 to 150e6."""
     tau: float = math.sqrt(1.30**2 - 1.0) / (TWO_PI * 140.0)
     """Time constant 2m/d_s in s [D]: 30 % more voltage at 140 Hz of detuning, 0.944 ms."""
     gain: float = 50e-9
@@ -64,13 +67,14 @@ class ResonatorParameters:
         require("f0", self.f0, 1e3, 1e6)
         require("f0_slope", self.f0_slope, -1e3, 1e3)
         require("reference_temperature", self.reference_temperature, -40.0, 125.0)
+        require("softening", self.softening, -1e9, 1e9)
         require("tau", self.tau, 1e-5, 1.0)
         require("gain", self.gain, 1e-12, 1e-3)
         object.__setattr__(self, "damping", 2.0 * self.mass / self.tau)
         object.__setattr__(self, "conversion", self.gain * self.damping * TWO_PI * self.f0)
 
     def resonance(self, temperature: float) -> float:
-        """Return the resonance frequency in Hz at a plate temperature in degC."""
+        """Return the resonance frequency in Hz at a plate temperature in degC, of a plate at rest."""
         return resonance_at(self.f0, self.f0_slope, temperature - self.reference_temperature)
 
     def stiffness(self, temperature: float) -> float:
