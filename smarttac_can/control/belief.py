@@ -1,7 +1,9 @@
-"""What two measurements tell of the plate: an iterated extended Kalman filter of three numbers.
+"""What two measurements tell of the plate: an iterated extended Kalman filter of four numbers.
 
-They are the logarithms of kappa and 1/tau and the angular resonance, each against the model's, so
-that neither can change sign. The functions are plain ones of floats and named tuples.
+They are the logarithms of kappa and 1/tau, so that neither can change sign, the angular resonance
+at rest, and by how much it falls with the amplitude, each against the model's. Over a part of a
+tick the resonance is taken to be that of a mean amplitude. The functions are plain ones of floats
+and named tuples.
 """
 
 from __future__ import annotations
@@ -20,11 +22,15 @@ RATE_SPREAD: Final = 0.10
 W0_SPREAD: Final = TWO_PI * 60.0
 """Standard uncertainty of the model's resonance in rad/s; that it may be 200 Hz off is learned
 in a tick, because the phase of W tells it."""
+SOFTENING_SPREAD: Final = TWO_PI * 60e6
+"""Standard uncertainty of the model's softening in rad/(s m)."""
 _KEEP_KAPPA: Final = 0.9999
 """What is left after a tick of what was learned of kappa: 10 s. A finger does not change it."""
 _KEEP_RATE: Final = 0.95
 """The same of 1/tau: 20 ms. A finger changes it as it presses and slides."""
 _KEEP_W0: Final = 0.9999
+_KEEP_SOFTENING: Final = 0.99999
+"""The same of the softening: 100 s. It tells how the resonance falls at the next step."""
 _SHIFT: Final = 200.0
 """Uncertainty of the resonance in rad/s when 1/tau has changed e-fold: a finger is stiff, too."""
 _NOISE: Final = 1e-9
@@ -37,6 +43,7 @@ from being taken for another plate."""
 _FARTHEST: Final = 1.0
 """Bound of the two logarithms: a factor of 2.7."""
 _FARTHEST_W0: Final = TWO_PI * 2000.0
+_FARTHEST_SOFTENING: Final = TWO_PI * 1e9
 _ABSURD: Final = 1e3
 """Bound of the logarithms before they are cut to what a plate can be."""
 _PASSES: Final = 3
@@ -46,12 +53,16 @@ _MISSED_FROM: Final = 100e-9
 """Error in m of a prediction from which a drive may have been lost: less does no harm."""
 _MISSED_SHARE: Final = 0.1
 """Largest share of it that is left once the drive before is taken to have lasted."""
+_MISSED_TURNED: Final = 0.3
+"""The same across it: by a softening that is hardly known yet."""
 _KAPPA_VARIANCE: Final = KAPPA_SPREAD * KAPPA_SPREAD
 _RATE_VARIANCE: Final = RATE_SPREAD * RATE_SPREAD
 _W0_VARIANCE: Final = W0_SPREAD * W0_SPREAD
+_SOFTENING_VARIANCE: Final = SOFTENING_SPREAD * SOFTENING_SPREAD
 _KK: Final = _KEEP_KAPPA * _KEEP_KAPPA
 _RR: Final = _KEEP_RATE * _KEEP_RATE
 _WW: Final = _KEEP_W0 * _KEEP_W0
+_SS: Final = _KEEP_SOFTENING * _KEEP_SOFTENING
 
 
 class PlateNow(NamedTuple):
@@ -62,7 +73,9 @@ class PlateNow(NamedTuple):
     rate: float
     """1/tau in 1/s."""
     w0: float
-    """Angular resonance in rad/s."""
+    """Angular resonance at rest in rad/s."""
+    softening: float = 0.0
+    """By how much it falls with the amplitude, in rad/(s m)."""
 
 
 class Belief(NamedTuple):
@@ -74,12 +87,18 @@ class Belief(NamedTuple):
     """ln of 1/tau over the model's."""
     w0: float
     """Angular resonance less the model's in rad/s."""
+    softening: float
+    """Softening less the model's in rad/(s m)."""
     kk: float
     kr: float
     kw: float
+    ks: float
     rr: float
     rw: float
+    rs: float
     ww: float
+    ws: float
+    ss: float
 
 
 class Span(NamedTuple):
@@ -91,15 +110,58 @@ class Span(NamedTuple):
     w: float
 
 
-PRIOR: Final = Belief(0.0, 0.0, 0.0, _KAPPA_VARIANCE, 0.0, 0.0, _RATE_VARIANCE, 0.0, _W0_VARIANCE)
+PRIOR: Final = Belief(
+    0.0, 0.0, 0.0, 0.0,
+    _KAPPA_VARIANCE, 0.0, 0.0, 0.0, _RATE_VARIANCE, 0.0, 0.0, _W0_VARIANCE, 0.0,
+    _SOFTENING_VARIANCE,
+)  # fmt: skip
 """The model, and nothing learned."""
 
 
 def believed(model: PlateNow, belief: Belief) -> PlateNow:
     """Return the plate that is believed in."""
     return PlateNow(
-        model.kappa * exp(belief.kappa), model.rate * exp(belief.rate), model.w0 + belief.w0
+        model.kappa * exp(belief.kappa),
+        model.rate * exp(belief.rate),
+        model.w0 + belief.w0,
+        model.softening + belief.softening,
     )
+
+
+class Part(NamedTuple):
+    """What a part of a tick under one drive makes of the plate: ``left W + kappa per_force V``."""
+
+    left: complex
+    per_force: complex
+    """phi, in s."""
+    by_turn: complex
+    """Derivative of it by lambda."""
+    free: float
+    """Mean amplitude in m of what is left: by that much the resonance falls."""
+    forced: float
+    """That of what the drive adds, which counts more the later it is."""
+
+
+def part_of(plate: PlateNow, w: float, before: float, after: float, h: float) -> Part:
+    """Return a part of a tick of h in s, at a drive of w in rad/s, between two amplitudes in m.
+
+    The amplitude is taken to go from one to the other exponentially, as at resonance.
+    """
+    decay = plate.rate * h
+    free = before + (0.5 + decay / 12.0) * (after - before)
+    forced = before + (2.0 / 3.0 + decay / 10.0) * (after - before)
+    left = exp_j(complex(-decay, (plate.w0 - plate.softening * free - w) * h))
+    turn = complex(-plate.rate, plate.w0 - plate.softening * forced - w)
+    e = exp_j(turn * h)
+    phi = (e - 1.0) / turn
+    return Part(left, phi, (h * e - phi) / turn, free, forced)
+
+
+def part_before(plate: PlateNow, w: float, W: complex, forced: float, h: float) -> Part:
+    """Return the part of a tick until the dead time is over, under a drive of kappa V in m/s."""
+    size = abs(W)
+    first = part_of(plate, w, size, size, h)
+    return part_of(plate, w, size, abs(first.left * W + first.per_force * forced), h)
 
 
 def fade(belief: Belief, load_change: float) -> Belief:
@@ -112,18 +174,23 @@ def fade(belief: Belief, load_change: float) -> Belief:
     load_change
         Change of ln 1/tau by the load of the finger since; it is as uncertain as it is large.
     """
-    kappa, rate, w0, kk, kr, kw, rr, rw, ww = belief
+    kappa, rate, w0, softening, kk, kr, kw, ks, rr, rw, rs, ww, ws, ss = belief
     shift = _SHIFT * load_change
     return Belief(
         kappa,
         rate,
         w0,
+        softening,
         _KK * kk + (1.0 - _KK) * _KAPPA_VARIANCE,
         _KEEP_KAPPA * _KEEP_RATE * kr,
         _KEEP_KAPPA * _KEEP_W0 * kw,
+        _KEEP_KAPPA * _KEEP_SOFTENING * ks,
         _RR * rr + (1.0 - _RR) * _RATE_VARIANCE + load_change * load_change,
         _KEEP_RATE * _KEEP_W0 * rw,
+        _KEEP_RATE * _KEEP_SOFTENING * rs,
         _WW * ww + (1.0 - _WW) * _W0_VARIANCE + shift * shift,
+        _KEEP_W0 * _KEEP_SOFTENING * ws,
+        _SS * ss + (1.0 - _SS) * _SOFTENING_VARIANCE,
     )
 
 
@@ -135,11 +202,13 @@ def missed(
     It is taken for a drive that was lost. So would be a pick-up that reads next to nothing, from
     which nothing could be learned either; the watchdogs answer for that.
     """
-    error = abs(W_next - _predict(belief, model, dead_time, W, span)[0])
-    if error < _MISSED_FROM:
+    size = abs(W_next)
+    error = W_next - _predict(belief, model, dead_time, W, span, size)[0]
+    if abs(error) < _MISSED_FROM:
         return False
-    left = abs(W_next - _predict(belief, model, dead_time, W, first_lasting(span))[0])
-    return left < _MISSED_SHARE * error
+    left = W_next - _predict(belief, model, dead_time, W, first_lasting(span), size)[0]
+    left /= error
+    return abs(left.real) < _MISSED_SHARE and abs(left.imag) < _MISSED_TURNED
 
 
 def first_lasting(span: Span) -> Span:
@@ -157,8 +226,8 @@ def learn(
     learned = belief
     at = belief
     for _ in range(_PASSES):
-        predicted, late, by_kappa, by_rate, by_w0, variance = _predict(
-            at, model, dead_time, W, span
+        predicted, late, by_kappa, by_rate, by_w0, by_softening, variance = _predict(
+            at, model, dead_time, W, span, abs(W_next)
         )
         # Seen along the axis of a wrong instant, and across, where phase is.
         size = abs(late)
@@ -167,23 +236,28 @@ def learn(
             by_kappa *= along
             by_rate *= along
             by_w0 *= along
+            by_softening *= along
             innovation = (W_next - predicted) * along
         else:
             innovation = W_next - predicted
-        back = (belief.kappa - at.kappa, belief.rate - at.rate, belief.w0 - at.w0)
-        innovation -= by_kappa * back[0] + by_rate * back[1] + by_w0 * back[2]
-        jittered = variance + size * size
-        learned = _update(
-            belief, by_kappa.real, by_rate.real, by_w0.real, innovation.real, jittered
+        innovation -= (
+            by_kappa * (belief.kappa - at.kappa)
+            + by_rate * (belief.rate - at.rate)
+            + by_w0 * (belief.w0 - at.w0)
+            + by_softening * (belief.softening - at.softening)
         )
+        slopes = (by_kappa.real, by_rate.real, by_w0.real, by_softening.real)
+        learned = _update(belief, slopes, innovation.real, variance + size * size)
         # The second axis is left with what the first one has not explained.
         left = (
             innovation.imag
             - by_kappa.imag * (learned.kappa - belief.kappa)
             - by_rate.imag * (learned.rate - belief.rate)
             - by_w0.imag * (learned.w0 - belief.w0)
+            - by_softening.imag * (learned.softening - belief.softening)
         )
-        learned = _update(learned, by_kappa.imag, by_rate.imag, by_w0.imag, left, variance)
+        slopes = (by_kappa.imag, by_rate.imag, by_w0.imag, by_softening.imag)
+        learned = _update(learned, slopes, left, variance)
         if not _sound(learned):
             return PRIOR
         moved = abs(learned.kappa - at.kappa) + abs(learned.rate - at.rate)
@@ -194,30 +268,32 @@ def learn(
 
 
 def _predict(
-    at: Belief, model: PlateNow, d: float, W: complex, span: Span
-) -> tuple[complex, complex, complex, complex, complex, float]:
-    """Return W after a tick, by what the jitter shifts it, its derivatives, and the variance."""
-    kappa, rate, w0 = believed(model, at)
+    at: Belief, model: PlateNow, d: float, W: complex, span: Span, size: float
+) -> tuple[complex, complex, complex, complex, complex, complex, float]:
+    """Return W after a tick, by what the jitter shifts it, its derivatives, and the variance.
+
+    The size of W that was measured then tells the mean amplitude.
+    """
+    plate = believed(model, at)
+    kappa, rate, w0, _ = plate
     V_before, w_before, V, w = span
     h = TICK - d
-    turn = complex(-rate, w0 - w)
-    e = exp_j(turn * h)
-    phi = (e - 1.0) / turn
-    forced = kappa * phi * V
-    by_turn = kappa * V * (h * e - phi) / turn
+    forced_before = by_before = by_softening = 0j
     if d > 0.0:
-        turn_before = complex(-rate, w0 - w_before)
-        e_before = exp_j(turn_before * d)
-        phi_before = (e_before - 1.0) / turn_before
-        forced_before = kappa * phi_before * V_before
-        by_before = d * e_before * W + kappa * V_before * (d * e_before - phi_before) / turn_before
-        W = e_before * W + forced_before
-        forced += e * forced_before
-        by_turn += e * by_before
-        predicted = e * W + kappa * phi * V
-    else:
-        predicted = e * W + forced
-    by_turn += h * e * W
+        part = part_before(plate, w_before, W, kappa * V_before, d)
+        forced_before = kappa * V_before * part.per_force
+        by_free, by_forced = d * part.left * W, kappa * V_before * part.by_turn
+        by_before = by_free + by_forced
+        by_softening = -part.free * by_free - part.forced * by_forced
+        W = part.left * W + forced_before
+    part = part_of(plate, w, abs(W), size, h)
+    e = part.left
+    forced = kappa * part.per_force * V
+    predicted = e * W + forced
+    by_free, by_forced = h * e * W, kappa * V * part.by_turn
+    by_softening = e * by_softening - part.free * by_free - part.forced * by_forced
+    by_turn = by_free + by_forced + e * by_before
+    forced += e * forced_before
     square = predicted.real * predicted.real + predicted.imag * predicted.imag
     jump = kappa * (V - V_before)
     late = _JITTER * jump * e
@@ -229,43 +305,55 @@ def _predict(
         + _UNMODELLED * _UNMODELLED * square
         + other * other
     )
-    return predicted, late, forced, -rate * by_turn, 1j * by_turn, variance
+    return predicted, late, forced, -rate * by_turn, 1j * by_turn, 1j * by_softening, variance
 
 
 def _update(
-    belief: Belief, k: float, r: float, w: float, innovation: float, variance: float
+    belief: Belief,
+    slopes: tuple[float, float, float, float],
+    innovation: float,
+    variance: float,
 ) -> Belief:
     """Return the belief after one axis: derivatives of its prediction, innovation and variance."""
-    kappa, rate, w0, kk, kr, kw, rr, rw, ww = belief
-    to_kappa = kk * k + kr * r + kw * w
-    to_rate = kr * k + rr * r + rw * w
-    to_w0 = kw * k + rw * r + ww * w
-    precision = 1.0 / (k * to_kappa + r * to_rate + w * to_w0 + variance)
+    kappa, rate, w0, softening, kk, kr, kw, ks, rr, rw, rs, ww, ws, ss = belief
+    k, r, w, s = slopes
+    to_kappa = kk * k + kr * r + kw * w + ks * s
+    to_rate = kr * k + rr * r + rw * w + rs * s
+    to_w0 = kw * k + rw * r + ww * w + ws * s
+    to_softening = ks * k + rs * r + ws * w + ss * s
+    precision = 1.0 / (k * to_kappa + r * to_rate + w * to_w0 + s * to_softening + variance)
     innovation *= precision
     return Belief(
         kappa + to_kappa * innovation,
         rate + to_rate * innovation,
         w0 + to_w0 * innovation,
+        softening + to_softening * innovation,
         kk - to_kappa * to_kappa * precision,
         kr - to_kappa * to_rate * precision,
         kw - to_kappa * to_w0 * precision,
+        ks - to_kappa * to_softening * precision,
         rr - to_rate * to_rate * precision,
         rw - to_rate * to_w0 * precision,
+        rs - to_rate * to_softening * precision,
         ww - to_w0 * to_w0 * precision,
+        ws - to_w0 * to_softening * precision,
+        ss - to_softening * to_softening * precision,
     )
 
 
 def _sound(belief: Belief) -> bool:
     """Whether it is numbers, with variances above 0; NaN fails every comparison."""
-    kappa, rate, w0, kk, _, _, rr, _, ww = belief
+    kappa, rate, w0, softening, kk, _, _, _, rr, _, _, ww, _, ss = belief
     sane = abs(kappa) + abs(rate) < _ABSURD and abs(w0) < _FARTHEST_W0
-    return sane and kk > 0.0 and rr > 0.0 and ww > 0.0
+    sane = sane and abs(softening) < _FARTHEST_SOFTENING
+    return sane and kk > 0.0 and rr > 0.0 and ww > 0.0 and ss > 0.0
 
 
 def _bounded(belief: Belief) -> Belief:
-    if -_FARTHEST <= belief.kappa <= _FARTHEST and -_FARTHEST <= belief.rate <= _FARTHEST:
+    kappa, rate = belief.kappa, belief.rate
+    if -_FARTHEST <= kappa <= _FARTHEST and -_FARTHEST <= rate <= _FARTHEST:
         return belief
-    _, _, w0, kk, kr, kw, rr, rw, ww = belief
-    kappa = min(max(belief.kappa, -_FARTHEST), _FARTHEST)
-    rate = min(max(belief.rate, -_FARTHEST), _FARTHEST)
-    return Belief(kappa, rate, w0, kk, kr, kw, rr, rw, ww)
+    _, _, w0, softening, kk, kr, kw, ks, rr, rw, rs, ww, ws, ss = belief
+    kappa = min(max(kappa, -_FARTHEST), _FARTHEST)
+    rate = min(max(rate, -_FARTHEST), _FARTHEST)
+    return Belief(kappa, rate, w0, softening, kk, kr, kw, ks, rr, rw, rs, ww, ws, ss)

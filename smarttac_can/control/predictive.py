@@ -11,7 +11,6 @@ Of all voltages that one is put out which brings ``|W|`` to its reference a tick
 
 from __future__ import annotations
 
-from cmath import exp as exp_j
 from math import isnan, nan, sqrt
 from typing import Final, NamedTuple
 
@@ -26,6 +25,8 @@ from smarttac_can.control.belief import (
     first_lasting,
     learn,
     missed,
+    part_before,
+    part_of,
 )
 from smarttac_can.vocabulary.model import F0_SLOPE, PlateModel, contact_load, decay_rate
 from smarttac_can.vocabulary.signals import TICK, Drive
@@ -62,18 +63,16 @@ def voltage_for(
     W_ref
         Reference of ``|W|`` in m.
     """
-    kappa, rate, w0 = plate
+    kappa = plate.kappa
     if dead_time > 0.0:
-        turn = complex(-rate, w0 - span.w_before)
-        e = exp_j(turn * dead_time)
-        W = e * W + kappa * span.V_before * (e - 1.0) / turn
-    turn = complex(-rate, w0 - span.w)
-    e = exp_j(turn * TICK)
-    phi = (e - 1.0) / turn
-    by_turn = (TICK * e - phi) / (turn * phi)
-    pole = _held_back(belief, -rate * by_turn.real, -by_turn.imag)
+        forced = kappa * span.V_before
+        part = part_before(plate, span.w_before, W, forced, dead_time)
+        W = part.left * W + part.per_force * forced
+    part = part_of(plate, span.w, abs(W), W_ref, TICK)
+    by_turn = part.by_turn / part.per_force
+    pole = _held_back(belief, -plate.rate * by_turn.real, -by_turn.imag)
     goal = pole * abs(W) + (1.0 - pole) * W_ref
-    free, per_volt = e * W, kappa * phi
+    free, per_volt = part.left * W, kappa * part.per_force
     # |free + per_volt V|^2 = goal^2; without a root, as near as it gets.
     square = per_volt.real * per_volt.real + per_volt.imag * per_volt.imag
     half = free.real * per_volt.real + free.imag * per_volt.imag
@@ -196,7 +195,8 @@ def resonance_of(learned: Learned) -> float:
     """Return the resonance in Hz where it is believed to be; at first the frequency in force."""
     if learned.held and learned.follows:
         return learned.drive.frequency
-    return learned.plate.w0 / TWO_PI
+    plate = learned.plate
+    return (plate.w0 - plate.softening * abs(learned.W)) / TWO_PI
 
 
 def asked_voltage(prior: Prior, learned: Learned, W_ref: float, frequency: float) -> float:

@@ -234,7 +234,7 @@ def _moved(
         mode, fingertip, load_damping, load_stiffness, before, after, normal,
         ripple, node_distance, ambient, resistance, warming, wetting,
     ) = coefficients  # fmt: skip
-    m, _, damping, f0, f0_slope, reference_temperature, _ = mode
+    _, _, damping, f0, f0_slope, reference_temperature, _ = mode
     motion, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion = state
     old, new = drives
     (x0, Fn0), (x1, Fn1) = fingers

@@ -74,7 +74,7 @@ class ResonatorParameters:
         object.__setattr__(self, "conversion", self.gain * self.damping * TWO_PI * self.f0)
 
     def resonance(self, temperature: float) -> float:
-        """Return the resonance frequency in Hz at a plate temperature in degC, of a plate at rest."""
+        """Return the resonance frequency in Hz at rest, at a plate temperature in degC."""
         return resonance_at(self.f0, self.f0_slope, temperature - self.reference_temperature)
 
     def stiffness(self, temperature: float) -> float:

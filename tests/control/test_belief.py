@@ -39,7 +39,18 @@ def moved(plate, dead_time, W, span):
     return W
 
 
-def watched(plate, voltages, dead_time=DEAD, noise=0.0, belief=PRIOR, w=W0):
+def softened(plate, dead_time, W, span):
+    """The same of a plate whose resonance falls as it moves, in 200 parts."""
+    for V, w, time in ((span[0], span[1], dead_time), (span[2], span[3], 1e-3 - dead_time)):
+        for _ in range(200):
+            now = plate._replace(w0=plate.w0 - plate.softening * abs(W))
+            turn = complex(-now.rate, now.w0 - w)
+            steady = -now.kappa * V / turn
+            W = steady + (W - steady) * cmath.exp(turn * time / 200)
+    return W
+
+
+def watched(plate, voltages, dead_time=DEAD, noise=0.0, belief=PRIOR, w=W0, moved=moved):
     """Learn from a plate under these voltages; return the belief after each tick."""
     shake = random.Random(1)
     W, before, beliefs = 0j, 0.0, []
@@ -73,21 +84,35 @@ def test_a_plate_twice_as_damped_is_one_that_there_may_be():
 def test_the_phase_of_one_tick_tells_the_resonance():
     plate = PlateNow(53e-6, 1060.0, W0 + 2 * math.pi * 200.0)
     belief = watched(plate, [30.0])[-1]
-    assert belief.w0 / (2 * math.pi) == pytest.approx(200.0, abs=15.0)
+    # From rest, what the drive adds turns as at some three quarters of the amplitude reached.
+    reached = abs(moved(plate, DEAD, 0j, Span(0.0, W0, 30.0, W0)))
+    there = belief.w0 - belief.softening * 0.75 * reached
+    assert there / (2 * math.pi) == pytest.approx(200.0, abs=15.0)
+
+
+@pytest.mark.parametrize("dead_time", [0.0, DEAD])
+@pytest.mark.parametrize("softening", [-60e6, 0.0, 60e6, 150e6])
+def test_the_softening_is_known_after_two_amplitudes(softening, dead_time):
+    plate = PlateNow(53e-6, 1060.0, W0 + 2 * math.pi * 50.0, 2 * math.pi * softening)
+    voltages = [20.0] * 8 + [45.0] * 8 + [20.0] * 8
+    found = believed(MODEL, watched(plate, voltages, dead_time, 1e-9, moved=softened)[-1])
+    assert found.softening / (2 * math.pi) == pytest.approx(softening, rel=0.1, abs=6e6)
+    assert (found.w0 - plate.w0) / (2 * math.pi) == pytest.approx(0.0, abs=10.0)
 
 
 def test_a_steady_vibration_is_explained_whichever_plate_it_is():
     plate = PlateNow(53e-6 * 1.2, 1060.0 * 1.3, W0 + 300.0)
     belief = watched(plate, [20.0] * 200, noise=1e-9)[-1]
     found = believed(MODEL, belief)
+    found = found._replace(w0=found.w0 - found.softening * 20.0 * plate.kappa / plate.rate)
     there, here = (-p.kappa * 20.0 / complex(-p.rate, p.w0 - W0) for p in (plate, found))
     assert abs(here - there) < 0.01 * abs(there)
 
 
 def test_at_rest_nothing_is_learned():
     belief = watched(MODEL, [0.0] * 100)[-1]
-    assert belief[:3] == (0.0, 0.0, 0.0)
-    assert belief[3:] == pytest.approx(PRIOR[3:])
+    assert belief[:4] == (0.0, 0.0, 0.0, 0.0)
+    assert belief[4:] == pytest.approx(PRIOR[4:])
 
 
 def test_another_load_is_not_known():
@@ -125,7 +150,14 @@ def test_a_prediction_is_the_plates_and_its_derivatives_are_those_of_the_plate(
         )
 
     belief = PRIOR._replace(kappa=at[0], rate=at[1], w0=at[2])
-    predicted, _, *derivatives, variance = _predict(belief, MODEL, dead_time, W, span)
+    size = abs(moves(*at))
+    predicted, _, *derivatives, by_softening, variance = _predict(
+        belief, MODEL, dead_time, W, span, size
+    )
+    # A softening of 16 mHz/um: the mean amplitude of both parts turns W.
+    turned = belief._replace(softening=1e5)
+    soft = _predict(turned, MODEL, dead_time, W, span, size)[0] - predicted
+    assert abs(by_softening * 1e5 - soft) < 1e-3 * abs(soft) + 1e-15
     size = abs(W) + 1e-6
     assert abs(predicted - moves(*at)) < 1e-9 * size
     for place, step in enumerate((1e-5, 1e-5, 1e-1)):
@@ -138,15 +170,15 @@ def test_a_prediction_is_the_plates_and_its_derivatives_are_those_of_the_plate(
 def test_a_jump_of_the_voltage_is_what_an_instant_told_wrongly_shifts():
     """By the voltage it differs by, over the jitter: the derivative by the dead time."""
     span = Span(10.0, W0, 40.0, W0)
-    late = _predict(PRIOR, MODEL, DEAD, 0j, span)[1]
+    late = _predict(PRIOR, MODEL, DEAD, 0j, span, 1e-6)[1]
     slope = (moved(MODEL, DEAD + 1e-7, 0j, span) - moved(MODEL, DEAD - 1e-7, 0j, span)) / 2e-7
     assert late == pytest.approx(-_JITTER * slope, rel=1e-2)
-    assert _predict(PRIOR, MODEL, DEAD, 0j, Span(40.0, W0, 40.0, W0))[1] == 0j
+    assert _predict(PRIOR, MODEL, DEAD, 0j, Span(40.0, W0, 40.0, W0), 1e-6)[1] == 0j
 
 
 def test_a_prediction_is_as_unsure_as_two_readings_and_more_so_of_a_large_or_jumping_one():
     def variance(W, V_before, V):
-        return _predict(PRIOR, MODEL, DEAD, W, Span(V_before, W0, V, W0))[-1]
+        return _predict(PRIOR, MODEL, DEAD, W, Span(V_before, W0, V, W0), 1e-6)[-1]
 
     still = variance(0j, 0.0, 0.0)
     # The older reading decays by the tick.
@@ -165,37 +197,35 @@ def test_the_noise_is_that_of_the_pickup():
 
 
 @given(
-    slopes=st.tuples(*[st.floats(-2e-6, 2e-6)] * 2, st.floats(-1e-9, 1e-9)),
+    slopes=st.tuples(*[st.floats(-2e-6, 2e-6)] * 2, *[st.floats(-1e-9, 1e-9)] * 2),
     innovation=st.floats(-1e-6, 1e-6),
     variance=st.floats(1e-18, 1e-14),
 )
 @settings(max_examples=50)
 def test_one_axis_teaches_as_a_kalman_filter(slopes, innovation, variance):
-    belief = fade(PRIOR, 0.2)._replace(kr=1e-3, kw=0.2, rw=-0.3, kappa=0.1, rate=-0.1, w0=50.0)
-    P = np.array(
-        [
-            [belief.kk, belief.kr, belief.kw],
-            [belief.kr, belief.rr, belief.rw],
-            [belief.kw, belief.rw, belief.ww],
-        ]
-    )
+    hang = {"kr": 1e-3, "kw": 0.2, "ks": 0.3, "rw": -0.3, "rs": 0.1, "ws": -20.0}
+    belief = fade(PRIOR, 0.2)._replace(ss=1e5, kappa=0.1, rate=-0.1, w0=50.0, softening=3.0, **hang)
+    P = np.zeros((4, 4))
+    P[np.triu_indices(4)] = belief[4:]
+    P += np.triu(P, 1).T
     H = np.array(slopes)
     gain = P @ H / (H @ P @ H + variance)
-    x, P = np.array(belief[:3]) + gain * innovation, P - np.outer(gain, H @ P)
-    found = _update(belief, *slopes, innovation, variance)
-    assert found[:3] == pytest.approx(x, rel=1e-9, abs=1e-12)
-    assert found[3:] == pytest.approx(P[np.triu_indices(3)], rel=1e-6, abs=1e-12)
+    x, P = np.array(belief[:4]) + gain * innovation, P - np.outer(gain, H @ P)
+    found = _update(belief, slopes, innovation, variance)
+    assert found[:4] == pytest.approx(x, rel=1e-9, abs=1e-12)
+    assert found[4:] == pytest.approx(P[np.triu_indices(4)], rel=1e-6, abs=1e-12)
 
 
 def test_what_was_learned_is_forgotten_in_10_s_and_of_the_damping_in_20_ms():
     """Of the variance that is left out by then e^-2; what hangs together keeps to it."""
-    sure = PRIOR._replace(kk=0.0, rr=0.0, ww=0.0)
+    sure = PRIOR._replace(kk=0.0, rr=0.0, ww=0.0, ss=0.0)
     for tick in range(10_001):
         if tick == 20:
             assert sure.rr / PRIOR.rr == pytest.approx(1.0 - math.exp(-2.0), rel=0.02)
         sure = fade(sure, 0.0)
     assert sure.kk / PRIOR.kk == pytest.approx(1.0 - math.exp(-2.0), rel=0.01)
     assert sure.ww / PRIOR.ww == pytest.approx(1.0 - math.exp(-2.0), rel=0.01)
+    assert sure.ss / PRIOR.ss == pytest.approx(1.0 - math.exp(-0.2), rel=0.01)
     assert sure.rr == pytest.approx(PRIOR.rr)
 
 
@@ -263,7 +293,8 @@ def test_whatever_is_measured_the_belief_stays_one_of_a_plate(dead_time, ticks):
         assert abs(belief.kappa) <= 1.0
         assert abs(belief.rate) <= 1.0
         assert abs(belief.w0) <= 2 * math.pi * 2000.0
-        assert min(belief.kk, belief.rr, belief.ww) > 0.0
+        assert abs(belief.softening) <= 2 * math.pi * 1e9
+        assert min(belief.kk, belief.rr, belief.ww, belief.ss) > 0.0
 
 
 @pytest.mark.parametrize("bad", [complex(math.nan, 0.0), complex(0.0, math.inf)])
