@@ -19,7 +19,7 @@ from smarttac_can.plant.friction import (
     sliding_friction,
 )
 from smarttac_can.plant.parameters import TWO_PI, PlateParameters, resonance_at, stiffness_of
-from smarttac_can.plant.resonator import rate_in_frame, response, vibrate
+from smarttac_can.plant.resonator import integral, rate_in_frame, response, vibrate
 from smarttac_can.plant.sensors import Sensing, readings
 from smarttac_can.plant.skin import Skin, skin_of, skin_step, slide
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
@@ -45,6 +45,12 @@ class Segment(NamedTuple):
     path: Propagator
     film_share: float
     """By which share of its distance the film follows in a sub-step."""
+    low_share: float
+    """The same of the pick-up's filter."""
+    new: bool
+    """Whether the new drive is in force."""
+    read: bool
+    """Whether it is in the pick-up's window."""
 
 
 class ModeCoefficients(NamedTuple):
@@ -57,6 +63,8 @@ class ModeCoefficients(NamedTuple):
     f0_slope: float
     reference_temperature: float
     softening: float
+    neighbour_share: float
+    neighbour_offset: float
 
 
 class Fingertip(NamedTuple):
@@ -75,8 +83,11 @@ class Coefficients(NamedTuple):
     fingertip: Fingertip
     load_damping: float
     load_stiffness: float
-    before: Segment
-    after: Segment
+    segments: tuple[Segment, Segment, Segment]
+    window: float
+    lag: float
+    exact: bool
+    """Whether the pick-up reads the mode as it is at the tick."""
     normal: Propagator
     ripple: float
     node_distance: float
@@ -84,6 +95,20 @@ class Coefficients(NamedTuple):
     resistance: float
     warming: float
     wetting: float
+
+
+class PickUp(NamedTuple):
+    """Neighbouring mode and what the pick-up sees, if it is not `Coefficients.exact`."""
+
+    W: complex
+    """Of the neighbouring mode."""
+    rate: complex
+    low: complex
+    """Both modes behind the filter in m."""
+    sum: complex
+    """Integral of that over the window in m s, so far."""
+    seen: complex
+    """What it reads in m, before its noise."""
 
 
 class Motion(NamedTuple):
@@ -103,6 +128,7 @@ class Motion(NamedTuple):
     Fx: float
     """The same after the force path."""
     Fx_rate: float
+    pickup: PickUp
 
 
 class PlatePlan(NamedTuple):
@@ -159,12 +185,16 @@ def coefficients(
             mode.f0_slope,
             mode.reference_temperature,
             mode.softening,
+            mode.neighbour_share,
+            mode.neighbour_offset,
         ),
         Fingertip(friction_map(subject, sound_f0), skin_of(subject), filmed),
         subject.load_damping,
         subject.load_stiffness,
-        _segment(p, dead_time),
-        _segment(p, TICK - dead_time),
+        _segments(p, dead_time),
+        sensors.pickup_window,
+        sensors.pickup_lag,
+        not (sensors.pickup_window or sensors.pickup_lag or mode.neighbour_share),
         propagator(TICK, sensors.path_frequency, sensors.path_damping),
         contact.ripple,
         contact.node_distance,
@@ -175,7 +205,24 @@ def coefficients(
     )
 
 
-def _segment(parameters: PlateParameters, duration: float) -> Segment:
+def _segments(parameters: PlateParameters, dead_time: float) -> tuple[Segment, Segment, Segment]:
+    """Divide a tick where the new drive takes force, and where the pick-up's window begins."""
+    window = parameters.sensors.pickup_window
+    begin = TICK - window
+    if begin < dead_time:
+        return (
+            _segment(parameters, begin, new=False, read=False),
+            _segment(parameters, dead_time - begin, new=False, read=True),
+            _segment(parameters, TICK - dead_time, new=True, read=True),
+        )
+    return (
+        _segment(parameters, dead_time, new=False, read=False),
+        _segment(parameters, begin - dead_time, new=True, read=False),
+        _segment(parameters, window, new=True, read=True),
+    )
+
+
+def _segment(parameters: PlateParameters, duration: float, *, new: bool, read: bool) -> Segment:
     """Divide a part of a tick of a duration in s."""
     count = math.ceil(SUBSTEPS * duration / TICK - 1e-9)
     length = duration / count if count else 0.0
@@ -185,12 +232,17 @@ def _segment(parameters: PlateParameters, duration: float) -> Segment:
         length,
         propagator(length, sensors.path_frequency, sensors.path_damping),
         film_share(length, parameters.contact.film_lag),
+        film_share(length, sensors.pickup_lag),
+        new,
+        read,
     )
 
 
 def at_rest(temperature: float) -> PlateState:
     """Return a plate that does not vibrate, without a finger, at a temperature in degC."""
-    motion = Motion(0j, 0j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    motion = Motion(
+        0j, 0j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, PickUp(0j, 0j, 0j, 0j, 0j)
+    )  # fmt: skip
     return PlateState(motion, 0.0, 0.0, 0.0, 0.0, temperature, 0.0)
 
 
@@ -221,7 +273,8 @@ def plate_step(
 def measured(plan: PlatePlan, state: PlateState, noise: Sequence[float]) -> MeasurementFields:
     """Return what the sensors report; the arguments are those of `plate_step`."""
     motion, Fn, _, moment, _, temperature, _ = state
-    return readings(plan.sensing, noise, motion.W, temperature, (motion.Fx, Fn, moment))
+    W = motion.W if plan.coefficients.exact else motion.pickup.seen
+    return readings(plan.sensing, noise, W, temperature, (motion.Fx, Fn, moment))
 
 
 def _moved(
@@ -231,10 +284,10 @@ def _moved(
     fingers: tuple[Finger, Finger],
 ) -> PlateState:
     (
-        mode, fingertip, load_damping, load_stiffness, before, after, normal,
+        mode, fingertip, load_damping, load_stiffness, segments, window, _, exact, normal,
         ripple, node_distance, ambient, resistance, warming, wetting,
     ) = coefficients  # fmt: skip
-    _, _, damping, f0, f0_slope, reference_temperature, _ = mode
+    _, _, damping, f0, f0_slope, reference_temperature, _, _, _ = mode
     motion, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion = state
     old, new = drives
     (x0, Fn0), (x1, Fn1) = fingers
@@ -251,10 +304,12 @@ def _moved(
     resonance = resonance_at(f0, f0_slope, temperature - reference_temperature)
     loaded = (damping + load_damping * load, load_stiffness * load, resonance)
     sliding = (bare_friction(fingertip.friction, Fn, occlusion), (x1 - x0) / TICK, shape)
-    if before.steps:
-        motion = _advanced(coefficients, before, motion, old, loaded, sliding)
-    if after.steps:
-        motion = _advanced(coefficients, after, motion, new, loaded, sliding)
+    for segment in segments:
+        if segment.steps:
+            drive = new if segment.new else old
+            motion = _advanced(coefficients, segment, motion, drive, loaded, sliding)
+    if not exact:
+        motion = _read(motion, window)
     Fn_y, Fn_rate = follow(normal, Fn_y, Fn_rate, Fn)
     moment, moment_rate = follow(normal, moment, moment_rate, 0.5 * (Fn0 * x0 + Fn1 * x1))
     return PlateState(motion, Fn_y, Fn_rate, moment, moment_rate, temperature, occlusion)
@@ -281,18 +336,24 @@ def _advanced(
         Its friction without vibration in N, the velocity of its bone in m/s, and the shape of the
         mode where it is.
     """
-    steps, length, phi, share = segment
-    W, rate, before, filmed, v, stretch, z, Ft, Fx, Fx_rate = motion
+    steps, length, phi, share, low_share, _, reads = segment
+    W, rate, before, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
     bare, v_bone, shape = sliding
     friction, skin, lagging = coefficients.fingertip
-    mass, conversion, _, _, _, _, softening = coefficients.mode
+    mass, conversion, _, _, _, _, softening, beside, offset = coefficients.mode
     d, c_finger, resonance = loaded
+    W2, rate2, low, total, seen = pickup
+    exact, lag = coefficients.exact, coefficients.lag
     voltage, frequency = drive
     omega = TWO_PI * frequency
     if omega != before:
         rate = rate_in_frame(W, rate, omega - before)
+        rate2 = rate_in_frame(W2, rate2, omega - before)
     force = conversion * voltage
-    step = response(mass, length, omega, force, d, stiffness_of(mass, resonance) + c_finger)
+    stiffness = stiffness_of(mass, resonance) + c_finger
+    step = response(mass, length, omega, force, d, stiffness)
+    stiffness2 = stiffness_of(mass, resonance + offset) + c_finger
+    step2 = step if exact else response(mass, length, omega, beside * force, d, stiffness2)
     skinned = skin_step(skin, length, v_bone, bare)
     size = abs(W)
     for _ in range(steps):
@@ -301,8 +362,24 @@ def _advanced(
             softer = resonance - softening * size
             step = response(mass, length, omega, force, d, stiffness_of(mass, softer) + c_finger)
             softer = resonance - 0.5 * softening * (size + abs(vibrate(step, W, rate)[0]))
-            step = response(mass, length, omega, force, d, stiffness_of(mass, softer) + c_finger)
+            stiffness = stiffness_of(mass, softer) + c_finger
+            step = response(mass, length, omega, force, d, stiffness)
+        W0, rate0 = W, rate
         W, rate = vibrate(step, W, rate)
+        if not exact:
+            moved = (W0, rate0, W, rate)
+            begin = W0 + W2
+            area = integral(moved, length, mass, omega, force, (d, stiffness))
+            W0, rate0 = W2, rate2
+            W2, rate2 = vibrate(step2, W2, rate2)
+            moved = (W0, rate0, W2, rate2)
+            area += integral(moved, length, mass, omega, beside * force, (d, stiffness2))
+            # The filter sees a ramp of the same mean.
+            low0, change = low, W + W2 - begin
+            late = area / length + change * (0.5 - lag / length)
+            low = late + (low - late + change) * (1.0 - low_share) if lag else W + W2
+            if reads:
+                total += area - lag * (low - low0)
         size_before, size = size, abs(W)
         vibration = 0.5 * (size_before + size)
         if lagging:
@@ -310,4 +387,13 @@ def _advanced(
         F = sliding_friction(friction, bare, vibration, abs(v))
         v, stretch, z, Ft = slide(skinned, v, stretch, z, F)
         Fx, Fx_rate = follow(phi, Fx, Fx_rate, Ft)
-    return Motion(W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate)
+    pickup = PickUp(W2, rate2, low, total, seen)
+    return Motion(W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup)
+
+
+def _read(motion: Motion, window: float) -> Motion:
+    """Return what moves once the pick-up has read: the mean over its window, if it has one."""
+    W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
+    W2, rate2, low, total, _ = pickup
+    pickup = PickUp(W2, rate2, low, 0j, total / window if window else low)
+    return Motion(W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup)

@@ -53,6 +53,11 @@ class ResonatorParameters:
     softening: float = 0.0
     """Fall of the resonance with the amplitude in Hz/m peak-to-peak, -1e9..1e9; 0 is a linear
     plate [A], piezo plates have some 60e6 to 150e6."""
+    neighbour_share: float = 0.0
+    """Gain of a neighbouring mode over that of this one, -1..1; 0 for none [A]. The pick-up sees
+    both, the finger is taken to feel this one alone."""
+    neighbour_offset: float = 600.0
+    """By how much it resonates higher in Hz, -5e3..5e3 [A]."""
     tau: float = math.sqrt(1.30**2 - 1.0) / (TWO_PI * 140.0)
     """Time constant 2m/d_s in s [D]: 30 % more voltage at 140 Hz of detuning, 0.944 ms."""
     gain: float = 50e-9
@@ -68,6 +73,8 @@ class ResonatorParameters:
         require("f0_slope", self.f0_slope, -1e3, 1e3)
         require("reference_temperature", self.reference_temperature, -40.0, 125.0)
         require("softening", self.softening, -1e9, 1e9)
+        require("neighbour_share", self.neighbour_share, -1.0, 1.0)
+        require("neighbour_offset", self.neighbour_offset, -5e3, 5e3)
         require("tau", self.tau, 1e-5, 1.0)
         require("gain", self.gain, 1e-12, 1e-3)
         object.__setattr__(self, "damping", 2.0 * self.mass / self.tau)
@@ -124,6 +131,10 @@ class SensorParameters:
     """Standard deviation of a gauge in N [A]: u(mu) is 0.011 at Fn = 0.5 N and mu = 0.4."""
     pickup_noise: float = 1e-9
     """Standard deviation of the pick-up in m, each axis [A]."""
+    pickup_window: float = 0.0
+    """The pick-up reads the mean over this time in s before the tick, 0..0.001 [A]."""
+    pickup_lag: float = 0.0
+    """Time constant in s of the low-pass filter behind its demodulator, 0..0.01 [A]."""
     temperature_noise: float = 5e-3
     """Standard deviation of the thermometer in K [A]."""
     gauge_resolution: float = 1e-4
@@ -149,6 +160,8 @@ class SensorParameters:
         require("drift_temperature", self.drift_temperature, -40.0, 125.0)
         require("gauge_noise", self.gauge_noise, 0.0, 1.0)
         require("pickup_noise", self.pickup_noise, 0.0, 1e-6)
+        require("pickup_window", self.pickup_window, 0.0, 1e-3)
+        require("pickup_lag", self.pickup_lag, 0.0, 1e-2)
         require("temperature_noise", self.temperature_noise, 0.0, 10.0)
         require("gauge_resolution", self.gauge_resolution, 1e-9, 1.0)
         require("pickup_resolution", self.pickup_resolution, 1e-15, 1e-6)

@@ -51,6 +51,32 @@ def response(
     )
 
 
+def integral(
+    moved: tuple[complex, complex, complex, complex],
+    duration: float,
+    mass: float,
+    omega: float,
+    force: float,
+    loaded: tuple[float, float],
+) -> complex:
+    """Return the integral of the envelope over a step in m s, from the equation itself.
+
+    Parameters
+    ----------
+    moved
+        Envelope in m and its rate in m/s before the step, and both after it.
+    duration, mass, omega, force
+        As for `response`.
+    loaded
+        Its damping and stiffness.
+    """
+    damping, stiffness = loaded
+    W, rate, W_next, rate_next = moved
+    gained = mass * (rate_next - rate) + complex(damping, 2.0 * mass * omega) * (W_next - W)
+    spring = complex(stiffness - mass * omega * omega, omega * damping)
+    return (1j * force * duration - gained) / spring
+
+
 def rate_in_frame(W: complex, rate: complex, faster: float) -> complex:
     """Return W' in a frame that turns faster, by that many rad/s; W itself stays."""
     return rate + 1j * -faster * W

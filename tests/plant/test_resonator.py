@@ -2,6 +2,7 @@
 
 import cmath
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from smarttac_can.plant import SUBJECTS, Lifted, Plate, PlateParameters
-from smarttac_can.plant.parameters import TWO_PI, ResonatorParameters
+from smarttac_can.plant.parameters import TWO_PI, ResonatorParameters, SensorParameters
 from smarttac_can.plant.resonator import rate_in_frame, response, vibrate
 from smarttac_can.vocabulary import Drive
 
@@ -183,3 +184,44 @@ def test_softening_agrees_with_a_spring_that_yields_integrated_at_the_carrier():
         seen.append(plate.W)
     error = np.abs(np.array(seen) - expected) / np.max(np.abs(expected))
     assert np.max(error) < 0.015
+
+
+QUIET = SensorParameters(pickup_noise=0.0)
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 300e-6, 700e-6])
+@pytest.mark.parametrize("window", [0.0, 461e-6, 1e-3])
+@pytest.mark.parametrize("lag", [0.0, 150e-6])
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_the_pickup_reads_the_mean_of_both_modes_behind_its_filter(dead_time, window, lag, share):
+    """Against a thousand steps a tick, summed up."""
+    sensors = replace(QUIET, pickup_window=window, pickup_lag=lag)
+    mode = ResonatorParameters(neighbour_share=share, neighbour_offset=500.0)
+    plate = Plate(
+        PlateParameters(resonator=mode, sensors=sensors), SUBJECTS[0], Lifted(), dead_time=dead_time
+    )
+    both = (Mode(), PLATE.f0, 1.0), (Mode(), PLATE.f0 + 500.0, share)
+    old, low, before = Drive(0.0, 43390.0), 0j, 0j
+    for drive in (Drive(40.0, 43390.0), Drive(20.0, 43250.0), Drive(0.0, 43500.0)):
+        total = []
+        for us in range(1000):
+            voltage, frequency = old if us < round(dead_time * 1e6) else drive
+            now = sum(
+                each.step(
+                    1e-6,
+                    TWO_PI * frequency,
+                    gain * PLATE.conversion * voltage,
+                    PLATE.damping,
+                    PLATE.mass * (TWO_PI * f0) ** 2,
+                )
+                for each, f0, gain in both
+            )
+            mean, before = 0.5 * (before + now), now
+            low_before = low
+            low = low + (mean - low) * -math.expm1(-1e-6 / lag) if lag else now
+            total.append(0.5 * (low_before + low))
+        plate.step(old, drive)
+        old = drive
+        expected = np.mean(total[-round(window * 1e6) :]) if window else low
+        # The plate cools a little, and the filter takes the mean of a part of the tick.
+        assert abs(plate.sample().W - expected) < (0.01 if lag else 1e-3) * 1.3e-6
