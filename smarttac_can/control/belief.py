@@ -74,7 +74,7 @@ class PlateNow(NamedTuple):
     """1/tau in 1/s."""
     w0: float
     """Angular resonance at rest in rad/s."""
-    softening: float = 0.0
+    softening: float
     """By how much it falls with the amplitude, in rad/(s m)."""
 
 

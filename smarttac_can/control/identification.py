@@ -8,7 +8,7 @@ follow from it, are linear, and know nothing of the phase or size of W beforehan
   multiples of 1 kHz. Neither an offset of the pick-up nor a dead time disturbs A. Which multiple
   it is, the steady state tells: ``dw_c = -(W_q/W_d)/tau``.
 * In steady state ``V/W = (1 + j tau (w - w0))/gain``: a straight line over w, whose real part is
-  1/gain, whose slope tau/gain and whose zero w0.
+  1/gain, whose slope tau/gain and whose zero w0. A plate that softens has w0 less what it falls.
 
 The steps find where and how to sweep, from wherever they start; the sweep gives the model. A finger
 changes gain and tau by the same factor: ``kappa = gain/tau`` of a plate stays. A model of the known
@@ -75,6 +75,8 @@ LINEAR = 0.05
 """Largest relative difference in gain and tau between both sweeps, beyond that of the noise."""
 SAME = 1.25
 """Ratio of the tau that a sweep finds to the one it was laid out for, up to which it counts."""
+SOFTENING_MIN = 10e6
+"""Softening in Hz/m up to which a plate is taken to be linear; so it is where noise hides it."""
 RESIDUAL_MAX = 0.05
 """Largest relative deviation of the sweep from the model, beyond that of the noise, that is taken
 for a resonance."""
@@ -295,28 +297,52 @@ def _unbiased(product: complex, square: float, next_square: float) -> float:
 
 
 def _fit_sweep(V: float, points: list[tuple[float, complex]], noise: float) -> PlateModel:
-    """Fit the straight line V/W over the frequency, weighted by its variance."""
+    """Fit the straight line V/W over the frequency, weighted by its variance.
+
+    Its imaginary part is one over ``f - f0 + softening |W|``, so the amplitudes of one sweep, which
+    differ by 30 %, tell the softening.
+    """
     weights = [abs(W) ** 4 for _, W in points]
     total = math.fsum(weights)
     if total == 0.0:
         raise IdentificationError("no vibration in the sweep")
     inverse = [V / W if W else 0j for _, W in points]
-    f_mean = math.fsum(w * f for w, (f, _) in zip(weights, points, strict=True)) / total
-    real = math.fsum(w * z.real for w, z in zip(weights, inverse, strict=True)) / total
-    imag = math.fsum(w * z.imag for w, z in zip(weights, inverse, strict=True)) / total
-    slope = math.fsum(
-        w * (f - f_mean) * z.imag for w, (f, _), z in zip(weights, points, inverse, strict=True)
-    ) / math.fsum(w * (f - f_mean) ** 2 for w, (f, _) in zip(weights, points, strict=True))
+    f_mean, A_mean, real, imag = (
+        math.fsum(w * x for w, x in zip(weights, of, strict=True)) / total
+        for of in (
+            [f for f, _ in points],
+            [abs(W) for _, W in points],
+            [z.real for z in inverse],
+            [z.imag for z in inverse],
+        )
+    )
+    ff = fa = aa = fz = az = 0.0
+    for w, (f, W), z in zip(weights, points, inverse, strict=True):
+        df, dA, dz = f - f_mean, abs(W) - A_mean, z.imag - imag
+        ff, fa, aa = ff + w * df * df, fa + w * df * dA, aa + w * dA * dA
+        fz, az = fz + w * df * dz, az + w * dA * dz
+    slope = fz / ff
+    determinant = ff * aa - fa * fa
+    softening = 0.0
+    if determinant > 0.0 and (bent := aa * fz - fa * az) > 0.0:
+        found = (ff * az - fa * fz) / bent
+        # A point is as unsure as its weight says: V noise/|W|^2.
+        unsure = RESIDUAL_NOISE * V * noise * math.sqrt(ff * determinant) / bent
+        if abs(found) > max(SOFTENING_MIN, unsure):
+            slope, softening = bent / determinant, found
     if real <= 0.0 or slope <= 0.0:
         raise IdentificationError("the sweep shows no resonance")
-    f0 = f_mean - imag / slope
+    f0 = f_mean + softening * A_mean - imag / slope
     gain, tau = 1.0 / real, slope / (2.0 * math.pi * real)
-    turns = [(W, complex(1.0, 2.0 * math.pi * tau * (f - f0)) / (gain * V)) for f, W in points]
+    turns = [
+        (W, complex(1.0, 2.0 * math.pi * tau * (f - f0 + softening * abs(W))) / (gain * V))
+        for f, W in points
+    ]
     residual = max(abs(W * turn - 1.0) - RESIDUAL_NOISE * noise * abs(turn) for W, turn in turns)
     if residual > RESIDUAL_MAX:
         raise IdentificationError(f"the sweep is {100 * residual:.0f} % off a resonance")
     try:
-        return PlateModel(gain, tau, f0)
+        return PlateModel(gain, tau, f0, softening=softening)
     except ValueError as error:
         raise IdentificationError(str(error)) from error
 

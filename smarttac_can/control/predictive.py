@@ -112,6 +112,8 @@ class Prior(NamedTuple):
     """In Hz."""
     temperature: float
     """In degC at which f0 applies."""
+    softening: float
+    """In rad/(s m)."""
     dead_time: float
     """Time from the tick until the new drive is in force in s, 0 or more, below 1 ms."""
 
@@ -142,7 +144,7 @@ class Learned(NamedTuple):
 def unlearned(prior: Prior) -> Learned:
     """Return the law before its first measurement."""
     rate = decay_rate(prior.load, prior.tau, 0.0)
-    plate = PlateNow(prior.kappa, rate, TWO_PI * prior.f0)
+    plate = PlateNow(prior.kappa, rate, TWO_PI * prior.f0, prior.softening)
     return Learned(PRIOR, plate, 0j, Drive(0.0, prior.f0), False, True, rate, 0.0, nan)
 
 
@@ -172,7 +174,8 @@ def observed(
     warmer = 0.0 if isnan(warmth) else warmth - prior.temperature
     contact += _FORCE_SHARE * (contact_load(Fn) - contact)
     rate = decay_rate(prior.load, prior.tau, contact)
-    model = PlateNow(prior.kappa, rate, TWO_PI * (prior.f0 + F0_SLOPE * warmer))
+    w0 = TWO_PI * (prior.f0 + F0_SLOPE * warmer)
+    model = PlateNow(prior.kappa, rate, w0, prior.softening)
     if follows and abs(W) > LEARN_MIN:
         span = Span(
             before.voltage, TWO_PI * before.frequency, drive.voltage, TWO_PI * drive.frequency
@@ -225,4 +228,5 @@ def asked_voltage(prior: Prior, learned: Learned, W_ref: float, frequency: float
 def prior_of(model: PlateModel, dead_time: float) -> Prior:
     """Return what is known of a plate by its model."""
     m = model
-    return Prior(m.gain / m.tau, m.tau, m.load, m.f0, m.temperature, dead_time)
+    softening = TWO_PI * m.softening
+    return Prior(m.gain / m.tau, m.tau, m.load, m.f0, m.temperature, softening, dead_time)

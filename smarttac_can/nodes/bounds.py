@@ -89,6 +89,9 @@ class BoundPlan(NamedTuple):
     """Resonance of the model in Hz."""
     found_at: float
     """Temperature in degC at which it was that."""
+    softest: float
+    """By how many Hz it falls until the vibration is at its limit; a plate that stiffens has less
+    than 0."""
 
 
 class Response(NamedTuple):
@@ -174,6 +177,7 @@ def bound_plan(si: Callable[[str], float], *, identified: bool) -> BoundPlan:
         believed_tau=min(max(tau, least), most),
         f0=si("Model.Resonance"),
         found_at=si("Model.Temperature"),
+        softest=si("Model.Softening") * limit,
     )
 
 
@@ -250,8 +254,8 @@ def follow(
             least,
             1.0 + LEAST_LOAD * least_contact,
             touching,
-            f0 - _RESONANCE_UNCERTAINTY,
-            f0 + _RESONANCE_UNCERTAINTY + MOST_STIFFENING * most_contact,
+            f0 - _RESONANCE_UNCERTAINTY - max(plan.softest, 0.0),
+            f0 - min(plan.softest, 0.0) + _RESONANCE_UNCERTAINTY + MOST_STIFFENING * most_contact,
         ),
     )
 

@@ -185,6 +185,7 @@ def _model(si: _Quantity) -> PlateModel:
         f0=si("Model.Resonance"),
         load=si("Model.Load"),
         temperature=si("Model.Temperature"),
+        softening=si("Model.Softening"),
     )
 
 
@@ -196,6 +197,7 @@ def keep_model(od: ObjectDictionary, model: PlateModel) -> None:
         ("Resonance", model.f0),
         ("Load", model.load),
         ("Temperature", model.temperature),
+        ("Softening", model.softening),
     ):
         entry = od[f"Model.{name}"]
         entry.value = entry.quantise(value)

@@ -62,6 +62,8 @@ class PlateModel:
     mean of the simulated fingertips."""
     temperature: float = 20.0
     """Temperature in degC at which f0 was found, -40..125."""
+    softening: float = 0.0
+    """Fall of the resonance from f0 with the amplitude in Hz/m peak-to-peak, -1e9..1e9."""
 
     def __post_init__(self) -> None:
         require("gain", self.gain, GAIN_MIN, 1e-6)
@@ -69,6 +71,7 @@ class PlateModel:
         require("f0", self.f0, 1e3, 1e6)
         require("load", self.load, 0.0, 5.0)
         require("temperature", self.temperature, -40.0, 125.0)
+        require("softening", self.softening, -1e9, 1e9)
 
     @property
     def quality(self) -> float:

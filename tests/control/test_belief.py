@@ -26,7 +26,7 @@ from smarttac_can.control.belief import (
 from smarttac_can.plant.parameters import SensorParameters
 
 W0 = 2 * math.pi * 43390.0
-MODEL = PlateNow(kappa=53e-6, rate=1060.0, w0=W0)
+MODEL = PlateNow(kappa=53e-6, rate=1060.0, w0=W0, softening=0.0)
 DEAD = 540e-6
 
 
@@ -68,7 +68,7 @@ def watched(plate, voltages, dead_time=DEAD, noise=0.0, belief=PRIOR, w=W0, move
 @pytest.mark.parametrize("dead_time", [0.0, DEAD])
 @pytest.mark.parametrize(("gain", "tau", "off"), [(1.2, 0.8, 150.0), (0.8, 1.2, -200.0)])
 def test_a_plate_that_is_driven_to_and_fro_is_known(gain, tau, off, dead_time):
-    plate = PlateNow(53e-6 * gain / tau, 1060.0 / tau, W0 + 2 * math.pi * off)
+    plate = PlateNow(53e-6 * gain / tau, 1060.0 / tau, W0 + 2 * math.pi * off, 0.0)
     voltages = [30.0] * 8 + [20.0] * 8 + [30.0] * 8
     found = believed(MODEL, watched(plate, voltages, dead_time, noise=1e-9)[-1])
     assert found.kappa == pytest.approx(plate.kappa, rel=0.06)
@@ -82,7 +82,7 @@ def test_a_plate_twice_as_damped_is_one_that_there_may_be():
 
 
 def test_the_phase_of_one_tick_tells_the_resonance():
-    plate = PlateNow(53e-6, 1060.0, W0 + 2 * math.pi * 200.0)
+    plate = PlateNow(53e-6, 1060.0, W0 + 2 * math.pi * 200.0, 0.0)
     belief = watched(plate, [30.0])[-1]
     # From rest, what the drive adds turns as at some three quarters of the amplitude reached.
     reached = abs(moved(plate, DEAD, 0j, Span(0.0, W0, 30.0, W0)))
@@ -101,7 +101,7 @@ def test_the_softening_is_known_after_two_amplitudes(softening, dead_time):
 
 
 def test_a_steady_vibration_is_explained_whichever_plate_it_is():
-    plate = PlateNow(53e-6 * 1.2, 1060.0 * 1.3, W0 + 300.0)
+    plate = PlateNow(53e-6 * 1.2, 1060.0 * 1.3, W0 + 300.0, 0.0)
     belief = watched(plate, [20.0] * 200, noise=1e-9)[-1]
     found = believed(MODEL, belief)
     found = found._replace(w0=found.w0 - found.softening * 20.0 * plate.kappa / plate.rate)
@@ -299,6 +299,6 @@ def test_whatever_is_measured_the_belief_stays_one_of_a_plate(dead_time, ticks):
 
 @pytest.mark.parametrize("bad", [complex(math.nan, 0.0), complex(0.0, math.inf)])
 def test_no_number_gives_the_model_back(bad):
-    learned = watched(PlateNow(60e-6, 1000.0, W0), [30.0] * 5)[-1]
+    learned = watched(PlateNow(60e-6, 1000.0, W0, 0.0), [30.0] * 5)[-1]
     assert learn(learned, MODEL, DEAD, bad, Span(0.0, W0, 30.0, W0), 1e-6 + 0j) == PRIOR
     assert learn(learned, MODEL, DEAD, 1e-6 + 0j, Span(0.0, W0, 30.0, W0), bad) == PRIOR

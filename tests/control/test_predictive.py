@@ -25,7 +25,7 @@ from smarttac_can.vocabulary.signals import Drive, Measurement
 from smarttac_can.vocabulary.states import Mode, VibrationLaw
 
 W0 = 2 * math.pi * 43390.0
-PLATE = PlateNow(53e-6, 1060.0, W0)
+PLATE = PlateNow(53e-6, 1060.0, W0, 0.0)
 SURE = PRIOR._replace(kk=1e-12, rr=1e-12, ww=1e-6)
 BUS = 540e-6
 BOTH, ALONE = Mode.AMPLITUDE_RESONANCE, Mode.AMPLITUDE

@@ -111,6 +111,7 @@ FOLLOWS = {
     "Model.Resonance": "control.prior bound.identified bound.f0",
     "Model.Load": "control.rows control.prior bound.identified",
     "Model.Temperature": "control.prior bound.identified bound.found_at",
+    "Model.Softening": "control.prior bound.identified bound.softest",
     "Model.Data sheet gain per volt": "bound.most_gain",
     "Model.Data sheet tau": "bound.believed_tau",
     "Model.Data sheet tolerance": "bound.most_gain bound.believed_tau",
