@@ -50,7 +50,7 @@ function introduce(message) {
     "Press on the plate and stroke it: the mouse is the finger." : "";
   fill("modes", about.modes.map(mode =>
     button(mode, () => line(`mode ${mode.replaceAll(" ", "_")}`))));
-  fill("law", about.laws.map(law => new Option(law.replaceAll("_", " "), law)));
+  fill("law", ["", ...about.laws].map(law => new Option(law.replaceAll("_", " "), law)));
   fill("subject", [1, 2, 3, 4, 5, 6, 7, 8, 9].map(number => new Option(number, number)));
   fill("faults", about.faults.map(fault => button(fault, () => line(`break ${fault}`))));
   fill("set_points", about.set_points.map(setPoint));
@@ -71,8 +71,10 @@ function setPoint({name, unit, low, high, step}) {
   const label = document.createElement("label"), input = document.createElement("input");
   Object.assign(input, {type: "number", id: `set ${name}`, min: low, max: high, step});
   const before = {"cof left": "cof ", "cof right": "cof - "}[name] ?? `${name} `;
-  input.onchange = () =>
-    input.value && line(before + input.value + (name === "cof left" ? " -" : ""));
+  input.onchange = () => {
+    if (input.value) line(before + input.value + (name === "cof left" ? " -" : ""));
+    input.blur();  // it shows again what is set
+  };
   const [caption, limits] = [name, `${unit} (${low} to ${high})`].map(text => {
     const made = document.createElement("span");
     made.textContent = text;
@@ -338,8 +340,8 @@ function begin() {
   $("whole").onclick = () => { span = WINDOW_S; draw(); };
   $("png").onclick = savePng;
   $("csv").onclick = () => save("panel.csv", `data:text/csv,${encodeURIComponent(csv())}`);
-  $("law").onchange = () => line(`law ${$("law").value}`);
-  $("slot").onchange = () => line(`slot ${$("slot").value}`);
+  for (const name of ["law", "slot"])
+    $(name).onchange = () => $(name).value && line(`${name} ${$(name).value}`);
   $("reset").onclick = () => line("reset");
   $("mend").onclick = () => line("mend");
   $("hand").onclick = () => line("hand");
