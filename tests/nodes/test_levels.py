@@ -133,32 +133,11 @@ def test_quantity_over_its_limit(
     assert of(rig, watchdog) > 0.02
 
 
-def test_syncs_too_many_in_a_window_of_8() -> None:
+def test_syncs_too_many() -> None:
     rig = driven()
-    peaks = []
-    for extra in range(3):
-        peak = 0.0
-        for n in range(40):
-            rig.syncs = 2 if n < extra else 1
-            rig.cycle()
-            peak = max(peak, of(rig, Watchdog.SYNC_IRREGULAR))
-        peaks.append(peak)
-        rig.cycle(1000)
-    assert peaks == pytest.approx([0.0, 1 / 3, 2 / 3])
     rig.syncs = 2
-    until_it_trips(rig, Watchdog.SYNC_IRREGULAR)
-
-
-def test_syncs_too_many_in_a_window_of_1000() -> None:
-    rig = driven()
-    peak = 0.0
-    for cycle in range(2500):
-        # 13 or 12 in a window.
-        rig.syncs = 1 if cycle % 80 else 2
-        rig.cycle()
-        peak = max(peak, of(rig, Watchdog.SYNC_IRREGULAR))
-    assert rig.state is State.RUNNING
-    assert peak == pytest.approx(13 / 14)
+    levels = until_it_trips(rig, Watchdog.SYNC_IRREGULAR)
+    assert levels[:2] == pytest.approx([1 / 3, 2 / 3])
 
 
 def test_measurements_that_cannot_be_used() -> None:
@@ -171,21 +150,18 @@ def test_measurements_that_cannot_be_used() -> None:
     calm(rig)
     rig.cycle()
     assert rig.state is State.RUNNING
-    assert levels == pytest.approx([1 / 3, 2 / 3])
+    assert levels[:2] == pytest.approx([1 / 3, 2 / 3])
     assert of(rig, Watchdog.MEASUREMENT) == pytest.approx(1 / 20)
 
 
 def test_ticks_without_a_cycle() -> None:
     rig = driven()
-    rig.cycle(1000)
-    peak = 0.0
-    for _ in range(400):
+    before = of(rig, Watchdog.MISSED_TIME)
+    for _ in range(20):
         lose(*MEASUREMENTS)(rig)
-        for _ in range(5):
-            rig.cycle()
-            peak = max(peak, of(rig, Watchdog.MISSED_TIME))
+        rig.cycle(5)
     assert rig.state is State.RUNNING
-    assert 0.75 < peak < 0.9, "one in 6, of one in 5"
+    assert of(rig, Watchdog.MISSED_TIME) - before == pytest.approx(20 / 200), "20 % of a second"
 
 
 def test_master_that_rests() -> None:

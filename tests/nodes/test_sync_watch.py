@@ -17,6 +17,7 @@ class Watch:
     def __init__(self, deadline_ms: int = 3) -> None:
         self.clock = Clock()
         self.tripped = Present()
+        self.peak = 0.0
         od = stimulator_od()
         od.entry(0x1019).value = 10
         set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
@@ -27,6 +28,7 @@ class Watch:
         for at in range(milliseconds):
             for _ in range(syncs[at % len(syncs)]):
                 self.sync.heard(0)
+            self.peak = max(self.peak, self.sync.levels(1000)[1])
             self.clock.advance(1000)
 
 
@@ -48,6 +50,23 @@ def test_two_too_many_or_too_few_in_8_ms_pass_and_three_do_not(
     watch.hear(32, syncs)
     assert (Watchdog.SYNC_IRREGULAR in watch.tripped) == irregular
     assert Watchdog.SYNC_LOST not in watch.tripped
+
+
+@pytest.mark.parametrize(
+    ("syncs", "level"),
+    [
+        ([1] * 100, 0.0),
+        ([*[1] * 50, 2, *[1] * 49], 1 / 3),
+        ([*[1] * 50, 2, 2, *[1] * 48], 2 / 3),
+        # 13 or 12 in a window of 1000.
+        ([*[1] * 79, 2] * 31, 13 / 14),
+    ],
+)
+def test_level_rises_with_what_is_too_much_in_either_window(syncs: list[int], level: float) -> None:
+    watch = Watch()
+    watch.hear(len(syncs), syncs)
+    assert watch.peak == pytest.approx(level)
+    assert not watch.tripped
 
 
 def test_the_eleventh_at_once_is_irregular_though_no_time_passes() -> None:
