@@ -1,8 +1,11 @@
 """A simulated bench stepped by hand: who may drive it, and how soon it is at 0 V."""
 
+from collections.abc import Callable
+
 import pytest
 from pages import voltage
 
+from smarttac_can.bench.link import Row, never
 from smarttac_can.panel.instrument import FAULTS, LAPSE_S, Lease, SimulatedBench
 
 ME, OTHER = object(), object()
@@ -80,30 +83,33 @@ def test_a_stop_is_0_v_two_cycles_later_at_most(by_hand: ByHand, idle_ms: int) -
 
 
 def test_a_stop_ends_what_is_being_simulated(by_hand: ByHand) -> None:
+    """It comes in the third cycle of a batch of 50."""
     by_hand.line("voltage 40")
     by_hand.line("mode open_loop")
     by_hand.go_on(0.1)
     cycles = by_hand.value("Cycle.Cycles")
-    assert cycles is not None
+    run = by_hand.bench._link.run
 
-    class Late:
-        """A stop that comes in the third cycle of a batch."""
-
-        asked = 0
-
-        def __call__(self) -> bool:
-            self.asked += 1
-            if self.asked == 3:
+    def stopped_on_the_way(
+        count: int, rows: list[Row], interrupted: Callable[[], bool] = never
+    ) -> None:
+        def ask() -> bool:
+            if len(rows) == 2:
                 by_hand.bench.stop()
-            return by_hand.bench._stopping.is_set()
+            return interrupted()
 
-    rows: list[tuple[int, ...]] = []
-    by_hand.bench._link.run(50, rows, Late())
-    assert len(rows) == 2
+        run(count, rows, ask)
+        assert len(rows) == 2
+
+    by_hand.bench._link.run = stopped_on_the_way  # type: ignore[method-assign]
+    by_hand.now += 0.05
+    by_hand.bench.step(by_hand.now)
+    by_hand.bench._link.run = run  # type: ignore[method-assign]
     by_hand.now += 2e-3
     by_hand.bench.step(by_hand.now)
     assert voltage(by_hand.bench) == 0.0
     now = by_hand.value("Cycle.Cycles")
+    assert cycles is not None
     assert now is not None
     assert now - cycles == 4
 
