@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
-from smarttac_can.campaign.record import prepare
+from smarttac_can.campaign.runner import prepare
 from smarttac_can.population.compiled import can_compile
 
 

@@ -1,21 +1,248 @@
-"""A campaign from its first finger to its last: shared by workers, and kept on the way."""
+"""A campaign from its first finger to its last: shared by workers, and kept on the way.
+
+What is kept is a file with the chunks that were run; what was interrupted goes on from there. A
+line of JSON says which campaign it is, then there is one for each chunk, with a check sum. Rows
+are written so that they come back to the bit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+import json
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import islice
+from pathlib import Path
+from threading import Lock
 from time import perf_counter
-from typing import Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
+from zlib import crc32
 
 import numpy as np
+from numpy.typing import NDArray
 
-from smarttac_can.campaign.record import COLUMNS, Record, Rows, chunks_of, prepare, run_chunk
+from smarttac_can import __version__
+from smarttac_can.host.files import open_regular
 from smarttac_can.population.compiled import can_compile
-from smarttac_can.population.trial import Campaign
+from smarttac_can.population.trial import Campaign, Figures, outcome_of
+
+Rows = NDArray[np.float64]
+"""A row a finger: the true figures, the measured ones, and how long it ran in s."""
+COLUMNS: Final = (*Figures._fields, *(f"measured_{name}" for name in Figures._fields), "seconds")
+SIZE: Final = 25
+"""Fingers of a chunk: a quarter of a second compiled, so that a stop does not wait long."""
+_compiling = Lock()
+
+
+def parameters(campaign: Campaign) -> dict[str, Any]:
+    """Return what all fingers have in common, for JSON."""
+    return {
+        "seed": campaign.seed,
+        "law": campaign.law.name.lower(),
+        "vibration_law": campaign.vibration_law.name.lower(),
+        "dead_time_us": campaign.dead_time * 1e6,
+        "case": campaign.case,
+    }
+
+
+def prepare() -> float:
+    """Compile what can be, once in a process; return how long that took in s."""
+    begin = perf_counter()
+    with _compiling:
+        outcome_of(Campaign(), 0)
+    return perf_counter() - begin
+
+
+def run_chunk(campaign: Campaign, numbers: range, compiled: bool) -> tuple[range, Rows]:
+    """Run fingers by their numbers.
+
+    Raises
+    ------
+    RuntimeError
+        If this process does not compile where the others do, or the other way round: the last bits
+        would depend on who does the work.
+    """
+    if can_compile() != compiled:
+        raise RuntimeError(f"a worker {'lacks' if compiled else 'has'} numba, unlike this process")
+    rows = []
+    for number in numbers:
+        (true, measured), seconds = outcome_of(campaign, number)
+        rows.append([*true, *measured, seconds])
+    return numbers, np.array(rows)
+
+
+def chunks_of(missing: NDArray[np.intp]) -> list[range]:
+    """Divide rising numbers of fingers into chunks of neighbours."""
+    chunks = []
+    for stretch in np.split(missing, np.flatnonzero(np.diff(missing) != 1) + 1):
+        if len(stretch):
+            first, end = int(stretch[0]), int(stretch[-1]) + 1
+            chunks += [range(n, min(n + SIZE, end)) for n in range(first, end, SIZE)]
+    return chunks
+
+
+_LINE_MAX: Final = 1 << 16
+_FINGERS_MAX: Final = 1 << 32
+
+
+class RecordError(Exception):
+    """A file that is damaged, or of another campaign, in one line."""
+
+
+@dataclass(slots=True)
+class _Chunk:
+    first: int
+    rows: Rows
+    compiled: bool
+
+
+class Record:
+    """The file of one campaign, open to be added to.
+
+    Parameters
+    ----------
+    path
+        The file; it is made if there is none.
+    campaign
+        Which has to be the one in the file.
+
+    Raises
+    ------
+    RecordError
+        If the file is damaged or of another campaign. A last line that was not finished is none.
+    OSError
+        If it cannot be read or written.
+    """
+
+    def __init__(self, path: Path, campaign: Campaign) -> None:
+        self._path = path
+        self._chunks: list[_Chunk] = []
+        header = _header(campaign)
+        sound = self._read(header) if path.exists() else 0
+        self._file: BinaryIO = path.open("r+b" if path.exists() else "xb")
+        self._file.truncate(sound)
+        self._file.seek(sound)
+        if not sound:
+            self._write(header)
+
+    def __enter__(self) -> Record:
+        """Return the record."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def fill(self, rows: Rows) -> set[bool]:
+        """Put what was run into the rows of all fingers; of more than these there may be some.
+
+        Returns
+        -------
+        set of bool
+            Whether the fingers were run by compiled code; both if some were.
+        """
+        compiled = set()
+        for chunk in self._chunks:
+            here = rows[chunk.first : chunk.first + len(chunk.rows)]
+            here[:] = chunk.rows[: len(here)]
+            if len(here):
+                compiled.add(chunk.compiled)
+        self._chunks.clear()
+        return compiled
+
+    def add(self, numbers: range, rows: Rows) -> None:
+        """Keep a chunk that this process, or one like it, has run."""
+        crc = _crc(numbers.start, rows)
+        chunk = {"first": numbers.start, "compiled": can_compile(), "rows": rows.tolist()}
+        self._write({**chunk, "crc": crc})
+
+    def _write(self, line: dict[str, Any]) -> None:
+        self._file.write(_line(line))
+        self._file.flush()
+
+    def _read(self, header: dict[str, Any]) -> int:
+        """Read all chunks; return where the last whole line ends."""
+        end = 0
+        compiled = False
+        for number, line in enumerate(self._lines(), 1):
+            if not line.endswith(b"\n") and len(line) < _LINE_MAX:
+                # What was torn while it began is the begin of its header, and not another's file.
+                if number == 1 and not _line(header).startswith(line):
+                    raise RecordError(f"{self._path}: is no file of a campaign")
+                break
+            try:
+                said = json.loads(line)
+                if number > 1:
+                    self._chunks.append(_chunk(said, compiled))
+                elif not isinstance(said, dict) or "campaign" not in said:
+                    raise ValueError
+            except (ValueError, RecursionError) as error:
+                raise RecordError(f"{self._path}: line {number} is damaged") from error
+            if number == 1:
+                self._require_same(said, header)
+                compiled = said.get("compiled", False)
+            end += len(line)
+        return end
+
+    def _lines(self) -> Iterator[bytes]:
+        with open_regular(self._path) as file:
+            while line := file.readline(_LINE_MAX):
+                yield line
+
+    def _require_same(self, said: dict[str, Any], header: dict[str, Any]) -> None:
+        for key, value in header.items():
+            if said.get(key) != value:
+                raise RecordError(
+                    f"{self._path}: is of another campaign: {key} {said.get(key)!r}, not {value!r}"
+                )
+
+
+def _line(said: dict[str, Any]) -> bytes:
+    return json.dumps(said).encode() + b"\n"
+
+
+def _header(campaign: Campaign) -> dict[str, Any]:
+    """Return what the rows depend on.
+
+    Whether they were compiled is not a part of it: that changes at most the last bits, and somebody
+    who installs numba half-way goes on with what he has.
+    """
+    return {"campaign": __version__, **parameters(campaign)}
+
+
+def _chunk(said: Any, compiled: bool) -> _Chunk:
+    """Return a chunk that was read; ValueError if it is none.
+
+    Parameters
+    ----------
+    said
+        The line.
+    compiled
+        What applies to a chunk without it: older files have it in the header only.
+    """
+    try:
+        compiled = said.get("compiled", compiled)
+        first, text, crc = said["first"], said["rows"], said["crc"]
+        rows = np.array(text, dtype=np.float64)
+    except (AttributeError, KeyError, TypeError, OverflowError) as error:
+        raise ValueError from error
+    whole = isinstance(first, int) and 0 <= first < _FINGERS_MAX and rows.ndim == 2  # noqa: PLR2004
+    if (
+        not whole
+        or not isinstance(compiled, bool)
+        or rows.shape[1] != len(COLUMNS)
+        or _crc(first, rows) != crc
+    ):
+        raise ValueError
+    return _Chunk(first, rows, compiled)
+
+
+def _crc(first: int, rows: Rows) -> int:
+    return crc32(rows.astype("<f8").tobytes(), first)
+
 
 PATIENCE_S: Final = 10
 """Longest wait for a scheduler."""

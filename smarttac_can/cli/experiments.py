@@ -14,8 +14,7 @@ from click.core import ParameterSource
 
 from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.campaign.record import Record, RecordError
-from smarttac_can.campaign.runner import ClusterError, run_campaign
+from smarttac_can.campaign.runner import ClusterError, Record, RecordError, run_campaign
 from smarttac_can.campaign.summary import FILES as CAMPAIGN_FILES
 from smarttac_can.campaign.summary import PICTURE, lines, summary, write_folder
 from smarttac_can.cli.shared import (
@@ -43,7 +42,6 @@ from smarttac_can.paper.experiments import (
     SubjectSet,
     loop_dead_time,
 )
-from smarttac_can.paper.provenance import CHOSEN, EMERGES, fitted
 from smarttac_can.paper.report import (
     FILES,
     INDEX,
@@ -52,7 +50,15 @@ from smarttac_can.paper.report import (
     vibration_table,
     write_report,
 )
-from smarttac_can.paper.reproduce import FIGURES, RESULTS, TRACES, friction_step
+from smarttac_can.paper.reproduce import (
+    CHOSEN,
+    EMERGES,
+    FIGURES,
+    RESULTS,
+    TRACES,
+    fitted,
+    friction_step,
+)
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.fingers import CASES

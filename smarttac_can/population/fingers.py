@@ -9,10 +9,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from smarttac_can.plant.finger import FingerState, Stroke
+from smarttac_can.plant.finger import FingerState, Stroke, smooth
 from smarttac_can.plant.friction import sliding_coefficient
 from smarttac_can.plant.subjects import SUBJECTS, Subject
-from smarttac_can.population.loop import lift
 
 
 class Case(NamedTuple):
@@ -63,6 +62,8 @@ CASES: Final[dict[str, Case]] = {
 """The cases by name."""
 
 
+LIFT_PERIOD, LIFT_LENGTH, LIFT_RAMP = 1.0, 0.1, 0.01
+"""A finger that lifts does so each second, for 100 ms with a ramp of 10 ms at both ends."""
 _FINGER_STREAM: Final = 0x46
 F0: Final = 43390.0
 """Frequency in Hz at which the fingers are vibrated."""
@@ -112,6 +113,12 @@ class Finger(NamedTuple):
     mu_right: float
     stroke_seed: int
     noise_seed: int
+
+
+def lift(time: float) -> float:
+    """Return the share of its force that a finger which lifts each second has at a time in s."""
+    since = time % LIFT_PERIOD
+    return max(1.0 - smooth(since / LIFT_RAMP), smooth((since - LIFT_LENGTH) / LIFT_RAMP))
 
 
 class Lifting:

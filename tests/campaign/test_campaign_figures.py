@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from smarttac_can.campaign.figures import distributions
-from smarttac_can.campaign.record import COLUMNS
-from smarttac_can.campaign.summary import LIMIT_CYCLE
+from smarttac_can.campaign.runner import COLUMNS
+from smarttac_can.campaign.summary import LIMIT_CYCLE, distributions
 
 FINGERS = 50
 

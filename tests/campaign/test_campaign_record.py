@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from smarttac_can.campaign.record import COLUMNS, Record, RecordError
+from smarttac_can.campaign.runner import COLUMNS, Record, RecordError
 from smarttac_can.population.trial import Campaign
 
 CAMPAIGN = Campaign(seed=3)

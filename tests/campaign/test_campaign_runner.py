@@ -11,8 +11,15 @@ import numpy as np
 import pytest
 
 from smarttac_can.campaign import runner
-from smarttac_can.campaign.record import COLUMNS, SIZE, Record, chunks_of, run_chunk
-from smarttac_can.campaign.runner import ClusterError, run_campaign
+from smarttac_can.campaign.runner import (
+    COLUMNS,
+    SIZE,
+    ClusterError,
+    Record,
+    chunks_of,
+    run_campaign,
+    run_chunk,
+)
 from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.trial import Campaign
 
@@ -141,13 +148,13 @@ CLUSTER = """
 import sys
 sys.path.append(sys.argv.pop(1))
 from compile_once import compile_once
-from smarttac_can.campaign import record
+from smarttac_can.campaign import runner
 from distributed import LocalCluster
 workers, lacking = int(sys.argv[1]), sys.argv[2:]
 if workers:
     compile_once()
 if lacking:
-    record.can_compile = lambda: False
+    runner.can_compile = lambda: False
 with LocalCluster(
     n_workers=workers, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=":0"
 ) as local:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from smarttac_can.campaign.record import COLUMNS
-from smarttac_can.campaign.runner import Result
+from smarttac_can.campaign.runner import COLUMNS, Result
 from smarttac_can.campaign.summary import (
     FILES,
     FINGERS,

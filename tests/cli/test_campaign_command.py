@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from smarttac_can.campaign import record, runner
+from smarttac_can.campaign import runner
 from smarttac_can.cli import main
 from smarttac_can.population import trial
 
@@ -111,7 +111,7 @@ def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: int, messag
 def test_without_numba_it_says_so_and_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     one = ("campaign", "--fingers", "1", "--json", "-")
     compiled_ = json.loads(run(*one).stdout)
-    for module in (command, record, runner):
+    for module in (command, runner):
         monkeypatch.setattr(module, "can_compile", lambda: False)
     monkeypatch.setattr(trial, "fastest", trial.plain)
     result = run(*one)
@@ -139,7 +139,7 @@ def test_it_goes_on_after_numba_was_installed(
     some = ("campaign", "--resume", str(rows), "--json", "-", "--fingers")
     whole = json.loads(run("campaign", "--fingers", "2", "--json", "-").stdout)
     with monkeypatch.context() as without:
-        for module in (command, record, runner):
+        for module in (command, runner):
             without.setattr(module, "can_compile", lambda: False)
         without.setattr(trial, "fastest", trial.plain)
         plain = json.loads(run(*some, "1").stdout)

@@ -30,7 +30,7 @@ def test_a_compiled_function_gives_the_number_of_the_plain_one_and_leaves_it():
 
 def test_plant_control_and_their_loop_know_nothing_of_numba():
     code = (
-        "import sys, smarttac_can.population.trial, smarttac_can.population.loop;"
+        "import sys, smarttac_can.population.trial;"
         "print([name for name in sys.modules if name.split('.')[0] in ('numba', 'llvmlite')])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

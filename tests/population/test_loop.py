@@ -5,8 +5,7 @@ import pytest
 from by_objects import traces_by_objects
 
 from smarttac_can.population import trial
-from smarttac_can.population.fingers import CASES, draw_finger
-from smarttac_can.population.loop import lift
+from smarttac_can.population.fingers import CASES, draw_finger, lift
 from smarttac_can.population.trial import Campaign, fastest, plain, traces_of
 from smarttac_can.vocabulary.states import Law, VibrationLaw
 
