@@ -51,13 +51,9 @@ from smarttac_can.paper.report import (
     write_report,
 )
 from smarttac_can.paper.reproduce import (
-    CHOSEN,
-    EMERGES,
     FIGURES,
     RESULTS,
     TRACES,
-    fitted,
-    friction_step,
 )
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
 from smarttac_can.population.compiled import can_compile
@@ -135,7 +131,7 @@ def demo(seed: int, output: Path | None) -> None:
                 "The same with the time that the loop's frames take at worst on a real bus:\n"
             )
             click.echo(dead_time_table(results, delayed))
-            _write_report(folder, traces, results)
+            write_report(folder, traces, results)
     click.echo(f"pictures: {made / INDEX}")
 
 
@@ -238,7 +234,7 @@ def report(folder: Path) -> None:
     """Draw the figures and index.html of a folder that reproduce --output wrote."""
     with plain_errors():
         need_matplotlib()
-        page = _write_report(folder, *_read_run(folder))
+        page = write_report(folder, *_read_run(folder))
     click.echo(f"pictures: {page}")
 
 
@@ -259,18 +255,6 @@ def _made(folder: Path, name: str) -> Path:
         cure = f"smarttac reproduce --output {folder} makes it"
         raise click.ClickException(one_line(f"there is no {file}: {cure}"))
     return file
-
-
-def _write_report(folder: Path, traces: list[Trace], results: dict[str, Any]) -> Path:
-    return write_report(
-        folder,
-        traces,
-        results,
-        friction_step,
-        fitted=fitted(results["subjects"]),
-        chosen=CHOSEN,
-        emerges=EMERGES,
-    )
 
 
 _FINGERS_MAX = 1_000_000

@@ -18,7 +18,15 @@ from typing import Any, NamedTuple
 from smarttac_can.bench.traces import Trace
 from smarttac_can.paper.metrics import LOOPS
 from smarttac_can.paper.references import PUBLISHED, TITLE, Published
-from smarttac_can.paper.reproduce import CANDUMP, RESULTS, TRACES
+from smarttac_can.paper.reproduce import (
+    CANDUMP,
+    CHOSEN,
+    EMERGES,
+    RESULTS,
+    TRACES,
+    fitted,
+    friction_step,
+)
 from smarttac_can.population.steps import UndefinedError
 
 INSIDE, OUTSIDE, MISSING, NOT_JUDGED = "inside", "outside", "missing", ""
@@ -157,11 +165,6 @@ def write_report(
     directory: Path,
     traces: Iterable[Trace],
     summary: Mapping[str, Any],
-    law: Callable[[float], float],
-    *,
-    fitted: Sequence[str],
-    chosen: Sequence[str],
-    emerges: Sequence[str],
 ) -> Path:
     """Write ``fig*.png``, ``fig*.svg`` and the self-contained ``index.html`` into a directory.
 
@@ -171,11 +174,6 @@ def write_report(
         Made if it does not exist; files of the same names are replaced.
     traces, summary
         The runs and their `smarttac_can.paper.reproduce.summary`.
-    law
-        Eq. (9) for Fig. 3: E in % to dW in m.
-    fitted, chosen, emerges
-        What was searched for to meet the paper's figures, what was decided with them in sight and
-        then checked, and what came out of it; plain sentences.
 
     Returns
     -------
@@ -185,7 +183,7 @@ def write_report(
     directory.mkdir(parents=True, exist_ok=True)
     traces = list(traces)
     sections, missing = [], []
-    for name, picture in _pictures(traces, law, summary["law"]):
+    for name, picture in _pictures(traces, summary["law"]):
         if isinstance(picture, UndefinedError):
             missing.append(f"<p>Fig. {name[3:]}: {escape(str(picture))}.</p>")
             continue
@@ -204,9 +202,9 @@ def write_report(
         comparison="".join(map(_comparison_html, compare(summary))),
         steps=_steps_html(summary["table1"]),
         figures="\n".join(sections[1:] + missing),
-        fitted=_list_html(fitted),
-        chosen=_list_html(chosen),
-        emerges=_list_html(emerges),
+        fitted=_list_html(fitted(summary["subjects"])),
+        chosen=_list_html(CHOSEN),
+        emerges=_list_html(EMERGES),
         unavailable=_unavailable_html(summary["unavailable"]),
         sha256=escape(summary["trace_sha256"]),
     )
@@ -216,7 +214,7 @@ def write_report(
 
 
 def _pictures(
-    traces: list[Trace], law: Callable[[float], float], law_name: str
+    traces: list[Trace], law_name: str
 ) -> Iterator[tuple[str, dict[str, bytes] | UndefinedError]]:
     """Yield the name of each figure and its picture by format, or why there is none.
 
@@ -228,7 +226,7 @@ def _pictures(
     draw: dict[str, Callable[[], Any]] = {
         "fig7": lambda: figures.fig7(traces, law_name),
         "fig2": lambda: figures.fig2(traces),
-        "fig3": lambda: figures.fig3(law),
+        "fig3": lambda: figures.fig3(friction_step),
         "fig5": lambda: figures.fig5(traces),
         "fig6": lambda: figures.fig6(traces),
     }

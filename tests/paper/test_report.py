@@ -13,22 +13,14 @@ from smarttac_can import __version__
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.references import PUBLISHED
 from smarttac_can.paper.report import compare, table_text, write_report
-from smarttac_can.paper.reproduce import summary
+from smarttac_can.paper.reproduce import CHOSEN, EMERGES, fitted, summary
 
 VOID = {"meta", "img", "link", "br"}
-SENTENCES = {
-    "fitted": ["W0 < 2 & so on"],
-    "chosen": ["poles > 0.1"],
-    "emerges": ["$law: both <b>response</b> times"],
-}
-
-
-def law(error):
-    return 1e-6 * max(-1.0, min(1.0, 0.04 * error))
+ODD = "c0ffee & <b>$law</b>"
 
 
 def summary_of(traces):
-    return summary(traces, Conditions(seed=7, dead_time=450.0), link="bus", trace_sha256="c0ffee")
+    return summary(traces, Conditions(seed=7, dead_time=450.0), link="bus", trace_sha256=ODD)
 
 
 def verdicts(summary):
@@ -69,7 +61,7 @@ class Page(HTMLParser):
 def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "new"
     traces = all_experiments()
-    page = write_report(folder, traces, summary_of(traces), law, **SENTENCES)
+    page = write_report(folder, traces, summary_of(traces))
     return page, page.read_text(encoding="utf-8")
 
 
@@ -143,12 +135,15 @@ def test_the_page_holds_the_run_and_its_results(report):
     assert "Results that do not exist" not in words
 
 
-def test_passed_in_text_is_text(report):
+def test_text_of_a_run_is_text(report):
+    assert ODD in "".join(Page(report[1]).words)
+
+
+def test_what_was_chosen_stands_before_what_emerges(report):
     words = "".join(Page(report[1]).words)
-    assert "W0 < 2 & so on" in words
-    places = [words.index(each) for each in ("Chosen, then checked", "poles > 0.1", "Emerges")]
+    told = (*fitted("presets"), "Chosen, then checked", *CHOSEN, "Emerges", *EMERGES)
+    places = [words.index(each) for each in told]
     assert places == sorted(places)
-    assert "$law: both <b>response</b> times" in words
 
 
 def test_response_times_are_chosen_and_then_checked():
@@ -164,7 +159,7 @@ def test_response_times_are_chosen_and_then_checked():
 
 def test_same_input_same_page(report, tmp_path):
     traces = all_experiments()
-    again = write_report(tmp_path, traces, summary_of(traces), law, **SENTENCES)
+    again = write_report(tmp_path, traces, summary_of(traces))
     assert again.read_text(encoding="utf-8") == report[1]
     for number in (2, 3, 5, 6, 7):
         svg = f"fig{number}.svg"
@@ -173,11 +168,11 @@ def test_same_input_same_page(report, tmp_path):
 
 def test_a_partial_run_says_what_is_missing(tmp_path):
     traces = [t for t in all_experiments() if t.experiment.startswith("fig2")]
-    page = write_report(tmp_path, traces, summary_of(traces), law, fitted=[], chosen=[], emerges=[])
+    page = write_report(tmp_path, traces, summary_of(traces))
     words = "".join(Page(page.read_text(encoding="utf-8")).words)
     assert "Fig. 5: fig5.amplitude_and_frequency was not run." in words
     assert "Results that do not exist" not in words
-    assert "response time" not in words
+    assert "5 % response time" not in words
     assert sorted(path.name for path in tmp_path.glob("*.png")) == ["fig2.png", "fig3.png"]
 
 
