@@ -108,10 +108,10 @@ def require_friction(bench: Stimulator, cof: float) -> None:
         )
 
 
-def output_in(tree: Path, *command: str) -> str:
-    """Run a command with the package of a tree; raise SystemExit with what it complains of."""
+def results_in(tree: Path, tool: str | Path, *arguments: str) -> Any:
+    """Run a tool with the package of a tree, and return its JSON; SystemExit if it fails."""
     done = subprocess.run(
-        command,
+        [sys.executable, str(tool), *arguments],
         cwd=tree,
         env=os.environ | {"PYTHONPATH": str(tree)},
         capture_output=True,
@@ -120,13 +120,8 @@ def output_in(tree: Path, *command: str) -> str:
     )
     if done.returncode:
         reason = (done.stderr.strip() or "it said nothing").splitlines()[-1]
-        raise SystemExit(f"Error: {tree}: {' '.join(command[1:])}: {reason}")
-    return done.stdout
-
-
-def results_in(tree: Path, tool: str | Path, *arguments: str) -> Any:
-    """Run a tool with the package of a tree, and return its JSON; SystemExit as `output_in`."""
-    return json.loads(output_in(tree, sys.executable, str(tool), *arguments))
+        raise SystemExit(f"Error: {tree}: {tool} {' '.join(arguments)}: {reason}")
+    return json.loads(done.stdout)
 
 
 def by_turns(
