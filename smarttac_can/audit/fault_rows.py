@@ -144,10 +144,10 @@ def verify_rows(
             if claim.fault in NOT_SHOWN.get(name, ()):
                 not_shown += 1
                 continue
-            said = claim.row.get(name, "missing")
-            if _as_text(said) != _as_text(value):
+            stated = claim.row.get(name, "missing")
+            if _as_text(stated) != _as_text(value):
                 raise claim.differs(
-                    f"{name} is {_as_text(said)} in the row, {_as_text(value)} in the log"
+                    f"{name} is {_as_text(stated)} in the row, {_as_text(value)} in the log"
                 )
             fields += 1
         _require_bound(claim, shown["cycles_to_zero"])

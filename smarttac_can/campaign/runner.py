@@ -174,16 +174,16 @@ class Record:
                     raise RecordError(f"{self._path}: is no file of a campaign")
                 break
             try:
-                said = json.loads(line)
+                content = json.loads(line)
                 if number > 1:
-                    self._chunks.append(_chunk(said, compiled))
-                elif not isinstance(said, dict) or "campaign" not in said:
+                    self._chunks.append(_chunk(content, compiled))
+                elif not isinstance(content, dict) or "campaign" not in content:
                     raise ValueError
             except (ValueError, RecursionError) as error:
                 raise RecordError(f"{self._path}: line {number} is damaged") from error
             if number == 1:
-                self._require_same(said, header)
-                compiled = said.get("compiled", False)
+                self._require_same(content, header)
+                compiled = content.get("compiled", False)
             end += len(line)
         return end
 
@@ -192,16 +192,17 @@ class Record:
             while line := file.readline(_LINE_MAX):
                 yield line
 
-    def _require_same(self, said: dict[str, Any], header: dict[str, Any]) -> None:
+    def _require_same(self, content: dict[str, Any], header: dict[str, Any]) -> None:
         for key, value in header.items():
-            if said.get(key) != value:
+            found = content.get(key)
+            if found != value:
                 raise RecordError(
-                    f"{self._path}: is of another campaign: {key} {said.get(key)!r}, not {value!r}"
+                    f"{self._path}: is of another campaign: {key} {found!r}, not {value!r}"
                 )
 
 
-def _line(said: dict[str, Any]) -> bytes:
-    return json.dumps(said).encode() + b"\n"
+def _line(content: dict[str, Any]) -> bytes:
+    return json.dumps(content).encode() + b"\n"
 
 
 def _header(campaign: Campaign) -> dict[str, Any]:
@@ -213,19 +214,19 @@ def _header(campaign: Campaign) -> dict[str, Any]:
     return {"campaign": __version__, **parameters(campaign)}
 
 
-def _chunk(said: Any, compiled: bool) -> _Chunk:
+def _chunk(content: Any, compiled: bool) -> _Chunk:
     """Return a chunk that was read; ValueError if it is none.
 
     Parameters
     ----------
-    said
+    content
         The line.
     compiled
         What applies to a chunk without it: older files have it in the header only.
     """
     try:
-        compiled = said.get("compiled", compiled)
-        first, text, crc = said["first"], said["rows"], said["crc"]
+        compiled = content.get("compiled", compiled)
+        first, text, crc = content["first"], content["rows"], content["crc"]
         rows = np.array(text, dtype=np.float64)
     except (AttributeError, KeyError, TypeError, OverflowError) as error:
         raise ValueError from error

@@ -190,7 +190,7 @@ class Replay:
             self._first = self._time = time
         elif time < self._time - _BACKWARDS_US:
             raise ValueError(
-                f"time runs backwards behind frame {self._frames}, at {time * 1e-6:.6f}"
+                f"time runs backwards after frame {self._frames}, at {time * 1e-6:.6f}"
             )
         self._frames += 1
         self._time = time = max(time, self._time)
@@ -293,7 +293,7 @@ class Replay:
         else:
             found = self._differs(node, frame, computed)
             # Who ends a process leaves the plate at 0 V, and no frame says that this was so. And
-            # a log without any SYNC is no log of a loop: that is what to say of it.
+            # a log without any SYNC is no log of a loop: this is what to report.
             if node.sync_id in self._seen and not (drives and drive_voltage(node.od, frame) == 0):
                 raise found
             self._doubt = found

@@ -34,7 +34,7 @@ from smarttac_can.timing.loop_timing import LoopTiming
 from smarttac_can.vocabulary.states import Mode, State
 
 _OWN_OPTIONS: Final = ("interface", "channel", "bitrate")
-_WORDS: Final = 4096
+_OUTPUT_BYTES: Final = 4096
 _QUIET_S: Final = 0.2
 _ANSWER_S: Final = 0.6
 """For an answer, or the heartbeat of a node that is stopped: one comes every 500 ms."""
@@ -88,10 +88,10 @@ class NodeProcess:
         BenchError
             If it has ended.
         """
-        while b" ready on " not in self._words():
+        while b" ready on " not in self._last_output():
             self.require_alive()
             sleep(_READY_POLL_S)
-        lines = self._words().decode().split("\n")
+        lines = self._last_output().decode().split("\n")
         self.refused = tuple(line for line in lines if line.startswith("real time: "))
 
     def require_alive(self) -> None:
@@ -100,11 +100,11 @@ class NodeProcess:
         Raises
         ------
         BenchError
-            With its own words, if it has ended.
+            With the last line of its output, if it has ended.
         """
         if self._process.poll() is not None:
-            words = self._words().decode().split("\n")
-            last = next((line for line in reversed(words) if line), "without any output")
+            lines = self._last_output().decode().split("\n")
+            last = next((line for line in reversed(lines) if line), "without any output")
             raise BenchError(f"{self._name} has ended: {last.removeprefix('Error: ')}")
 
     def end(self) -> None:
@@ -114,10 +114,10 @@ class NodeProcess:
             self._process.wait(_PARTING_S)
         self._process.kill()
 
-    def _words(self) -> bytes:
+    def _last_output(self) -> bytes:
         # Without seek, which would move the place at which the process writes, too.
         file = self._output.fileno()
-        return os.pread(file, _WORDS, max(0, os.fstat(file).st_size - _WORDS))
+        return os.pread(file, _OUTPUT_BYTES, max(0, os.fstat(file).st_size - _OUTPUT_BYTES))
 
 
 def smarttac_command(*arguments: str) -> list[str]:
@@ -148,7 +148,7 @@ def node_process(
     Raises
     ------
     BenchError
-        With its own words, if it ends before it is ready.
+        With the last line of its output, if it ends before it is ready.
     """
     command = node_command(arguments, bus, realtime)
     with (

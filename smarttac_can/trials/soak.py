@@ -66,7 +66,7 @@ WHAT: Final = {
     "stage": "event",
     "not_enabled": "event",
     "plate_deadline": "time without a drive, of the deadline",
-    "plate_wrong_checks": "drives with a wrong check, of what bars",
+    "plate_wrong_checks": "drives with a wrong check, of what inhibits",
     "plate_temperature": "degC, of the limit",
     "plate_voltage": "drive, of the limit",
     "true_amplitude": "vibration of the plate, of the limit of amplitude",

@@ -241,7 +241,7 @@ def test_a_log_without_sync_is_refused() -> None:
 
 def test_time_that_runs_backwards_is_refused() -> None:
     log = friction_run()
-    with pytest.raises(ValueError, match="time runs backwards behind frame 2000"):
+    with pytest.raises(ValueError, match="time runs backwards after frame 2000"):
         replayed([*log[:2000], *((time - 10_000_000, frame) for time, frame in log[2000:])])
 
 
