@@ -31,10 +31,10 @@ from smarttac_can.trials.sensor_sweep import (
     fingerprint,
     grid_cells,
     random_cells,
-    run_all,
     run_cell,
     summary,
 )
+from smarttac_can.trials.workers import in_order
 
 COARSE_SEED = 1
 """That of `smarttac fmeda` unless told otherwise."""
@@ -45,7 +45,7 @@ FACTORS = ("identified", "motion", "mode")
 def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], list[Result]]:
     """Run cells; return what the file says of the sweep, and the results."""
     with progress_bar(f"{name} cells") as progress:
-        results = list(run_all(run_cell, cells, jobs=JOBS, progress=progress))
+        results = list(in_order(run_cell, cells, JOBS, progress))
     for result in results:
         if result.violation:
             print(f"{result.violation}: smarttac fmeda --cell {result.cell}")
@@ -62,7 +62,7 @@ def healthy_runs(count: int, seed: int) -> dict[str, Any]:
     """Run without a failure; return what the file says of it."""
     with progress_bar("healthy runs") as progress:
         seeds = range(seed, seed + count)
-        runs = list(run_all(healthy_run, seeds, jobs=JOBS, progress=progress))
+        runs = list(in_order(healthy_run, seeds, JOBS, progress))
     for run in runs:
         if run.false:
             print(f"false trip by {run.ended_by}: smarttac fmeda --healthy 1 --seed {run.seed}")

@@ -39,7 +39,6 @@ from smarttac_can.trials.sensor_sweep import (
     grid_cells,
     parse_cell,
     random_cells,
-    run_all,
     run_cell,
     summary,
 )
@@ -51,6 +50,7 @@ from smarttac_can.trials.soak import (
     parts,
     soak_in_parts,
 )
+from smarttac_can.trials.workers import in_order
 
 _NAMES = sorted({case.name for case in CASES})
 _ROWS_MAX_BYTES: Final = 4 << 20
@@ -318,6 +318,8 @@ def _attack_summary(report: HostileReport) -> str:
     return "\n".join(lines)
 
 
+_WORTH_A_PROCESS: Final = 8
+"""Fewer cells are done sooner than a process has begun."""
 _WORST: Final = 20
 """Violations that are printed."""
 
@@ -385,18 +387,19 @@ def fmeda(
         raise click.UsageError("--random, --healthy and --cell exclude each other")
     if workers is not None:
         click.echo("--workers is deprecated: use --jobs", err=True)
-    jobs = jobs or workers or os.cpu_count() or 1
+        jobs = jobs or workers
     with plain_errors(), ExitStack() as stack:
         file = opened_results(stack, json_file)
         with progress_bar("cells") as progress:
             if healthy is not None:
                 seeds = range(seed, seed + healthy)
-                runs = list(run_all(healthy_run, seeds, jobs=jobs, progress=progress))
+                runs = list(in_order(healthy_run, seeds, jobs or _jobs_for(healthy), progress))
             else:
                 if random_ is not None:
                     cells = random_cells(random_, seed)
                 chosen = cells or grid_cells(seed, fine=not coarse)
-                results = list(run_all(run_cell, chosen, jobs=jobs, progress=progress))
+                each = jobs or _jobs_for(len(chosen))
+                results = list(in_order(run_cell, chosen, each, progress))
         if healthy is not None:
             report_results(healthy_as_json(runs), _healthy_lines(runs), file)
             bad, what = sum(run.false for run in runs), "healthy runs ended in a false trip"
@@ -405,6 +408,11 @@ def fmeda(
             bad, what = sum(bool(r.violation) for r in results), "cells break the promise"
     if bad:
         raise click.ClickException(f"{bad} {what}")
+
+
+def _jobs_for(items: int) -> int:
+    """Return how many processes share so many: one for each processor, if it has work."""
+    return min(os.cpu_count() or 1, -(-items // _WORTH_A_PROCESS))
 
 
 def _sweep_lines(results: list[Result]) -> list[str]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import random
 import re
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
@@ -34,7 +34,6 @@ from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, 
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.sensors import PICKUP_SATURATED
 from smarttac_can.plant.subjects import SUBJECTS, Subject
-from smarttac_can.trials.workers import Item, Outcome, in_order
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, START_RUN, ZERO
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Measurement
 from smarttac_can.vocabulary.states import Control, Law, Mode, State, Status, VibrationLaw
@@ -784,39 +783,6 @@ def _random_cell(draw: random.Random) -> Cell:
         failure = failure._replace(on=draw.randrange(1, of), of=of)
     mode = draw.choices(DRIVING, (2, 4, 4, 4, 1, 4))[0]
     return _drawn(draw, failure, mode, draw.choice((250, 1000)), grid=False)
-
-
-# --- Running many ------------------------------------------------------------------------------
-
-Progress = Callable[[float], None]
-_FEW: Final = 8
-"""Fewer items than this are done sooner than a process has begun."""
-
-
-def run_all(
-    run: Callable[[Item], Outcome],
-    items: Sequence[Item],
-    *,
-    jobs: int = 1,
-    progress: Progress | None = None,
-) -> Iterator[Outcome]:
-    """Run items in their order, in this process or in several.
-
-    Parameters
-    ----------
-    run
-        What to do with each; a function of a module.
-    items
-        Such as cells.
-    jobs
-        Processes that share them.
-    progress
-        Called with the share that is done, 0..1.
-    """
-    tell = progress or (lambda _share: None)
-    for n, outcome in enumerate(in_order(run, items, jobs if len(items) >= _FEW else 1), 1):
-        tell(n / len(items))
-        yield outcome
 
 
 # --- What came of it ---------------------------------------------------------------------------

@@ -76,7 +76,12 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def in_order(run: Callable[[Item], Outcome], items: Sequence[Item], jobs: int) -> Iterator[Outcome]:
+def in_order(
+    run: Callable[[Item], Outcome],
+    items: Sequence[Item],
+    jobs: int,
+    progress: Callable[[float], None] = lambda _share: None,
+) -> Iterator[Outcome]:
     """Run items in this process or in several, and yield what they return, in their order.
 
     Parameters
@@ -87,7 +92,17 @@ def in_order(run: Callable[[Item], Outcome], items: Sequence[Item], jobs: int) -
         Values that can be pickled, unless there is one job.
     jobs
         Processes that share them; 1 keeps them in this one.
+    progress
+        Called with the share that is done, 0..1.
     """
+    for number, outcome in enumerate(_outcomes(run, items, jobs), 1):
+        progress(number / len(items))
+        yield outcome
+
+
+def _outcomes(
+    run: Callable[[Item], Outcome], items: Sequence[Item], jobs: int
+) -> Iterator[Outcome]:
     if jobs == 1:
         yield from map(run, items)
         return
