@@ -10,7 +10,7 @@ import inspect
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from functools import cache
 from importlib import import_module
 from itertools import pairwise
@@ -20,12 +20,18 @@ from typing import Any, Final, NamedTuple
 import click
 from fmeda_page import fmeda_page
 from hazards_page import hazards_page
-from pages import REFERENCE, Pages, made, write
-from safety_reference import safety
+from pages import REFERENCE, Pages, columns, made, renewed, write
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli import main as smarttac
 from smarttac_can.host.files import read_eds
+from smarttac_can.nodes.lock import OF_PLATE, OF_STIMULATOR, Place, Table
+from smarttac_can.nodes.states import (
+    STAGE_TRANSITIONS,
+    TRANSITIONS,
+    Guard,
+    StageState,
+)
 from smarttac_can.od import cia
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.object_reference import LEGEND, object_reference, table
@@ -38,7 +44,7 @@ from smarttac_can.vocabulary.states import (
     Status,
     VibrationLaw,
 )
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import FORGOTTEN, WATCHDOGS, Watchdog
 
 NODES = (("stimulator.eds", STIMULATOR_ID), ("plate.eds", PLATE_ID))
 PACKAGE: Final = Path(__file__).resolve().parent.parent / "smarttac_can"
@@ -58,63 +64,44 @@ def _members(choices: type[IntEnum]) -> str:
     return ", ".join(f"{int(member)} {member.name.lower()}" for member in choices)
 
 
-def objects() -> str:
-    """Return the object dictionaries as Markdown."""
-    lines = [
-        "# Objects",
-        "",
-        "Made by `tools/reference.py` from `eds/stimulator.eds` and `eds/plate.eds`: change those.",
-        "",
-        f"{LEGEND} "
-        "A mapping record has 8 places; one of the loop is constant and has those that it maps.",
-        "",
-        "## Values",
-        "",
-        *table(
-            ("Object", "Values"),
-            ("Mode, Mode display", _members(Mode)),
-            ("Friction law", _members(Law)),
-            ("Controller.Vibration law", _members(VibrationLaw)),
-            (
-                "Statusword, bits",
-                ", ".join(
-                    f"{int(bit).bit_length() - 1} {(bit.name or '').lower()}" for bit in Status
-                ),
-            ),
-            ("Statusword, bits 8 to 10", _members(State)),
-            (
-                "Controlword, bits",
-                ", ".join(
-                    f"{int(bit).bit_length() - 1} {(bit.name or '').lower().replace('_', ' ')}"
-                    for bit in Control
-                ),
-            ),
-            ("Diagnosis.Present, Diagnosis.Latched, bits", _members(Watchdog)),
-            ("Model.State", _members(IdentificationState)),
-            ("Finger.Motion", "0 lifted, 1 stroke, 2 recorded"),
-            ("Saturation, bits", "0..5 S1..S6, 6 pick-up"),
-            ("AI status, bits", "0 not valid, 1 positive overload"),
-        ),
-    ]
+def _bits(flags: type[IntFlag]) -> str:
+    return ", ".join(f"{int(bit).bit_length() - 1} {(bit.name or '').lower()}" for bit in flags)
+
+
+def objects() -> Pages:
+    """Return the page of the object dictionaries."""
+    values = {
+        "Mode, Mode display": _members(Mode),
+        "Friction law": _members(Law),
+        "Controller.Vibration law": _members(VibrationLaw),
+        "Statusword, bits": _bits(Status),
+        "Statusword, bits 8 to 10": _members(State),
+        "Controlword, bits": _bits(Control).replace("_", " "),
+        "Diagnosis.Present, Diagnosis.Latched, bits": _members(Watchdog),
+        "Model.State": _members(IdentificationState),
+        "Finger.Motion": "0 lifted, 1 stroke, 2 recorded",
+        "Saturation, bits": "0..5 S1..S6, 6 pick-up",
+        "AI status, bits": "0 not valid, 1 positive overload",
+    }
+    lines: list[str] = []
     for file, node_id in NODES:
         text = read_eds(file)
         product = load_eds(text, node_id).entry(cia.IDENTITY, 2).default
         rows = [
             row for row in object_reference(text, level=3) if row not in lines or _is_frame(row)
         ]
+        others = ["Objects that are as those above are left out."] if lines else []
         lines += [
             f"## `{file}`",
             "",
             f"Product code {product:08X}h; node-ID {node_id} unless `--node-id` says otherwise.",
-            *(
-                ["Objects that are as those above are left out."]
-                if (file, node_id) != NODES[0]
-                else []
-            ),
+            *others,
             "",
             *rows,
         ]
-    return "\n".join(lines)
+    table_of_values = columns("Object|Values", values.items())
+    fields = {"legend": [LEGEND], "values": table_of_values, "nodes": lines}
+    return renewed(REFERENCE / "objects.md", fields)
 
 
 def _is_frame(line: str) -> bool:
@@ -162,8 +149,8 @@ def _commands(group: click.Group, prefix: str) -> Iterator[tuple[str, click.Comm
             yield full, command
 
 
-def command_line() -> str:
-    """Return the help of every command as Markdown."""
+def command_line() -> Pages:
+    """Return the page with the help of every command."""
     head = ("Parameter", "Default", "Meaning")
     parameters = {
         name: [
@@ -181,18 +168,7 @@ def command_line() -> str:
         for row, count in counts.items()
         if _option(row).startswith("--") and count >= SHARED_BY and most[_option(row)] == row
     ]
-    lines = [
-        "# Command line",
-        "",
-        "Made by `tools/reference.py` from the commands themselves. `python -m smarttac_can` is "
-        "the same as `smarttac`.",
-        "",
-        "## Shared options",
-        "",
-        "Many commands take these; each names those that it takes.",
-        "",
-        *table(head, *shared),
-    ]
+    lines: list[str] = []
     for name, command in _commands(smarttac, "smarttac"):
         text = " ".join((command.help or "").split())
         own = [row for row in parameters[name] if row not in shared]
@@ -210,18 +186,97 @@ def command_line() -> str:
             "```",
             "",
         ]
-    lines += [
-        "## Exit codes",
-        "",
+    return renewed(REFERENCE / "cli.md", {"shared": table(head, *shared), "commands": lines})
+
+
+def _title(name: str | None) -> str:
+    return (name or "").lower().replace("_", " ")
+
+
+def _guard(guard: Guard) -> str:
+    return _title(guard.name) if guard else ""
+
+
+def _where(place: Place) -> str:
+    """Name the objects of a place."""
+    where = f"{place.first:04X}h"
+    if place.last != place.first:
+        where += f" to {place.last:04X}h"
+    if place.subindices:
+        where += " sub-index " + ", ".join(str(subindex) for subindex in place.subindices)
+    return where
+
+
+def _stricter(laxer: Table) -> Iterator[str]:
+    """List what a write does not make laxer under a drive."""
+    return table(
+        ("Object", "Laxer is"),
+        *((f"`{name}`", rule.text) for name, rule in laxer.by_name.items()),
+        *((_where(place), place.rule.text) for place in laxer.by_index),
+    )
+
+
+def _stage() -> list[str]:
+    """List the states of the plate's power stage, and what leads from one to another."""
+    return [
+        *table(("State", "What it is"), *((_title(s.name), s.value) for s in StageState)),
         *table(
-            ("Code", "Meaning"),
-            ("0", "done; a node was ended by Ctrl-C or SIGTERM and left the plate at 0 V"),
-            ("1", "bus, device, EDS or file: one line on stderr says what"),
-            ("1", "`Aborted!`: ended by Ctrl-C or SIGTERM before it was done, without its files"),
-            ("2", "a wrong option or argument: usage and one line on stderr"),
+            ("State", "Event", "What it is", "Next"),
+            *(
+                (
+                    _title(row.state.name),
+                    _title(row.event.name),
+                    row.event.value,
+                    _title(row.next.name),
+                )
+                for row in STAGE_TRANSITIONS
+            ),
         ),
     ]
-    return "\n".join(lines)
+
+
+def safety() -> Pages:
+    """Return the page with its fields made anew."""
+    bits = ((f"{int(bit).bit_length() - 1}", _title(bit.name)) for bit in Control)
+    transitions = (
+        (
+            _title(row.state.name),
+            _title(row.event.name),
+            row.event.value,
+            _guard(row.guard),
+            _title(row.next.name),
+        )
+        for row in TRANSITIONS
+    )
+    watchdogs = (
+        (
+            f"{int(watchdog)}",
+            row.text,
+            row.looks_at,
+            f"{row.code:04X}h",
+            f"{int(row.register):02X}h",
+            f"{row.bound}",
+            row.why,
+            row.forgets,
+            row.limit,
+        )
+        for watchdog, row in WATCHDOGS.items()
+    )
+    head = "Bit|Fault|Looks at|EMCY|Error register|Bound|Why|Forgets|Limit"
+    return renewed(
+        REFERENCE / "safety.md",
+        {
+            "states": columns("Number|State", ((f"{int(s)}", _title(s.name)) for s in State)),
+            "transitions": columns("State|Event|What it is|Guard|Next", transitions),
+            "controlword": columns("Bit|Command", bits),
+            "watchdogs": columns(head, watchdogs),
+            "forgotten": f"{FORGOTTEN}",
+            "one_more": f"{FORGOTTEN + 1}",
+            "stimulator_limits": _stricter(OF_STIMULATOR),
+            "plate_limits": _stricter(OF_PLATE),
+            "stage": _stage(),
+        },
+    )
 
 
 class Name(NamedTuple):
@@ -318,8 +373,8 @@ def _page(face: str, head: str, names: list[Name], own: list[Name], seen: dict[i
 def pages(_draw: bool = False) -> Pages:
     """Return all pages."""
     return {
-        REFERENCE / "objects.md": objects(),
-        REFERENCE / "cli.md": command_line(),
+        **objects(),
+        **command_line(),
         **safety(),
         **fmeda_page(),
         **hazards_page(),

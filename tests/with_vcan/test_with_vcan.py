@@ -163,7 +163,7 @@ def test_place_of_the_machines_memory(
 def test_only_the_wide_registers_are_hidden(hidden: bool, answer: int) -> None:
     script = f"""
 import ctypes, runpy
-tool = runpy.run_path({str(WITH_VCAN.with_name("wide_registers.py"))!r})
+tool = runpy.run_path({str(WITH_VCAN)!r})
 if {hidden}:
     tool["hide_wide_registers"]()
 libc = ctypes.CDLL(None, use_errno=True)
