@@ -28,6 +28,7 @@ from smarttac_can.paper.experiments import (
 from smarttac_can.paper.figures import BAND, CURVES
 from smarttac_can.paper.metrics import align_at_switch, find, from_switch_on
 from smarttac_can.paper.references import PUBLISHED
+from smarttac_can.paper.report import INSIDE, compare
 from smarttac_can.paper.reproduce import reproduce, summary
 from smarttac_can.plant.parameters import ContactParameters, PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
@@ -44,7 +45,6 @@ NEAR: Final = {"rise_time_ms": 0.5, "overshoot_percent": 5.0}
 """Distance from a figure of the paper beyond which a seed is off."""
 TABLE = frozenset({"table1"})
 VIBRATION = frozenset({"fig5", "fig6"})
-PUBLISHED_BY_KEY = {published.key: published for published in PUBLISHED}
 Results = Mapping[str, Any]
 
 
@@ -142,28 +142,18 @@ def number(value: float | None, digits: int = 1) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def get(results: Results, key: str) -> Any:
-    """Look up a dotted key."""
-    value: Any = results
-    for part in key.split("."):
-        value = value[part]
-    return value
-
-
-def inside(results: Results, key: str) -> bool:
-    """Whether a result keeps to the band of the paper."""
-    published, value = PUBLISHED_BY_KEY[key], get(results, key)
-    assert published.low is not None and published.high is not None
-    return value is not None and published.low <= value <= published.high
+def verdicts(results: Results) -> dict[str, str]:
+    """Return the verdict on each result, by its key."""
+    return {item.published.key: item.verdict for item in compare(results)}
 
 
 def vibration_table(runs: Sequence[Results]) -> Iterator[str]:
     """Fig. 5 and 6 at several dead times, beside the paper."""
     rows = [
-        [published.name, *(number(get(run, key), 2) for run in runs), f"{published.value:g}"]
-        for key, published in PUBLISHED_BY_KEY.items()
-        if key.startswith(("fig5", "fig6"))
-    ]
+        [beside[0].published.name, *(number(each.value, 2) for each in beside),
+         f"{beside[0].published.value:g}"]
+        for beside in zip(*map(compare, runs), strict=True)
+    ]  # fmt: skip
     heads = " | ".join(f"dead time {run['dead_time_us']:.0f} us" for run in runs)
     return columns(f" | {heads} | paper", rows)
 
@@ -189,9 +179,15 @@ def seeds_table(runs: Sequence[Results]) -> Iterator[str]:
     return columns("|rise, ms|overshoot, %|static error, %", rows)
 
 
+def paper_value(i: int, metric: str) -> float:
+    """Return the paper's figure of subject i + 1."""
+    key = f"table1.subjects[{i}].{metric}"
+    return next(row.value for row in PUBLISHED if row.key == key and row.value is not None)
+
+
 def off(runs: Sequence[Results], i: int, metric: str) -> int:
     """Count the seeds that are off the paper's figure of subject i + 1 by more than `NEAR`."""
-    paper = get_published(i, metric)
+    paper = paper_value(i, metric)
     values = [run["table1"]["subjects"][i][metric] for run in runs]
     return sum(abs(value - paper) > NEAR[metric] for value in values)
 
@@ -200,13 +196,6 @@ def off_in_all(runs: Sequence[Results]) -> str:
     """Return how many figures of a subject and a seed are off, of how many."""
     found = sum(off(runs, i, metric) for i in range(4) for metric in NEAR)
     return f"{found} of {4 * len(NEAR) * len(runs)}"
-
-
-def get_published(i: int, metric: str) -> float:
-    """Return the paper's figure of subject i + 1."""
-    value = PUBLISHED_BY_KEY[f"table1.subjects[{i}].{metric}"].value
-    assert value is not None
-    return value
 
 
 def subjects_table(runs: Sequence[Results]) -> Iterator[str]:
@@ -218,7 +207,7 @@ def subjects_table(runs: Sequence[Results]) -> Iterator[str]:
             values = [run["table1"]["subjects"][i][metric] for run in runs]
             cells.append(f"{np.mean(values):.2f} +-{np.std(values, ddof=1):.2f}")
             if metric in NEAR:
-                cells += [f"{get_published(i, metric):g}", str(off(runs, i, metric))]
+                cells += [f"{paper_value(i, metric):g}", str(off(runs, i, metric))]
         rows.append([str(i + 1), *cells])
     return columns("subject|rise, ms|paper|off|overshoot, %|paper|off|static error, %", rows)
 
@@ -258,8 +247,7 @@ def laws_table(runs: Mapping[str, list[Trace]]) -> Iterator[str]:
     """Compare the laws."""
     rows = []
     for name, traces in runs.items():
-        result = summary(traces, Conditions(), link="local", trace_sha256="")["table1"]
-        subjects = result["subjects"]
+        subjects = table1(traces)["subjects"]
         rows.append(
             [
                 f"`{name}`",
@@ -340,7 +328,7 @@ def pages(draw: bool) -> Pages:
         "subjects": subjects_table(seeds),
         "subjects_off": off_in_all(seeds),
         "seeds": seeds_table(seeds),
-        "inside": str(sum(all(inside(run, key) for key in judged) for run in seeds)),
+        "inside": str(sum(all(verdicts(run)[key] == INSIDE for key in judged) for run in seeds)),
         "total": str(len(SEEDS)),
         "fitted": subjects_table(fitted),
         "fitted_off": off_in_all(fitted),
