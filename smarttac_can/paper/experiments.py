@@ -14,7 +14,7 @@ from smarttac_can.bench.traces import Trace
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import cycle_seconds, cyclic_frames
-from smarttac_can.paper.references import STEP_UM
+from smarttac_can.paper.references import REFERENCES, STEP_UM
 from smarttac_can.plant.fitted import FITTED
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
@@ -30,7 +30,7 @@ COLD_RESONANCE: Final = 43390.0
 AMPLITUDES: Final = (0.0, 0.5, 1.0, 1.5, 2.0)
 """Amplitudes of Fig. 2 in um."""
 FIG2_SUBJECTS: Final = range(1, 6)
-COF_REFERENCES: Final = {1: (0.2, 0.3), 2: (0.3, 0.4), 3: (0.4, 0.5), 4: (0.5, 0.6)}
+COF_REFERENCES: Final = dict(enumerate(REFERENCES, 1))
 """References left and right of the boundary for the four subjects of Table I."""
 PASSES: Final = 50
 """Passes of the finger a subject in Table I, every other one an up-step."""

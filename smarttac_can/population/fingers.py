@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from smarttac_can.plant.finger import FingerState, Stroke, smooth
+from smarttac_can.plant.finger import Stroke, smooth
 from smarttac_can.plant.friction import sliding_coefficient
 from smarttac_can.plant.subjects import SUBJECTS, Subject
 
@@ -119,20 +119,6 @@ def lift(time: float) -> float:
     """Return the share of its force that a finger which lifts each second has at a time in s."""
     since = time % LIFT_PERIOD
     return max(1.0 - smooth(since / LIFT_RAMP), smooth((since - LIFT_LENGTH) / LIFT_RAMP))
-
-
-class Lifting:
-    """A stroke of a finger that lifts each second."""
-
-    __slots__ = ("_stroke",)
-
-    def __init__(self, stroke: Stroke) -> None:
-        self._stroke = stroke
-
-    def at(self, time: float) -> FingerState:
-        """Return the state at a time in s, 0 or more, from the start of the run."""
-        x, Fn = self._stroke.at(time)
-        return FingerState(x, Fn * lift(time))
 
 
 def draw_finger(seed: int, number: int, case: Case) -> Finger:

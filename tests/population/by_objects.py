@@ -4,10 +4,22 @@ import numpy as np
 
 from smarttac_can.control import Cascade
 from smarttac_can.plant import Plate
-from smarttac_can.population.fingers import CASES, Lifting, stroke_of
+from smarttac_can.plant.finger import FingerState
+from smarttac_can.population.fingers import CASES, lift, stroke_of
 from smarttac_can.population.trial import AMBIENT, AMPLITUDE, plate_of
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, Drive, Setpoint
 from smarttac_can.vocabulary.states import Mode
+
+
+class Lifting:
+    """A stroke of a finger that lifts each second."""
+
+    def __init__(self, stroke):
+        self._stroke = stroke
+
+    def at(self, time):
+        x, Fn = self._stroke.at(time)
+        return FingerState(x, Fn * lift(time))
 
 
 def traces_by_objects(campaign, finger, ticks):

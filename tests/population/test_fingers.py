@@ -10,8 +10,8 @@ from smarttac_can.population.fingers import (
     W_LEAST,
     W_MOST,
     Case,
-    Lifting,
     draw_finger,
+    lift,
     stroke_of,
 )
 
@@ -136,10 +136,5 @@ def test_the_first_passes_are_the_same_whatever_was_asked_before():
     assert len(other.passes(16)) == 16
 
 
-def test_a_lifting_finger_is_where_its_stroke_is():
-    stroke = stroke_of(MANY[0], NOMINAL)
-    lifting = Lifting(stroke_of(MANY[0], NOMINAL))
-    for time in (0.9, 1.05, 1.5):
-        assert lifting.at(time).x == stroke.at(time).x
-    assert lifting.at(1.05).Fn == 0.0
-    assert lifting.at(1.5) == stroke.at(1.5)
+def test_a_finger_that_lifts_is_gone_for_a_tenth_of_a_second_each_second():
+    assert [lift(time) for time in (0.9, 1.05, 1.5)] == [1.0, 0.0, 1.0]
