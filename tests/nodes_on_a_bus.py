@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from queue import Empty, Queue
@@ -33,6 +33,14 @@ ALL_TICKS = 100
 ODS = {PLATE_ID: plate_od(), STIMULATOR_ID: stimulator_od()}
 
 Node = PlateNode | StimulatorNode
+
+
+def until(holds: Callable[[], object], *, pause: float = 0.005) -> None:
+    """Look every so many s for what must come; the bound is a guard."""
+    guard = time.monotonic() + GUARD_S
+    while not holds():
+        assert time.monotonic() < guard, "it did not come"
+        time.sleep(pause)
 
 
 class HesitantBus(PythonCanBus):

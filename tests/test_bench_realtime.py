@@ -6,7 +6,6 @@ import runpy
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any
 
 import psutil
 import pytest
-from nodes_on_a_bus import GUARD_S
+from nodes_on_a_bus import GUARD_S, until
 
 TOOL = Path(__file__).parents[1] / "tools" / "bench_realtime"
 QUANTILES = {"p50_us", "p99_us", "p999_us", "p9999_us", "max_us"}
@@ -63,11 +62,9 @@ def test_the_results() -> None:
 def test_a_signal_ends_all_of_it(number: int) -> None:
     with running("--seconds", "3600", "--hogs", "1") as process:
         tool = psutil.Process(process.pid)
-        guard = time.monotonic() + GUARD_S
         # Sleepers, hog, two nodes, bench.
-        while len(children := tool.children()) < len(os.sched_getaffinity(0)) + 4:
-            assert time.monotonic() < guard
-            time.sleep(0.1)
+        until(lambda: len(tool.children()) >= len(os.sched_getaffinity(0)) + 4, pause=0.1)
+        children = tool.children()
         process.send_signal(number)
         process.communicate(timeout=GUARD_S)
     assert process.returncode == 128 + number

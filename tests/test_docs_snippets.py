@@ -3,15 +3,14 @@
 import inspect
 import re
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from shutil import copy
 from typing import Any
 
 import canopen
 import pytest
-from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
+from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate, until
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.simulation import LocalLink, plate_od, stimulator_od
@@ -175,13 +174,6 @@ def master_page(
     until(
         lambda: not any(thread.name.startswith("Cyclic send") for thread in threading.enumerate())
     )
-
-
-def until(holds: Callable[[], bool]) -> None:
-    guard = time.monotonic() + GUARD_S
-    while not holds():
-        assert time.monotonic() < guard, "it did not come"
-        time.sleep(0.005)
 
 
 def near(printed: str) -> str:

@@ -3,14 +3,13 @@
 import struct
 import time
 from collections import deque
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from itertools import count
 from typing import Any
 
 import can
 import pytest
-from nodes_on_a_bus import GUARD_S, both, in_threads, stimulator_with_plate
+from nodes_on_a_bus import GUARD_S, both, in_threads, stimulator_with_plate, until
 
 from smarttac_can.bench import (
     BenchError,
@@ -29,14 +28,6 @@ from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Wait for what must come; the bound is a guard."""
-    end = time.monotonic() + GUARD_S
-    while not condition():
-        assert time.monotonic() < end, "it did not come"
-        time.sleep(0.005)
 
 
 def test_no_such_interface() -> None:

@@ -5,7 +5,6 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +15,7 @@ import can
 import h5py
 import numpy as np
 import pytest
-from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
+from nodes_on_a_bus import in_threads, stimulator_with_plate, until
 
 from smarttac_can.bench import (
     BenchError,
@@ -275,13 +274,6 @@ def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
             raise ZeroDivisionError
         (note,) = caught.value.__notes__
         assert "b.h5.log takes no more: No space left on device" in note
-
-
-def until(true: Any) -> None:
-    guard = time.monotonic() + GUARD_S
-    while not true():
-        assert time.monotonic() < guard
-        time.sleep(0.01)
 
 
 def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path: Path) -> None:

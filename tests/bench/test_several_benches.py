@@ -1,7 +1,6 @@
 """Several benches on one stimulator in real time: none costs another one a row."""
 
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -9,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
+from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate, until
 
 from smarttac_can.bench import BenchError, NotRunningError, State, Stimulator, can_link, selftest
 from smarttac_can.bench.calibration import mean_gauges
@@ -36,13 +35,6 @@ def connect(virtual: dict[str, Any]) -> Stimulator:
 
 def types(node: StimulatorNode) -> list[int]:
     return [node.od.entry(0x1800 + number, 2).value for number in range(4)]
-
-
-def until(true: Any) -> None:
-    guard = time.monotonic() + GUARD_S
-    while not true():
-        assert time.monotonic() < guard
-        time.sleep(0.01)
 
 
 def weigh(bench: Stimulator) -> None:

@@ -5,7 +5,7 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import can
 import psutil
 import pytest
-from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options, processes
+from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options, processes, until
 
 from smarttac_can.bench import BenchError, Mode, RefusedError, Stimulator
 from smarttac_can.vocabulary.states import State
@@ -30,14 +30,6 @@ def listening(bus: dict[str, Any]) -> Iterator[list[int]]:
 
     with can.Bus(**bus) as listener, can.Notifier(listener, [hear], timeout=0.02):
         yield heard
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Wait for what must come; the bound is a guard."""
-    end = time.monotonic() + GUARD_S
-    while not condition():
-        assert time.monotonic() < end, "it did not come"
-        time.sleep(0.005)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])

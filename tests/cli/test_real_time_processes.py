@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 import pytest
-from nodes_on_a_bus import GUARD_S, ODS, multicast_options, processes
+from nodes_on_a_bus import GUARD_S, ODS, multicast_options, processes, until
 
 from smarttac_can.bench import FaultError, HeartbeatLostError, Stimulator
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
@@ -32,13 +32,6 @@ RAW = 4000
 MISSED = 0x8130 | MASTER_ID << 16
 """In the history of a node that watches the master."""
 NODES = ("plate", f"node --plate-node {PLATE_ID} --produce-sync")
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Wait for what must come; the bound is a guard."""
-    end = time.monotonic() + GUARD_S
-    while not condition():
-        assert time.monotonic() < end, "it did not come"
 
 
 def drive(bench: Stimulator) -> None:

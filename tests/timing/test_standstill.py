@@ -8,7 +8,7 @@ import time
 
 import psutil
 import pytest
-from nodes_on_a_bus import GUARD_S
+from nodes_on_a_bus import GUARD_S, until
 
 from smarttac_can.timing.standstill import forked, watching_machine
 
@@ -32,10 +32,7 @@ def test_a_sleeper_that_is_stopped_stands_for_a_machine_that_was() -> None:
         sleeper.send_signal(signal.SIGSTOP)
         time.sleep(0.1)
         sleeper.send_signal(signal.SIGCONT)
-        guard = time.monotonic() + GUARD_S
-        while max(machine.longest_s) < 0.09:
-            assert time.monotonic() < guard
-            time.sleep(0.01)
+        until(lambda: max(machine.longest_s) >= 0.09)
         longest = max(machine.standstills, key=lambda stood: stood.end - stood.begin)
         # It is seen from when it woke up last, before it was stopped, until it does so again.
         assert longest.begin < begin + 0.1 <= longest.end <= time.time()

@@ -5,10 +5,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from nodes_on_a_bus import until
 
 SOAK = ("soak", "--hours", "3")
 FAULTS = ("faults", "--hold", "1000000000")
@@ -26,13 +26,6 @@ def group(leader: int) -> dict[int, str]:
         if int(name_and_more[2]) == leader and name_and_more[0] != "Z":
             found[int(stat.parent.name)] = name_and_more[0]
     return found
-
-
-def wait_for(what: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.1)
 
 
 def busy(pid: int) -> bool:
@@ -69,15 +62,15 @@ def test_no_process_is_left(
         leader = begun.pid
         try:
             # Two that work, and that of multiprocessing which tracks resources.
-            wait_for(lambda: len(group(leader)) == 4)
+            until(lambda: len(group(leader)) == 4, pause=0.1)
             if not early:
-                wait_for(lambda: sum(map(busy, group(leader))) >= 2)
+                until(lambda: sum(map(busy, group(leader))) >= 2, pause=0.1)
             (os.killpg if to_all else os.kill)(leader, number)
             if again:
                 time.sleep(0.05)
                 os.killpg(leader, number)
             _, errors = begun.communicate(timeout=60.0)
-            wait_for(lambda: not group(leader))
+            until(lambda: not group(leader), pause=0.1)
         finally:
             if group(leader):
                 os.killpg(leader, signal.SIGKILL)
@@ -99,10 +92,10 @@ def test_a_process_that_is_killed_ends_the_work_in_one_line() -> None:
     ) as begun:
         leader = begun.pid
         try:
-            wait_for(lambda: sum(pid != leader and busy(pid) for pid in group(leader)) >= 1)
+            until(lambda: sum(pid != leader and busy(pid) for pid in group(leader)) >= 1, pause=0.1)
             os.kill(next(pid for pid in group(leader) if pid != leader and busy(pid)), 9)
             _, errors = begun.communicate(timeout=60.0)
-            wait_for(lambda: not group(leader))
+            until(lambda: not group(leader), pause=0.1)
         finally:
             if group(leader):
                 os.killpg(leader, signal.SIGKILL)
