@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from commands import refusal, run, succeed
 
 from smarttac_can.bench import (
     BenchError,
@@ -26,7 +26,6 @@ from smarttac_can.bench import (
     read_recording,
     recording_file,
 )
-from smarttac_can.cli import main
 from smarttac_can.host.frame_log import FrameLog
 
 GRATING = Texture.grating(2.0, 0.25, 0.45, shape="sine")
@@ -192,13 +191,11 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_metadata_of_the_command(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     said = ["--subject", "P07", "--operator", "jd", "--notes", "dry"]
-    result = CliRunner().invoke(main, ["record", str(path), "--seconds", "0.1", *said])
-    assert result.exit_code == 0, result.output
+    succeed("record", path, "--seconds", "0.1", *said)
     recording = read_recording(path)
     assert recording.metadata == {"subject": "P07", "operator": "jd", "notes": "dry"}
-    result = CliRunner().invoke(main, ["record", str(tmp_path / "b.h5"), "--notes", "x" * 1001])
-    assert result.exit_code == 1
-    assert "is no text of 0 to 1000 characters" in result.output
+    line = refusal("record", tmp_path / "b.h5", "--notes", "x" * 1001)
+    assert "is no text of 0 to 1000 characters" in line
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x", "x.h5.gz"])
@@ -213,9 +210,7 @@ def test_another_suffix_is_refused_with_the_one_it_needs(tmp_path: Path, name: s
         pass
     with pytest.raises(BenchError, match=better):
         make_recording(tmp_path / "x.log", path)
-    result = CliRunner().invoke(main, ["record", str(path), "--interface", "virtual"])
-    assert result.exit_code == 1
-    assert "whose suffix is .h5 or .hdf5" in result.output
+    assert "whose suffix is .h5 or .hdf5" in refusal("record", path, "--interface", "virtual")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -384,7 +379,7 @@ def test_the_command_names_the_recovery_where_the_disk_is_full(
 ) -> None:
     monkeypatch.setattr(FrameLog, "_write", full)
     path = tmp_path / "run.h5"
-    result = CliRunner().invoke(main, ["record", str(path)])
+    result = run("record", path)
     assert result.exit_code == 1
     assert result.stderr.splitlines()[-1] == (
         f"Error: {path}.log takes no more: No space left on device; what was recorded is in it: "
@@ -398,8 +393,7 @@ def test_the_command_says_what_there_is_where_the_raw_log_found_the_disk_full(
 ) -> None:
     monkeypatch.setattr(can.ASCWriter, "on_message_received", full)
     path, raw = tmp_path / "run.h5", tmp_path / "run.asc"
-    command = ["record", str(path), "--raw", str(raw), "--seconds", "0.1"]
-    result = CliRunner().invoke(main, command)
+    result = run("record", path, "--raw", raw, "--seconds", "0.1")
     assert result.exit_code == 1
     assert result.stderr.splitlines()[-1] == (
         f"Error: {raw} takes no more: No space left on device; "

@@ -19,7 +19,8 @@ from typing import Any
 import can
 import click
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import refusal, run
 from nodes_on_a_bus import (
     GUARD_S,
     both,
@@ -31,7 +32,6 @@ from nodes_on_a_bus import (
 
 from smarttac_can.bench import BenchError, State, Stimulator
 from smarttac_can.bench.simulation import LocalLink, plate_od, stimulator_od
-from smarttac_can.cli import main
 from smarttac_can.commissioning.node_ids import wait_until
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
@@ -66,7 +66,7 @@ def driven(virtual: dict[str, Any]) -> Iterator[Stimulator]:
 
 def smarttac(virtual: dict[str, Any], command: str, *arguments: str) -> Result:
     bus = ["--interface", virtual["interface"], "--channel", virtual["channel"], "--timeout", "5"]
-    return CliRunner().invoke(main, [command, *bus, *arguments])
+    return run(command, *bus, *arguments)
 
 
 def lines(result: Result) -> dict[str, str]:
@@ -144,10 +144,8 @@ def test_a_fault_is_named_and_reset_when_its_cause_is_gone(
     assert there["fault"] == f"{STUCK['code']:04X}h a sensor is stuck"
     assert there["message"] == "a sensor is stuck"
     refused = smarttac(virtual, "reset", "--lockstep")
-    assert (refused.exit_code, refused.stderr) == (
-        1,
-        "Error: the fault cannot be reset: a sensor is stuck\n",
-    )
+    assert refused.stderr == "Error: the fault cannot be reset: a sensor is stuck\n"
+    assert refused.exit_code == 1
     driven.set("Fault.Kind", FaultKind.NONE)
     driven.run(0.1)
     gone = json.loads(smarttac(virtual, "status", "--json").stdout)
@@ -156,10 +154,8 @@ def test_a_fault_is_named_and_reset_when_its_cause_is_gone(
         "; no longer present: smarttac reset"
     )
     done = smarttac(virtual, "reset")
-    assert (done.exit_code, done.output) == (
-        0,
-        "stimulator 32 is reset (a sensor is stuck): ready\n",
-    )
+    assert done.output == "stimulator 32 is reset (a sensor is stuck): ready\n"
+    assert done.exit_code == 0
     assert driven.state is State.READY
 
 
@@ -227,12 +223,6 @@ def test_no_node_there(virtual: dict[str, Any], node: StimulatorNode) -> None:
 
 
 # ``smarttac watch`` as a command: in a terminal of its own, and what it refuses.
-
-
-def refusal(*arguments: str) -> tuple[int, str]:
-    result = CliRunner().invoke(main, ["watch", *arguments])
-    assert isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.stderr.splitlines()[-1]
 
 
 class Terminal:
@@ -347,19 +337,18 @@ def test_a_bus_that_cannot_be_opened_is_one_line() -> None:
 
 def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("smarttac_can.cli.bench.find_spec", lambda name: None)
-    said = (1, "Error: watch needs Textual: pip install 'smarttac-can[watch]'")
-    assert refusal("--interface", "virtual") == said
+    line = refusal("watch", "--interface", "virtual")
+    assert line == "watch needs Textual: pip install 'smarttac-can[watch]'"
 
 
 def test_without_a_terminal() -> None:
-    said = (1, "Error: watch needs a terminal; for a file, take a log of the bus")
-    assert refusal("--interface", "virtual") == said
+    line = refusal("watch", "--interface", "virtual")
+    assert line == "watch needs a terminal; for a file, take a log of the bus"
 
 
 def test_what_drives_has_to_write() -> None:
-    assert refusal("--drive", "--no-sdo") == (
-        2, "Error: --drive writes by SDO: leave out --no-sdo",
-    )  # fmt: skip
+    line = refusal("watch", "--drive", "--no-sdo", code=2)
+    assert line == "--drive writes by SDO: leave out --no-sdo"
 
 
 # ``smarttac selftest`` as a command: lines, JSON, exit codes, and 0 V after Ctrl-C.
@@ -370,7 +359,7 @@ def command(bus: dict[str, Any], *arguments: str) -> list[str]:
     return [*own, *multicast_options(bus), *arguments]
 
 
-def run(bus: dict[str, Any], *arguments: str) -> subprocess.CompletedProcess[str]:
+def selftest(bus: dict[str, Any], *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         command(bus, *arguments), capture_output=True, text=True, check=False, timeout=GUARD_S
     )
@@ -379,12 +368,12 @@ def run(bus: dict[str, Any], *arguments: str) -> subprocess.CompletedProcess[str
 def test_a_sound_plate_and_a_broken_one(multicast: dict[str, Any], tmp_path: Path) -> None:
     path = tmp_path / "selftest.json"
     with processes(multicast, "node --lockstep --finger none"):
-        sound = run(multicast, "--lockstep", "--json", str(path))
+        sound = selftest(multicast, "--lockstep", "--json", str(path))
         with Stimulator.connect(**multicast, lockstep=True) as bench:
             bench.set("Fault.Sensor", 3)
             bench.set("Fault.Value", 100)
             bench.set("Fault.Kind", FaultKind.OFFSET)
-        broken = run(multicast, "--lockstep", "--json", "-")
+        broken = selftest(multicast, "--lockstep", "--json", "-")
     assert (sound.returncode, sound.stdout) == (0, "passed: 35 checks\n")
     assert sound.stderr.splitlines()[0] == (
         "ok      timing.lost rows                      0 %     (0..5)"
@@ -423,7 +412,7 @@ def test_a_signal_leaves_0_v(number: int, multicast: dict[str, Any], tmp_path: P
 
 
 def test_nobody_there(multicast: dict[str, Any]) -> None:
-    result = run(multicast)
+    result = selftest(multicast)
     assert (result.returncode, result.stdout) == (1, "")
     (line,) = result.stderr.splitlines()
     assert line.startswith("Error: no node 32 answers on udp_multicast:")
@@ -499,10 +488,7 @@ def calibrate(folder: Path, *arguments: str) -> Result:
     plan = folder / "plan.csv"
     if not plan.exists():
         plan.write_text(PLAN)
-    certificate = str(folder / "plate.json")
-    return CliRunner().invoke(
-        main, ["calibrate", str(plan), "--certificate", certificate, *arguments]
-    )
+    return run("calibrate", plan, "--certificate", folder / "plate.json", *arguments)
 
 
 def test_a_plate_is_calibrated_and_has_its_nulls(laboratory: Laboratory, tmp_path: Path) -> None:
@@ -668,16 +654,13 @@ def test_the_certificate_never_takes_the_place_of_the_plan(tmp_path: Path, name:
     plan = tmp_path / "plan.csv"
     plan.write_text(PLAN)
     (tmp_path / "linked.json").symlink_to(plan)
-    arguments = ["calibrate", str(plan), "--certificate", f"{tmp_path}/{name}", "--force"]
-    result = CliRunner().invoke(main, arguments)
-    assert result.exit_code == 2
-    assert "would take the place of the plan" in result.stderr
+    line = refusal("calibrate", plan, "--certificate", f"{tmp_path}/{name}", "--force", code=2)
+    assert "would take the place of the plan" in line
     assert plan.read_text() == PLAN
 
 
 def test_the_plan_is_not_where_the_certificate_is_made(tmp_path: Path) -> None:
     plan = tmp_path / "plate.json.part"
     plan.write_text(PLAN)
-    arguments = ["calibrate", str(plan), "--certificate", str(tmp_path / "plate.json")]
-    assert CliRunner().invoke(main, arguments).exit_code == 2
+    refusal("calibrate", plan, "--certificate", tmp_path / "plate.json", code=2)
     assert plan.read_text() == PLAN

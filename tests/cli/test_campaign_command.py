@@ -6,10 +6,9 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from commands import refusal, run, succeed
 
 from smarttac_can.campaign import runner
-from smarttac_can.cli import main
 from smarttac_can.population import trial
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
@@ -18,14 +17,8 @@ command = import_module("smarttac_can.cli.experiments")
 FEW = ("campaign", "--fingers", "4", "--dead-time", "auto", "--workers", "2")
 
 
-def run(*arguments: str) -> Result:
-    return CliRunner().invoke(main, arguments)
-
-
 def test_json_has_the_agreed_keys() -> None:
-    result = run(*FEW, "--json", "-")
-    assert result.exit_code == 0, result.output
-    said = json.loads(result.stdout)
+    said = json.loads(succeed(*FEW, "--json", "-"))
     names = ("rise_time_ms", "overshoot_percent", "static_error_percent", "chatter")
     for name in (*names, *(f"measured_{name}" for name in names)):
         assert list(said["metrics"][name]) == ["p5", "p50", "p95"]
@@ -39,7 +32,7 @@ def test_the_predictive_laws_overshoot_less_than_the_papers() -> None:
     overshoot, rise = [], []
     for laws in (("measured", "pi"), ("predictive", "predictive")):
         options = ("--fingers", "40", "--law", laws[0], "--vibration-law", laws[1])
-        said = json.loads(run(*FEW, *options, "--json", "-").stdout)
+        said = json.loads(succeed(*FEW, *options, "--json", "-"))
         assert (said["law"], said["vibration_law"]) == laws
         overshoot.append(said["metrics"]["overshoot_percent"]["p50"])
         rise.append(said["metrics"]["rise_time_ms"]["p50"])
@@ -48,9 +41,7 @@ def test_the_predictive_laws_overshoot_less_than_the_papers() -> None:
 
 
 def test_lines_and_a_folder(tmp_path: Path) -> None:
-    result = run(*FEW, "--output", str(tmp_path / "out"))
-    assert result.exit_code == 0, result.output
-    first, *_, last = result.stdout.splitlines()
+    first, *_, last = succeed(*FEW, "--output", tmp_path / "out").splitlines()
     assert first.startswith("4 fingers, seed 1, law measured, vibration law pi, dead time 540 us")
     assert last == f"picture: {tmp_path / 'out' / 'campaign.png'}"
     assert (tmp_path / "out" / "fingers.csv").read_text().count("\n") == 5
@@ -58,17 +49,13 @@ def test_lines_and_a_folder(tmp_path: Path) -> None:
 
 def test_it_goes_on_and_a_damaged_file_is_one_line(tmp_path: Path) -> None:
     rows = tmp_path / "rows"
-    first = json.loads(run(*FEW, "--resume", str(rows), "--json", "-").stdout)
-    again = json.loads(run(*FEW, "--resume", str(rows), "--json", "-").stdout)
+    first, again = (json.loads(succeed(*FEW, "--resume", rows, "--json", "-")) for _ in range(2))
     assert again["rows_sha256"] == first["rows_sha256"]
     assert again["finger_seconds_per_second"] is None
-    other = run(*FEW, "--resume", str(rows), "--seed", "2")
-    assert other.exit_code == 1
-    assert f"{rows}: is of another campaign: seed 1, not 2" in other.stderr
+    other = refusal(*FEW, "--resume", rows, "--seed", "2")
+    assert f"{rows}: is of another campaign: seed 1, not 2" in other
     rows.write_text("nonsense\n")
-    damaged = run(*FEW, "--resume", str(rows))
-    assert damaged.exit_code == 1
-    assert damaged.stderr == f"Error: {rows}: line 1 is damaged\n"
+    assert refusal(*FEW, "--resume", rows) == f"{rows}: line 1 is damaged"
 
 
 @pytest.mark.parametrize(
@@ -103,14 +90,12 @@ def test_it_goes_on_and_a_damaged_file_is_one_line(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: int, message: str) -> None:
-    result = run("campaign", *arguments)
-    assert result.exit_code == code
-    assert message in result.stderr.splitlines()[-1]
+    assert message in refusal("campaign", *arguments, code=code)
 
 
 def test_without_numba_it_says_so_and_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     one = ("campaign", "--fingers", "1", "--json", "-")
-    compiled_ = json.loads(run(*one).stdout)
+    compiled_ = json.loads(succeed(*one))
     for module in (command, runner):
         monkeypatch.setattr(module, "can_compile", lambda: False)
     monkeypatch.setattr(trial, "fastest", trial.plain)
@@ -137,12 +122,12 @@ def test_it_goes_on_after_numba_was_installed(
     pytest.importorskip("numba")
     rows = tmp_path / "rows"
     some = ("campaign", "--resume", str(rows), "--json", "-", "--fingers")
-    whole = json.loads(run("campaign", "--fingers", "2", "--json", "-").stdout)
+    whole = json.loads(succeed("campaign", "--fingers", "2", "--json", "-"))
     with monkeypatch.context() as without:
         for module in (command, runner):
             without.setattr(module, "can_compile", lambda: False)
         without.setattr(trial, "fastest", trial.plain)
-        plain = json.loads(run(*some, "1").stdout)
+        plain = json.loads(succeed(*some, "1"))
     assert plain["compiled"] is False
     written(rows)
     result = run(*some, "2")
@@ -152,6 +137,6 @@ def test_it_goes_on_after_numba_was_installed(
     assert f"some of the fingers in {rows} were run without numba" in result.stderr
     for name, values in mixed["metrics"].items():
         assert values == pytest.approx(whole["metrics"][name], rel=1e-6)
-    again = run(*some, "1")
-    assert json.loads(again.stdout)["rows_sha256"] == plain["rows_sha256"]
-    assert json.loads(again.stdout)["compiled"] is False
+    again = json.loads(succeed(*some, "1"))
+    assert again["rows_sha256"] == plain["rows_sha256"]
+    assert again["compiled"] is False

@@ -12,7 +12,8 @@ import click
 import numpy as np
 import PIL.Image
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import refusal, run, succeed
 from commands_of import commands_of
 
 from smarttac_can import __version__
@@ -23,26 +24,6 @@ from smarttac_can.paper.reproduce import summary
 
 COMMANDS = sorted(main.list_commands(click.Context(main)))
 FIRST_RUN = Path(__file__).parents[2] / "docs" / "tutorial" / "first-run.md"
-
-
-def run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
-
-
-def succeed(*arguments: str | Path) -> str:
-    result = run(*arguments)
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refusal(*arguments: str | Path) -> str:
-    result = run(*arguments)
-    assert result.exit_code not in (0, None)
-    assert isinstance(result.exception, SystemExit), result.exception
-    lines = [line for line in result.stderr.splitlines() if line.startswith("Error: ")]
-    assert result.stderr.endswith(lines[-1] + "\n")
-    assert "Traceback" not in result.output
-    return lines[-1].removeprefix("Error: ")
 
 
 @pytest.fixture(autouse=True)
@@ -223,9 +204,7 @@ def test_reproduce_with_a_law_and_a_load() -> None:
     ],
 )
 def test_a_law_or_a_load_that_there_is_not(arguments: tuple[str, ...], message: str) -> None:
-    result = CliRunner().invoke(main, ["reproduce", *arguments])
-    assert result.exit_code == 2
-    assert message in result.output
+    assert message in refusal("reproduce", *arguments, code=2)
 
 
 def test_reproduce_animates_the_crossing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,7 +219,8 @@ def test_reproduce_animates_the_crossing(tmp_path: Path, monkeypatch: pytest.Mon
         assert (np.asarray(picture.convert("RGB")) != first).any()
     assert [made.name for made in tmp_path.iterdir()] == [file.name]
     assert "exists" in refusal("reproduce", "table1", "--animate", file)
-    assert "has to end in .gif" in refusal("reproduce", "--animate", tmp_path / "crossing.png")
+    named = tmp_path / "crossing.png"
+    assert "has to end in .gif" in refusal("reproduce", "--animate", named, code=2)
 
 
 def test_reproduce_shows_a_table_and_keeps_nothing(
@@ -284,14 +264,14 @@ def test_dead_time() -> None:
     ],
 )
 def test_reproduce_refuses(arguments: tuple[str, ...], message: str) -> None:
-    assert message in refusal("reproduce", *arguments)
+    assert message in refusal("reproduce", *arguments, code=2)
 
 
 def test_files_that_cannot_be_written(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("")
-    assert "is a file" in refusal("reproduce", "fig3", "--output", file)
-    assert "is a directory" in refusal("reproduce", "fig3", "--json", tmp_path)
+    assert "is a file" in refusal("reproduce", "fig3", "--output", file, code=2)
+    assert "is a directory" in refusal("reproduce", "fig3", "--json", tmp_path, code=2)
     missing = tmp_path / "missing" / "x.json"
     assert f"{missing}: the folder {missing.parent} does not exist" in refusal(
         "reproduce", "fig3", "--json", missing
@@ -301,7 +281,7 @@ def test_files_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_report_of_what_is_no_run(everything: Path, tmp_path: Path) -> None:
-    assert "does not exist" in refusal("report", tmp_path / "missing")
+    assert "does not exist" in refusal("report", tmp_path / "missing", code=2)
     told = refusal("report", tmp_path)
     assert f"results.json: smarttac reproduce --output {tmp_path} makes it" in told
     (tmp_path / "results.json").write_text("{")

@@ -13,10 +13,9 @@ from typing import Any
 import canopen
 import cantools
 import pytest
-from click.testing import CliRunner, Result
+from commands import refusal, run, succeed
 from nodes_on_a_bus import multicast_options, processes
 
-from smarttac_can.cli import main
 from smarttac_can.commissioning.node_ids import Identity
 from smarttac_can.commissioning.scan import matching_eds
 from smarttac_can.device.device import Device
@@ -37,28 +36,15 @@ PLATE = RICH.parents[2] / "eds" / "plate.eds"
 COMMISSION = ("--node-id", "9", "--bitrate", "500000")
 
 
-def eds(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, ["eds", *(str(argument) for argument in arguments)])
-
-
-def refusal(*arguments: str | Path) -> str:
-    result = eds(*arguments)
-    assert result.exit_code in (1, 2)
-    assert isinstance(result.exception, SystemExit), result.exception
-    last = result.stderr.splitlines()[-1]
-    assert last.startswith("Error: ")
-    return last
-
-
 def test_a_file_without_fault_says_nothing() -> None:
-    result = eds("check", RICH)
+    result = run("eds", "check", RICH)
     assert (result.exit_code, result.output) == (0, "")
 
 
 def test_a_file_that_is_no_eds_gets_one_line(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("# Notes\n\n[Shopping]\nmilk=2\n" + "bread\n" * 50)
-    result = eds("check", path)
+    result = run("eds", "check", path)
     assert result.exit_code == 1
     assert result.stdout == (
         f"{path}: it is no EDS: neither [FileInfo], [DeviceInfo] nor [MandatoryObjects]\n"
@@ -70,11 +56,10 @@ def test_the_eds_of_a_node_by_its_name(
     node: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    shown = eds("show", node)
-    assert shown.exit_code == 0
-    assert shown.stdout == (ROOT / "eds" / f"{node}.eds").read_text()
-    assert eds("check", node).exit_code == 0
-    assert eds("doc", node).stdout.startswith(f"# {node}.eds\n")
+    shown = succeed("eds", "show", node)
+    assert shown == (ROOT / "eds" / f"{node}.eds").read_text()
+    succeed("eds", "check", node)
+    assert succeed("eds", "doc", node).startswith(f"# {node}.eds\n")
 
 
 def test_a_file_comes_before_a_node_of_its_name(
@@ -82,24 +67,23 @@ def test_a_file_comes_before_a_node_of_its_name(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("plate").write_text(RICH.read_text())
-    assert eds("show", "plate").stdout == RICH.read_text()
+    assert succeed("eds", "show", "plate") == RICH.read_text()
 
 
 def test_neither_a_file_nor_a_node(tmp_path: Path) -> None:
-    assert refusal("check", "stimulus").endswith(
-        "'stimulus' is neither a file nor stimulator or plate"
-    )
-    assert refusal("show", tmp_path).endswith("is a directory")
+    line = refusal("eds", "check", "stimulus", code=2)
+    assert line.endswith("'stimulus' is neither a file nor stimulator or plate")
+    assert refusal("eds", "show", tmp_path, code=2).endswith("is a directory")
 
 
 def test_one_line_for_each_finding(tmp_path: Path) -> None:
     path = tmp_path / "rich.eds"
     text = RICH.read_text()
     path.write_text(text.replace("NrOfRXPDO=4", "NrOfRXPDO=5"))
-    wrong = eds("check", path)
+    wrong = run("eds", "check", path)
     assert wrong.exit_code == 1
     assert wrong.stdout == f"{path}: [DeviceInfo] NrOfRXPDO=5, but 4 are described\n"
-    listed = json.loads(eds("check", path, "--json").stdout)
+    listed = json.loads(run("eds", "check", path, "--json").stdout)
     assert listed == {
         "file": str(path),
         "findings": [
@@ -111,7 +95,7 @@ def test_one_line_for_each_finding(tmp_path: Path) -> None:
         ],
     }
     path.write_text(text.replace("EDSVersion=4.0\n", ""))
-    warned = eds("check", path)
+    warned = run("eds", "check", path)
     assert warned.exit_code == 0
     assert warned.stdout == f"{path}: [FileInfo] warning: EDSVersion is missing\n"
 
@@ -120,16 +104,16 @@ def test_a_file_is_shown_byte_for_byte(tmp_path: Path) -> None:
     data = RICH.read_bytes().replace(b"Lines=0", b"Lines=0\r\n;5 \xb5m") + b"\n;\xfc"
     path, copy = tmp_path / "latin-1.eds", tmp_path / "copy.eds"
     path.write_bytes(data)
-    assert eds("show", path).stdout_bytes == data
-    assert eds("show", path, "--output", copy).output == ""
+    assert run("eds", "show", path).stdout_bytes == data
+    assert run("eds", "show", path, "--output", copy).output == ""
     assert copy.read_bytes() == data
 
 
 def test_doc(tmp_path: Path) -> None:
     path = tmp_path / "rich.md"
-    assert eds("doc", RICH, "--output", path).output == ""
+    assert run("eds", "doc", RICH, "--output", path).output == ""
     text = path.read_text()
-    assert text == eds("doc", RICH).stdout
+    assert text == succeed("eds", "doc", RICH)
     assert text.startswith("# rich.eds\n")
     row = "| 2100h:1 | Setpoint.Voltage | UNSIGNED16 | rww, PDO | 0..20000 | 0 | 10 mV |"
     assert row in text.splitlines()
@@ -138,46 +122,48 @@ def test_doc(tmp_path: Path) -> None:
 
 
 def test_doc_has_a_row_for_neighbours_that_differ_by_name_alone(tmp_path: Path) -> None:
-    doc = eds("doc", "stimulator").stdout
+    doc = succeed("eds", "doc", "stimulator")
     assert "\n| 2010h:4..5 | Setpoint.COF left, .COF right | UNSIGNED16 |" in doc
     assert "\n| 2008h:1..8 | Fault memory.Fault 1..8 | VISIBLE_STRING |" in doc
     path = tmp_path / "gap.eds"
     text = (RICH.parents[2] / "eds" / "plate.eds").read_text()
     path.write_text(re.sub(r"\[2050sub3\][^[]*", "", text))
-    assert "\n| 2050h:1..2 | Cycle.Ticks, .Lost drives | UNSIGNED32 |" in eds("doc", path).stdout
+    assert "\n| 2050h:1..2 | Cycle.Ticks, .Lost drives | UNSIGNED32 |" in succeed(
+        "eds", "doc", path
+    )
 
 
 def test_dbc(tmp_path: Path) -> None:
     path = tmp_path / "rich.dbc"
-    assert eds("dbc", RICH, "--node-id", "5", "--output", path).output == ""
+    assert run("eds", "dbc", RICH, "--node-id", "5", "--output", path).output == ""
     database = cantools.database.load_file(path)
     assert database.get_message_by_name("Conformance_probe_5_TPDO1").frame_id == 0x185
-    assert path.read_text() == eds("dbc", RICH, "--node-id", "5").stdout
+    assert path.read_text() == succeed("eds", "dbc", RICH, "--node-id", "5")
 
 
 def test_dbc_of_our_nodes_alone_has_names_of_states_and_emergencies() -> None:
-    ours = eds("dbc", "stimulator", "--node-id", "32").stdout
+    ours = succeed("eds", "dbc", "stimulator", "--node-id", "32")
     assert '3 "running"' in ours
     assert '"measurement lost"' in ours
-    assert "measurement lost" not in eds("dbc", RICH, "--node-id", "5").stdout
+    assert "measurement lost" not in succeed("eds", "dbc", RICH, "--node-id", "5")
 
 
 def test_dbc_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("smarttac_can.cli.commission.find_spec", lambda name: None)
-    assert "pip install 'smarttac-can[dbc]'" in refusal("dbc", RICH)
+    assert "pip install 'smarttac-can[dbc]'" in refusal("eds", "dbc", RICH)
 
 
 def test_dcf(tmp_path: Path) -> None:
     path = tmp_path / "node9.dcf"
     values = ("--set", "Setpoint.Voltage=100", "--set", "1017=500")
-    assert eds("dcf", RICH, *COMMISSION, *values, "--output", path).output == ""
+    assert run("eds", "dcf", RICH, *COMMISSION, *values, "--output", path).output == ""
     od = load_eds(path.read_text(), 9)
     assert (od["Setpoint.Voltage"].default, od.number(0x1017)) == (100, 500)
     assert "FileName=node9.dcf\n" in path.read_text()
     values = ("--set", "Setpoint.Voltage=80 V")
-    text = eds("dcf", RICH, *COMMISSION, *values).stdout
+    text = succeed("eds", "dcf", RICH, *COMMISSION, *values)
     assert load_eds(text, 9)["Setpoint.Voltage"].default == 8000
-    assert "FileName=rich.dcf\n" in eds("dcf", RICH, *COMMISSION).stdout
+    assert "FileName=rich.dcf\n" in succeed("eds", "dcf", RICH, *COMMISSION)
 
 
 @pytest.mark.parametrize(
@@ -206,14 +192,14 @@ def test_dcf(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input(arguments: tuple[str | Path, ...], message: str) -> None:
-    assert message in refusal(*arguments)
+    assert message in refusal("eds", *arguments, code=None)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-8"])
 def test_files_of_any_maker_are_read(encoding: str, tmp_path: Path) -> None:
     path = tmp_path / "rich.eds"
     path.write_bytes(RICH.read_text().replace("Setpoint", "Größe").encode(encoding))
-    assert "Größe.Voltage" in eds("doc", path).stdout
+    assert "Größe.Voltage" in succeed("eds", "doc", path)
 
 
 # ``smarttac scan``, ``smarttac lss`` and ``eds check --device`` against devices in threads.
@@ -256,10 +242,6 @@ def rich(
     od = load_eds(RICH.read_text(), 5 if node_id == 255 else node_id)
     od.entry(0x1018, 4).value = serial
     return DeviceNode(Device(od, autostart=autostart, storage=storage, node_id=node_id))
-
-
-def run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def test_scan_tells_state_identity_and_eds() -> None:
@@ -329,14 +311,9 @@ def test_a_device_that_is_silent_is_named_once(multicast: dict[str, Any]) -> Non
 
 
 def test_nobody_there() -> None:
-    result = run("scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05")
-    assert result.exit_code == 1
-    assert result.stderr.splitlines()[-1] == "Error: no device answers on virtual:empty"
-    result = run(
-        "scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05", "--json"
-    )
-    assert (result.exit_code, result.stdout) == (1, "[]\n")
-    assert result.stderr.splitlines()[-1] == "Error: no device answers on virtual:empty"
+    scan = ("scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05")
+    assert refusal(*scan) == refusal(*scan, "--json") == "no device answers on virtual:empty"
+    assert run(*scan, "--json").stdout == "[]\n"
 
 
 @pytest.mark.parametrize("command", [("scan",), ("lss", "5")])
@@ -347,9 +324,7 @@ def test_nobody_there() -> None:
 def test_timeout_without_end_is_refused(
     command: tuple[str, ...], timeout: str, complaint: str
 ) -> None:
-    result = run(*command, "--timeout", timeout)
-    assert result.exit_code == 2
-    assert complaint in result.stderr
+    assert complaint in refusal(*command, "--timeout", timeout, code=2)
 
 
 @pytest.mark.parametrize("given", [["--json"], ["--json", "-"], ["--json", "{file}"]])
@@ -364,9 +339,8 @@ def test_rows_as_json_go_to_stdout_or_a_file(given: list[str], tmp_path: Path) -
 
 def test_a_device_that_is_operational_is_named_as_the_reason_of_lss() -> None:
     with running("lss-operational", rich(5, autostart=True)) as bus:
-        result = run("lss", "9", "--identity", RICH_IDENTITY, *bus)
-    assert result.exit_code == 1
-    assert "one that is OPERATIONAL takes no LSS: stop it" in result.stderr
+        line = refusal("lss", "9", "--identity", RICH_IDENTITY, *bus)
+    assert "one that is OPERATIONAL takes no LSS: stop it" in line
 
 
 def test_an_eds_of_another_revision_comes_second() -> None:
@@ -381,9 +355,8 @@ def test_lss_gives_a_node_id_to_a_device_that_has_none() -> None:
     memory = Memory()
     device = rich(255, memory)
     with running("lss", rich(5), device) as bus:
-        result = run("lss", "12", "--store", *bus, "--timeout", "5")
-    assert result.exit_code == 0, result.output
-    assert result.stdout == f"{RICH_IDENTITY} has node-ID 12, stored; it had none\n"
+        said = succeed("lss", "12", "--store", *bus, "--timeout", "5")
+    assert said == f"{RICH_IDENTITY} has node-ID 12, stored; it had none\n"
     assert device.device.node_id == 12
     again = rich(255, memory)
     again.start()
@@ -393,15 +366,13 @@ def test_lss_gives_a_node_id_to_a_device_that_has_none() -> None:
 def test_lss_moves_a_device_by_its_identity() -> None:
     device = rich(5)
     with running("move", device) as bus:
-        result = run("lss", "6", "--identity", RICH_IDENTITY, *bus, "--timeout", "5")
-        wrong = run("lss", "7", "--identity", "123:7:10000:2B", *bus, "--timeout", "0.1")
-        none = run("lss", "7", *bus, "--timeout", "0.1")
-    assert result.exit_code == 0, result.output
-    assert result.stdout == f"{RICH_IDENTITY} has node-ID 6; it had 5\n"
+        said = succeed("lss", "6", "--identity", RICH_IDENTITY, *bus, "--timeout", "5")
+        wrong = refusal("lss", "7", "--identity", "123:7:10000:2B", *bus, "--timeout", "0.1")
+        none = refusal("lss", "7", *bus, "--timeout", "0.1")
+    assert said == f"{RICH_IDENTITY} has node-ID 6; it had 5\n"
     assert device.device.node_id == 6
-    assert (wrong.exit_code, none.exit_code) == (1, 1)
-    assert "no device with the identity 00000123:00000007:00010000:0000002B" in wrong.stderr
-    assert "no device without node-ID answers fastscan" in none.stderr
+    assert "no device with the identity 00000123:00000007:00010000:0000002B" in wrong
+    assert "no device without node-ID answers fastscan" in none
 
 
 @pytest.mark.parametrize("state", [1, 2, 128])
@@ -414,38 +385,32 @@ def test_lss_refuses_a_node_id_that_is_in_use(state: int) -> None:
             client = network.add_node(6, canopen.ObjectDictionary())
             client.sdo.download(0x1017, 0, bytes(2))
             network.send_message(0, [state, 6])
-        result = run("lss", "6", "--identity", RICH_IDENTITY, *bus, "--timeout", "0.5")
+        line = refusal("lss", "6", "--identity", RICH_IDENTITY, *bus, "--timeout", "0.5")
         kept = device.device.node_id
-        forced = run("lss", "6", "--identity", RICH_IDENTITY, "--force", *bus)
-    assert result.exit_code == 1
-    assert result.stdout == ""
-    assert result.stderr == (
-        "Error: node-ID 6 is in use: a device answers with it; choose another one (a scan shows "
-        "those in use), or force it\n"
+        succeed("lss", "6", "--identity", RICH_IDENTITY, "--force", *bus)
+    assert line == (
+        "node-ID 6 is in use: a device answers with it; choose another one (a scan shows "
+        "those in use), or force it"
     )
     assert kept == 5
-    assert forced.exit_code == 0, forced.output
     assert device.device.node_id == 6
 
 
 def test_lss_stores_the_node_id_that_a_device_has() -> None:
     memory = Memory()
     with running("lss-same", rich(5, memory)) as bus:
-        result = run("lss", "5", "--identity", RICH_IDENTITY, "--store", *bus, "--timeout", "5")
-    assert result.exit_code == 0, result.output
-    assert result.stdout == f"{RICH_IDENTITY} has node-ID 5, stored; it had 5\n"
+        said = succeed("lss", "5", "--identity", RICH_IDENTITY, "--store", *bus, "--timeout", "5")
+    assert said == f"{RICH_IDENTITY} has node-ID 5, stored; it had 5\n"
 
 
 @pytest.mark.parametrize("identity", ["1:2:3", "1:2:3:x", "1:2:3:100000000", "1:2:3:-4", ""])
 def test_an_identity_is_four_numbers(identity: str) -> None:
-    result = run("lss", "1", "--identity", identity)
-    assert result.exit_code == 2
-    assert "four hexadecimal numbers" in result.stderr
+    assert "four hexadecimal numbers" in refusal("lss", "1", "--identity", identity, code=2)
 
 
 @pytest.mark.parametrize("node_id", ["0", "128", "x"])
 def test_a_node_id_is_in_range(node_id: str) -> None:
-    assert run("lss", node_id).exit_code == 2
+    refusal("lss", node_id, code=2)
 
 
 def test_a_device_reads_as_its_eds_says(tmp_path: Path) -> None:
@@ -454,26 +419,24 @@ def test_a_device_reads_as_its_eds_says(tmp_path: Path) -> None:
     assert text.count("DefaultValue=0x00020194") == 1
     other.write_text(text.replace("DefaultValue=0x00020194", "DefaultValue=0x00020191"))
     with running("reads", rich(5)) as bus:
-        same = run("eds", "check", RICH, "--device", "--node-id", "5", *bus)
+        succeed("eds", "check", RICH, "--device", "--node-id", "5", *bus)
         differs = run("eds", "check", other, "--device", "--node-id", "5", *bus)
         silent = run("eds", "check", RICH, "--device", "--node-id", "6", *bus, "--timeout", "0.05")
-    assert same.exit_code == 0, same.output
     assert differs.exit_code == 1
     assert differs.stdout == f"{other}: [1000] the device reads 131476, not 131473\n"
     assert silent.exit_code == 1
     assert silent.stdout == f"{RICH}: [1000] node 6 does not answer\n"
-    assert run("eds", "check", RICH, "--device").exit_code == 2
 
 
 def test_a_dcf_is_loaded_into_its_device(tmp_path: Path) -> None:
     file = tmp_path / "rich-5.dcf"
     values = ("--set", "1017=300", "--set", "1A00sub1=0x22000210", "--output", file)
-    assert run("eds", "dcf", RICH, "--node-id", "5", "--bitrate", "500000", *values).exit_code == 0
+    succeed("eds", "dcf", RICH, "--node-id", "5", "--bitrate", "500000", *values)
     with running("load", rich(5)) as bus:
         before = run("eds", "check", file, "--device", "--node-id", "5", *bus)
         loaded = run("eds", "load", file, *bus)
         after = run("eds", "check", file, "--device", "--node-id", "5", *bus)
-        again = json.loads(run("eds", "load", file, "--json", *bus).stdout)
+        again = json.loads(succeed("eds", "load", file, "--json", *bus))
     assert before.exit_code == 1
     assert "[1017] the device reads" in before.stdout
     assert (loaded.exit_code, loaded.stderr) == (0, "")
@@ -500,5 +463,5 @@ def test_what_a_device_refuses_of_a_dcf_is_named(tmp_path: Path) -> None:
 
 def test_an_eds_is_no_dcf() -> None:
     bus = ("--interface", "virtual", "--channel", "none")
-    assert "has no node-ID: give --node-id" in refusal("load", RICH, *bus)
-    assert "it is an EDS and no DCF" in refusal("load", PLATE, "--node-id", "5", *bus)
+    assert "has no node-ID: give --node-id" in refusal("eds", "load", RICH, *bus, code=2)
+    assert "it is an EDS and no DCF" in refusal("eds", "load", PLATE, "--node-id", "5", *bus)

@@ -11,21 +11,16 @@ from typing import Final
 
 import click
 import pytest
-from click.testing import CliRunner, Result
+from commands import refusal, run
 
 import smarttac_can.bench
 from smarttac_can.bench import BenchError, FaultError, RefusedError, Stimulator
 from smarttac_can.bench.errors import in_shell_words
-from smarttac_can.cli import main
 from smarttac_can.cli.shared import plain_errors
 from smarttac_can.vocabulary.faults import FaultKind
 
 NOWHERE = ("--interface", "nonsense")
 GROUP = "239.74.163.2"
-
-
-def run(*arguments: str) -> Result:
-    return CliRunner().invoke(main, arguments)
 
 
 def closed_folder(folder: Path) -> None:
@@ -45,7 +40,7 @@ def test_storage_that_cannot_be_written_is_no_start(
 ) -> None:
     make(tmp_path)
     before = set(tmp_path.iterdir())
-    result = run(command, *NOWHERE, "--storage", str(tmp_path / "kept"))
+    result = run(command, *NOWHERE, "--storage", tmp_path / "kept")
     assert (result.exit_code, result.stdout) == (2, ""), "it has not started"
     last = result.stderr.splitlines()[-1]
     assert last.startswith(
@@ -65,13 +60,12 @@ def test_a_file_system_that_is_read_only_is_named(
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
 
     monkeypatch.setattr("smarttac_can.host.files.create_regular", refuse)
-    result = run("node", *NOWHERE, "--storage", str(tmp_path / "kept"))
-    assert "kept cannot be written (Read-only file system), so that neither" in result.stderr
+    line = refusal("node", *NOWHERE, "--storage", tmp_path / "kept", code=2)
+    assert "kept cannot be written (Read-only file system), so that neither" in line
 
 
 def test_storage_that_can_be_written_needs_no_word_and_leaves_none(tmp_path: Path) -> None:
-    result = run("node", *NOWHERE, "--storage", str(tmp_path / "kept"))
-    assert len(result.stderr.splitlines()) == 1
+    refusal("node", *NOWHERE, "--storage", tmp_path / "kept")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -85,12 +79,10 @@ def taken_port() -> Iterator[int]:
 @pytest.mark.parametrize("command", ["node", "scan", "jitter"])
 def test_a_udp_port_that_is_taken(command: str, taken_port: int) -> None:
     bus = ("--interface", "udp_multicast", "--channel", GROUP)
-    result = run(command, *bus, "--bus-option", f"port={taken_port}")
-    assert result.exit_code == 1
     assert (
         f"; UDP port {taken_port} is taken by another program, or by nodes of another user, which "
         "ss -ulnp shows: end that, or give all that share the bus another port, --bus-option port=N"
-    ) in result.stderr
+    ) in refusal(command, *bus, "--bus-option", f"port={taken_port}")
 
 
 @pytest.mark.parametrize("command", ["node", "plate", "scan", "jitter", "record x.h5"])
@@ -101,22 +93,17 @@ def test_no_bus_is_no_bus_called_none(
     monkeypatch.setenv("HOME", str(tmp_path))
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
-    result = run(*command.split())
-    assert result.exit_code == 1
-    assert "no bus was named: give interface and channel, such as --interface socketcan" in (
-        result.stderr
-    )
-    assert "None" not in result.stderr
+    line = refusal(*command.split())
+    assert "no bus was named: give interface and channel, such as --interface socketcan" in line
+    assert "None" not in line
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processors are chosen on Linux")
 @pytest.mark.parametrize("command", ["node", "plate"])
 def test_a_processor_that_is_not_there(command: str) -> None:
     allowed = ",".join(map(str, sorted(os.sched_getaffinity(0))))
-    result = run(command, *NOWHERE, "--realtime", "10", "--cpu", "1023")
-    assert result.exit_code == 2
-    assert result.stderr.splitlines()[-1] == (
-        "Error: Invalid value: --cpu: processor 1023 is none of those that this process may use: "
+    assert refusal(command, *NOWHERE, "--realtime", "10", "--cpu", "1023", code=2) == (
+        "Invalid value: --cpu: processor 1023 is none of those that this process may use: "
         f"{allowed}"
     )
 

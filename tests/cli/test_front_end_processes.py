@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import refusal
 from nodes_on_a_bus import NodeProcess, multicast_options, processes
-from test_node_commands import VIRTUAL, refusal
+from test_node_commands import VIRTUAL
 
 from smarttac_can.bench import BenchError, FaultError, Stimulator
 
@@ -128,5 +129,5 @@ def test_a_front_end_that_hangs_ends_the_node(
     ],
 )
 def test_refusals(arguments: tuple[str, ...], message: str, lab: Path) -> None:
-    assert message in refusal("plate", *VIRTUAL, *arguments)
+    assert message in refusal("plate", *VIRTUAL, *arguments, code=None)
     assert not (lab / "told").exists()

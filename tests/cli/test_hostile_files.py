@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from commands import refusal, run
 from nodes_on_a_bus import processes
 
-from smarttac_can.cli import main
 from smarttac_can.host.files import read_eds
 
 VIRTUAL = ("--interface", "virtual", "--channel", "hostile")
@@ -229,21 +228,13 @@ OTHERS = [
 ]
 
 
-def refusal(*arguments: str) -> str:
-    result = CliRunner().invoke(main, arguments)
-    assert isinstance(result.exception, SystemExit), result.exception
-    assert (result.exit_code, result.stdout) == (1, "")
-    (line,) = result.stderr.splitlines()
-    return line.removeprefix("Error: ")
-
-
 @pytest.mark.parametrize("arguments", OTHERS, ids=" ".join)
 def test_no_command_waits_for_a_pipe(arguments: tuple[str, ...], tmp_path: Path) -> None:
     path, eds = tmp_path / "pipe", tmp_path / "some.eds"
     os.mkfifo(path)
     eds.write_text(read_eds("plate.eds"))
     given = [argument.format(eds=eds) for argument in arguments]
-    assert refusal(*given, str(path)) == f"{path}: is no regular file"
+    assert refusal(*given, path) == f"{path}: is no regular file"
 
 
 @pytest.mark.parametrize("command", ["node", "plate", "device", "replay"])
@@ -260,7 +251,7 @@ def test_what_no_device_has_stored_stays_as_it_is(
         "device": [*nowhere, "--eds", str(tmp_path / "eds")],
         "replay": [str(tmp_path / "log")],
     }.get(command, nowhere)
-    said = refusal(command, *given, "--storage", str(path))
+    said = refusal(command, *given, "--storage", path)
     assert said == f"{path}: holds nothing that a device has stored"
     assert path.read_bytes() == beside.read_bytes() == content
 
@@ -269,8 +260,8 @@ def test_what_no_device_has_stored_stays_as_it_is(
 def test_what_a_device_may_have_stored_is_taken(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "kept"
     path.write_bytes(content)
-    arguments = ["node", "--interface", "nonsense", "--storage", str(path)]
-    assert "cannot open the nonsense bus" in CliRunner().invoke(main, arguments).stderr
+    line = refusal("node", "--interface", "nonsense", "--storage", path)
+    assert "cannot open the nonsense bus" in line
 
 
 @pytest.mark.parametrize(
@@ -288,7 +279,7 @@ def test_results_that_are_none(
 ) -> None:
     pytest.importorskip("matplotlib")
     make(tmp_path / "results.json")
-    assert message in refusal("report", str(tmp_path))
+    assert message in refusal("report", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -302,7 +293,7 @@ def test_traces_that_are_none(make: Callable[[Path], object], message: str, tmp_
     pytest.importorskip("matplotlib")
     (tmp_path / "results.json").write_text(json.dumps({"trace_sha256": ""}))
     make(tmp_path / "traces.csv")
-    assert message in refusal("report", str(tmp_path))
+    assert message in refusal("report", tmp_path)
 
 
 COLOUR = "\x1b[31m"
@@ -318,7 +309,7 @@ def test_control_characters_in_a_name_are_refused(
     assert name
     path.write_text(f"{before}=Mo{character}de\n{after}", encoding="utf-8")
     number = 1 + before.count("\n")
-    said = refusal(*arguments, str(path))
+    said = refusal(*arguments, path)
     assert said == f"{path}: line {number}: {character!r} is a control character"
 
 
@@ -327,7 +318,7 @@ def test_nothing_that_a_terminal_obeys_reaches_it(tmp_path: Path) -> None:
     backwards = "\u202e"
     odd = "".join(f"[{backwards}{number}]\n" for number in range(50))
     path.write_text(odd + read_eds("plate.eds"), encoding="utf-8")
-    result = CliRunner().invoke(main, (*SOME, "--eds", str(path)))
+    result = run(*SOME, "--eds", path)
     assert result.exit_code == 1
     *warnings, error = result.stderr.splitlines()
     assert result.stderr.replace("\n", "").isprintable()
@@ -338,13 +329,13 @@ def test_nothing_that_a_terminal_obeys_reaches_it(tmp_path: Path) -> None:
     assert "does not suit the device" in error
     finger = tmp_path / "finger.csv"
     finger.write_text(f"{HEADER}0,0,{COLOUR}\n")
-    assert refusal(*SOME, "--finger", str(finger)).endswith("to float: '\\x1b[31m'")
+    assert refusal(*SOME, "--finger", finger).endswith("to float: '\\x1b[31m'")
 
 
 def test_a_value_of_3_mb_is_told_in_500_characters(tmp_path: Path) -> None:
     path = tmp_path / "long.eds"
     path.write_text(STIMULATOR.replace("DefaultValue=15000", f"DefaultValue={'1' * 3_000_000}"))
-    said = refusal(*SOME, "--eds", str(path))
+    said = refusal(*SOME, "--eds", path)
     assert said.endswith("1...")
     assert len(said) == 503
 

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,10 +14,8 @@ from typing import Any
 import can
 import psutil
 import pytest
-from click.testing import CliRunner, Result
-from nodes_on_a_bus import GUARD_S, processes
-
-from smarttac_can.cli import main
+from commands import refusal, run
+from nodes_on_a_bus import GUARD_S, processes, until
 
 DELAYS = {"p50_us", "p99_us", "p999_us", "max_us"}
 KEYS = {
@@ -30,17 +27,6 @@ KEYS = {
 def options(bus: dict[str, Any]) -> list[str]:
     own = ["--interface", bus["interface"], "--channel", bus["channel"]]
     return [*own, "--bus-option", f"port={bus['port']}"]
-
-
-def jitter(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ["jitter", *arguments])
-
-
-def refusal(*arguments: str) -> str:
-    result = jitter(*arguments)
-    assert result.exit_code != 0
-    assert isinstance(result.exception, SystemExit), result.exception
-    return result.stderr.splitlines()[-1]
 
 
 def children() -> list[psutil.Process]:
@@ -62,9 +48,8 @@ def voltages(bus: dict[str, Any]) -> Iterator[list[bytes]]:
 
 def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path) -> None:
     results, folder = tmp_path / "jitter.json", tmp_path / "pictures"
-    done = jitter(
-        *options(multicast), "--seconds", "1", "--json", str(results), "--output", str(folder)
-    )
+    files = ("--json", results, "--output", folder)
+    done = run("jitter", *options(multicast), "--seconds", "1", *files)
     figures = json.loads(results.read_text())
     assert set(figures) == KEYS
     for name in ("sync", "drive", "measurement"):
@@ -91,7 +76,7 @@ def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path
 
 @pytest.mark.usefixtures("without_privileges")
 def test_what_the_nodes_were_refused_is_said(multicast: dict[str, Any]) -> None:
-    done = jitter(*options(multicast), "--seconds", "1", "--realtime", "50", "--json", "-")
+    done = run("jitter", *options(multicast), "--seconds", "1", "--realtime", "50", "--json", "-")
     refused = json.loads(done.stdout)["refused"]
     assert len(set(refused)) == len(refused), "two nodes, one line"
     assert set(refused) <= set(done.stderr.splitlines())
@@ -101,7 +86,9 @@ def test_what_the_nodes_were_refused_is_said(multicast: dict[str, Any]) -> None:
 
 def test_a_plate_that_is_there_stays_at_0_v(multicast: dict[str, Any]) -> None:
     with processes(multicast, "plate") as (plate,), voltages(multicast) as heard:
-        done = jitter(*options(multicast), "--seconds", "1", "--plate-node", "33", "--json", "-")
+        done = run(
+            "jitter", *options(multicast), "--seconds", "1", "--plate-node", "33", "--json", "-"
+        )
         assert done.exit_code == 0, done.output
         figures = json.loads(done.stdout)
         assert figures["ticks"] > 0
@@ -120,16 +107,11 @@ def test_a_signal_ends_it_with_its_nodes(number: int, multicast: dict[str, Any])
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
-        guard = time.monotonic() + GUARD_S
-        nodes: list[psutil.Process] = []
         try:
-            while len(nodes) < 2:
-                assert time.monotonic() < guard
-                time.sleep(0.1)
-                nodes = psutil.Process(process.pid).children()
+            until(lambda: len(psutil.Process(process.pid).children()) >= 2)
+            nodes = psutil.Process(process.pid).children()
             with can.Bus(**multicast) as bus:
-                while (message := bus.recv(GUARD_S)) is None or message.arbitration_id != 0x221:
-                    assert time.monotonic() < guard
+                until(lambda: (heard := bus.recv(GUARD_S)) and heard.arbitration_id == 0x221)
         finally:
             process.send_signal(number)
             said, complaints = process.communicate(timeout=GUARD_S)
@@ -148,20 +130,15 @@ def test_nothing_is_left_of_one_that_is_killed(multicast: dict[str, Any]) -> Non
         voltages(multicast) as heard,
         subprocess.Popen([*command, "--seconds", "3600"], stderr=subprocess.DEVNULL) as process,
     ):
-        guard = time.monotonic() + GUARD_S
         try:
-            while not any(map(any, heard)):
-                assert time.monotonic() < guard
-                time.sleep(0.01)
+            until(lambda: any(map(any, heard)))
             nodes = psutil.Process(process.pid).children(recursive=True)
             process.kill()
             ended, alive = psutil.wait_procs(nodes, GUARD_S)
             assert not alive
             assert len(ended) >= 2
             # The last drive; it was sent, and may still be on its way to this thread.
-            while heard[-1] != b"\0\0":
-                assert time.monotonic() < guard
-                time.sleep(0.01)
+            until(lambda: heard[-1] == b"\0\0")
         finally:
             process.kill()
             for node in nodes:
@@ -171,14 +148,14 @@ def test_nothing_is_left_of_one_that_is_killed(multicast: dict[str, Any]) -> Non
 
 def test_a_node_that_ends_is_named(multicast: dict[str, Any]) -> None:
     """As the plate's node-ID is the stimulator's."""
-    line = refusal(*options(multicast), "--plate-node", "32")
-    assert line.startswith("Error: smarttac node has ended: --plate-node 32 is the --node-id")
+    line = refusal("jitter", *options(multicast), "--plate-node", "32")
+    assert line.startswith("smarttac node has ended: --plate-node 32 is the --node-id")
     assert not children()
 
 
 def test_a_plate_that_is_not_there(multicast: dict[str, Any]) -> None:
-    line = refusal(*options(multicast), "--plate-node", "44")
-    assert line.startswith("Error: no node 44 answers on udp_multicast:")
+    line = refusal("jitter", *options(multicast), "--plate-node", "44")
+    assert line.startswith("no node 44 answers on udp_multicast:")
     assert not children()
 
 
@@ -196,11 +173,11 @@ def test_a_loop_that_is_there_already(
         producer = threading.Thread(target=produce)
         producer.start()
         try:
-            line = refusal(*options(multicast))
+            line = refusal("jitter", *options(multicast))
         finally:
             over.set()
             producer.join()
-    assert line == "Error: somebody produces SYNC on this bus: end that loop first"
+    assert line == "somebody produces SYNC on this bus: end that loop first"
 
 
 @pytest.mark.parametrize(
@@ -221,11 +198,11 @@ def test_a_node_that_is_there_already(
 ) -> None:
     monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
     with processes(multicast, command) as (node,):
-        line = refusal(*options(multicast), *others)
+        line = refusal("jitter", *options(multicast), *others)
         assert len(children()) == 1
         assert node.process.poll() is None
     assert line == (
-        f"Error: a node {node_id} is on this bus already, and two would have one node-ID: "
+        f"a node {node_id} is on this bus already, and two would have one node-ID: "
         "end it, or give it another by LSS or --node-id"
     )
 
@@ -236,17 +213,19 @@ def test_a_node_that_is_stopped_is_known_by_its_heartbeat(
     monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
     with processes(multicast, "node"), can.Bus(**multicast) as bus:
         bus.send(can.Message(arbitration_id=0, data=[2, 32], is_extended_id=False))
-        assert refusal(*options(multicast)).startswith("Error: a node 32 is on this bus already")
+        assert refusal("jitter", *options(multicast)).startswith("a node 32 is on this bus already")
 
 
 def test_a_bus_without_time_stamps_of_the_kernel() -> None:
-    line = refusal("--interface", "virtual", "--channel", "test_jitter")
-    assert line.startswith("Error: the loop is timed by the kernel's time stamps")
+    line = refusal("jitter", "--interface", "virtual", "--channel", "test_jitter")
+    assert line.startswith("the loop is timed by the kernel's time stamps")
     assert "socketcan or udp_multicast have them" in line
 
 
 def test_a_bus_that_is_not_there() -> None:
-    assert refusal("--interface", "socketcan", "--channel", "nowhere0").startswith("Error: cannot")
+    assert refusal("jitter", "--interface", "socketcan", "--channel", "nowhere0").startswith(
+        "cannot"
+    )
 
 
 @pytest.mark.parametrize(
@@ -259,13 +238,12 @@ def test_a_bus_that_is_not_there() -> None:
     ids=" ".join,
 )
 def test_wrong_values(arguments: tuple[str, ...]) -> None:
-    result = jitter("--interface", "virtual", *arguments)
-    assert result.exit_code == 2
-    assert f"Invalid value for '{arguments[0]}'" in result.stderr
+    line = refusal("jitter", "--interface", "virtual", *arguments, code=2)
+    assert f"Invalid value for '{arguments[0]}'" in line
 
 
 def test_the_picture_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("smarttac_can.bench.traces.find_spec", lambda name: None)
-    line = refusal("--interface", "virtual", "--output", str(tmp_path / "pictures"))
-    assert line == "Error: the pictures need matplotlib: pip install 'smarttac-can[report]'"
+    line = refusal("jitter", "--interface", "virtual", "--output", str(tmp_path / "pictures"))
+    assert line == "the pictures need matplotlib: pip install 'smarttac-can[report]'"
     assert not list(tmp_path.iterdir())

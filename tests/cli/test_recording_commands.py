@@ -10,13 +10,15 @@ import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import can
 import h5py
 import pytest
-from click.testing import CliRunner, Result
+from commands import refusal, succeed
+from commands import run as command
 from nodes_on_a_bus import (
     GUARD_S,
     both,
@@ -28,7 +30,6 @@ from nodes_on_a_bus import (
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.recording_file import Summary
-from smarttac_can.cli import main
 from smarttac_can.cli.recording import _lines
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.files import packaged_eds
@@ -113,9 +114,8 @@ def test_a_recording_without_a_cycle_is_no_success(
 ) -> None:
     """Nodes in lockstep take no step while nobody runs them."""
     path = tmp_path / "run.h5"
-    arguments = ["record", str(path), *multicast_options(multicast), "--seconds", "0.2"]
     with processes(multicast, "node --lockstep"):
-        result = CliRunner().invoke(main, arguments)
+        result = command("record", path, *multicast_options(multicast), "--seconds", "0.2")
     assert result.exit_code == 1
     assert f"{path}: 0 rows, " in result.stdout
     assert "has no row: no cycle came" in result.stderr
@@ -132,18 +132,15 @@ def test_a_killed_recording_is_recovered(multicast: dict[str, Any], tmp_path: Pa
         process.kill()
         process.wait(GUARD_S)
     assert not path.exists()
-    result = CliRunner().invoke(main, ["record", "--recover", str(log), str(path)])
+    result = command("record", "--recover", log, path)
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.output.startswith(f"{path}: ")
     with h5py.File(path) as file:
         assert len(file["tick"]) > 1000
         assert file["host_time_ns"][-1] * 1e-9 > killed - 1.0
     assert FrameLogReader(log).head["version"]
-    again = CliRunner().invoke(main, ["record", "--recover", str(log), str(path)])
-    assert (again.exit_code, again.output) == (
-        1,
-        f"Error: {path} exists: give the recording another name\n",
-    )
+    again = refusal("record", "--recover", log, path)
+    assert again == f"{path} exists: give the recording another name"
 
 
 @pytest.mark.parametrize("command", [("record", "x.h5"), ("scan",), ("plate",)])
@@ -171,23 +168,15 @@ def test_a_recording_is_recovered_into_a_folder_that_is_there(tmp_path: Path) ->
         bench.run(0.01)
         log.write_bytes(recording.log_path.read_bytes())
     path = tmp_path / "missing" / "x.h5"
-    result = CliRunner().invoke(main, ["record", "--recover", str(log), str(path)])
-    assert (result.exit_code, result.output) == (
-        1,
-        f"Error: {path}: the folder {path.parent} does not exist\n",
-    )
+    line = refusal("record", "--recover", log, path)
+    assert line == f"{path}: the folder {path.parent} does not exist"
     path.parent.mkdir()
-    assert CliRunner().invoke(main, ["record", "--recover", str(log), str(path)]).exit_code == 0
+    succeed("record", "--recover", log, path)
     assert [entry.name for entry in path.parent.iterdir()] == ["x.h5"]
 
 
 def test_refusals(tmp_path: Path) -> None:
-    def refused(*arguments: str) -> str:
-        result = CliRunner().invoke(main, ["record", *arguments])
-        assert result.exit_code in (1, 2)
-        assert "Traceback" not in result.output
-        return result.output.splitlines()[-1]
-
+    refused = partial(refusal, "record", code=None)
     path = str(tmp_path / "run.h5")
     bus = ("--interface", "virtual", "--channel", "nobody", "--timeout", "0.05")
     assert "no node 32 answers on virtual:nobody" in refused(path, *bus)
@@ -204,10 +193,9 @@ def test_refusals(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", ["", ".log", ".part"])
 def test_one_file_twice_is_refused(tmp_path: Path, option: str, suffix: str) -> None:
     path = tmp_path / "run.h5"
-    arguments = ["record", str(path), option, f"{path}{suffix}", "--interface", "virtual"]
-    refused = CliRunner().invoke(main, arguments)
-    assert refused.exit_code == 2
-    assert f"run.h5{suffix} is a file of the recording itself" in refused.output
+    arguments = ("record", path, option, f"{path}{suffix}", "--interface", "virtual")
+    line = refusal(*arguments, code=2)
+    assert f"run.h5{suffix} is a file of the recording itself" in line
     assert list(tmp_path.iterdir()) == []
 
 
@@ -265,15 +253,8 @@ def write(log: Log, path: Path) -> Path:
     return path
 
 
-def replay(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, ["replay", *map(str, arguments)])
-
-
-def one_line(result: Result) -> str:
-    assert result.exit_code in (1, 2), result.output
-    assert isinstance(result.exception, SystemExit)
-    [line] = [line for line in result.stderr.splitlines() if line.startswith("Error: ")]
-    return line
+replay = partial(command, "replay")
+no_replay = partial(refusal, "replay", code=None)
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv", ".trc"])
@@ -306,7 +287,7 @@ def test_the_first_difference_is_named(run: Log, tmp_path: Path) -> None:
     there, here = (int.from_bytes(f.data[2:6], "little") / 100 for f in (other, frame))
     seconds = (time - run[0][0]) * 1e-6
     assert result.exit_code == 1
-    assert one_line(result) == (
+    assert result.stderr.splitlines()[-1] == (
         f"Error: {log}: frame {place + 1} at {seconds:.6f} s, drive, TPDO 5 (221h): "
         f"Drive.Frequency is {there:.12g} Hz in the log, {here:.12g} Hz recomputed; so early, it "
         "may have been started with an option that is not given: --produce-sync, --plate-node, "
@@ -336,7 +317,7 @@ def test_options_are_no_cause_of_a_late_difference(tmp_path: Path) -> None:
     place = [p for p, (_, frame) in enumerate(log) if frame.can_id == DRIVE][-2]
     time, frame = log[place]
     log[place] = time, Frame(DRIVE, bytes((frame.data[0] ^ 1,)) + frame.data[1:])
-    line = one_line(replay(write(log, tmp_path / "run.log"), "--lockstep"))
+    line = no_replay(write(log, tmp_path / "run.log"), "--lockstep")
     assert "Drive.Voltage is " in line
     assert line.endswith(" mV recomputed")
 
@@ -349,7 +330,7 @@ def test_options_that_are_not_given_are_named(
     run: Log, tmp_path: Path, given: tuple[str, ...], hint: str
 ) -> None:
     log = write(run, tmp_path / "run.log")
-    line = one_line(replay(log, *given, "--plate-node", "44"))
+    line = no_replay(log, *given, "--plate-node", "44")
     assert hint in line
     assert "--plate-node" not in line
 
@@ -360,8 +341,8 @@ def test_another_eds_is_another_stimulator(run: Log, tmp_path: Path) -> None:
     eds = tmp_path / "other.eds"
     eds.write_text(text.replace("DefaultValue=0x21100220", "DefaultValue=0x21100110", 1))
     assert replay(log, "--lockstep", "--eds", packaged_eds("stimulator.eds")).exit_code == 0
-    assert "drive, TPDO 5 (221h)" in one_line(replay(log, "--lockstep", "--eds", eds))
-    line = one_line(replay(log, "--lockstep", "--eds", packaged_eds("plate.eds")))
+    assert "drive, TPDO 5 (221h)" in no_replay(log, "--lockstep", "--eds", eds)
+    line = no_replay(log, "--lockstep", "--eds", packaged_eds("plate.eds"))
     assert "plate.eds does not suit the device" in line
 
 
@@ -369,18 +350,18 @@ def test_what_is_no_log_is_refused_in_one_line(run: Log, tmp_path: Path) -> None
     for suffix in (".log", ".asc", ".blf", ".csv", ".trc"):
         rubbish = tmp_path / f"rubbish{suffix}"
         rubbish.write_bytes(b"\x00\xff rubbish\n" * 100)
-        one_line(replay(rubbish))
+        no_replay(rubbish)
         empty = tmp_path / f"empty{suffix}"
         empty.touch()
-        one_line(replay(empty))
+        no_replay(empty)
         long = tmp_path / f"long{suffix}"
         long.write_bytes(b"1" * 3_000_000)
-        one_line(replay(long))
+        no_replay(long)
     unknown = tmp_path / "run.txt"
     unknown.touch()
-    assert "run.txt is none of .log, .asc, .csv, .trc, .blf" in one_line(replay(unknown))
-    assert "does not exist" in one_line(replay(tmp_path / "none.log"))
-    assert "is a directory" in one_line(replay(tmp_path))
+    assert "run.txt is none of .log, .asc, .csv, .trc, .blf" in no_replay(unknown)
+    assert "does not exist" in no_replay(tmp_path / "none.log")
+    assert "is a directory" in no_replay(tmp_path)
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".csv", ".trc"])
@@ -400,47 +381,44 @@ def test_damage_in_the_middle_is_told_with_its_place(run: Log, tmp_path: Path) -
     torn = write(run, tmp_path / "torn.log")
     lines = torn.read_text().splitlines()
     torn.write_text("\n".join([*lines[:300], lines[300][:20], *lines[301:], ""]))
-    assert one_line(replay(torn, "--lockstep")) == (
-        f"Error: {torn}, line 301: {lines[300][:20].strip()!r} is no line of a candump log"
+    assert no_replay(torn, "--lockstep") == (
+        f"{torn}, line 301: {lines[300][:20].strip()!r} is no line of a candump log"
     )
     torn = write(run, tmp_path / "torn.blf")
     data = torn.read_bytes()
     torn.write_bytes(data[:2000] + bytes(50) + data[2050:])
-    assert one_line(replay(torn, "--lockstep")).startswith(
-        f"Error: {torn} is no BLF log, or damaged"
-    )
+    assert no_replay(torn, "--lockstep").startswith(f"{torn} is no BLF log, or damaged")
 
 
 def test_the_log_of_a_recording_points_to_its_raw_log(tmp_path: Path) -> None:
     path = tmp_path / "run.h5.log"
     with FrameLog(path, {}):
         pass
-    assert "is the log of a recording" in one_line(replay(path))
+    assert "is the log of a recording" in no_replay(path)
 
 
 def test_what_a_log_lacks_is_said_in_one_line(run: Log, tmp_path: Path) -> None:
     log = write(run, tmp_path / "run.log")
-    assert "no boot-up message of node 5" in one_line(replay(log, "--node-id", "5"))
+    assert "no boot-up message of node 5" in no_replay(log, "--node-id", "5")
     later = write(run[500:], tmp_path / "later.log")
-    assert "no boot-up message of node 32" in one_line(replay(later, "--lockstep"))
+    assert "no boot-up message of node 32" in no_replay(later, "--lockstep")
     silent = write([item for item in run if item[1].can_id != 0x80], tmp_path / "silent.log")
-    assert "needs SYNC" in one_line(replay(silent, "--lockstep"))
+    assert "needs SYNC" in no_replay(silent, "--lockstep")
 
 
 def test_options_that_contradict_are_refused(run: Log, tmp_path: Path) -> None:
     log = write(run, tmp_path / "run.log")
-    assert replay(log, "--plate-node", "32").exit_code == 2
-    assert replay(log, "--lockstep", "--produce-sync").exit_code == 2
-    assert replay(log, "--deadline", "0").exit_code == 2
+    for options in (("--plate-node", "32"), ("--lockstep", "--produce-sync"), ("--deadline", "0")):
+        refusal("replay", log, *options, code=2)
 
 
 def test_the_stored_parameters_stay_as_they_are(run: Log, tmp_path: Path) -> None:
     log = write(run, tmp_path / "run.log")
     stored = tmp_path / "node.bin"
     stored.write_bytes(b"CO-STORE, torn")
-    result = replay(log, "--lockstep", "--storage", stored)
     # It says that it does not understand them, which that of the log did not.
-    assert "the log lacks the EMCY (0A0h)" in one_line(result)
+    line = no_replay(log, "--lockstep", "--storage", stored)
+    assert "the log lacks the EMCY (0A0h)" in line
     assert stored.read_bytes() == b"CO-STORE, torn"
 
 
@@ -462,7 +440,7 @@ def test_a_long_log_takes_no_more_memory(tmp_path: Path) -> None:
 def test_an_empty_log(tmp_path: Path, text: str) -> None:
     log = tmp_path / "empty.log"
     log.write_text(text)
-    assert one_line(replay(log)) == f"Error: {log}: the log is empty: there is no frame in it"
+    assert no_replay(log) == f"{log}: the log is empty: there is no frame in it"
 
 
 # ``smarttac record --raw`` beside a script, and ``smarttac replay`` of its log.
@@ -508,8 +486,7 @@ no log has, or frames that the log has lost."""
 
 def replayed(log: Path, *options: str) -> dict[str, Any]:
     found = log.with_suffix(".json")
-    result = CliRunner().invoke(main, ["replay", str(log), *options, "--json", str(found)])
-    assert result.exit_code == 0, result.output
+    succeed("replay", log, *options, "--json", found)
     return dict(json.loads(found.read_text()))
 
 
@@ -539,7 +516,7 @@ def test_what_a_process_records_is_replayed(
     for attempt in range(TRIES):
         raw = tmp_path / f"run{attempt}.log"
         record_process(multicast, raw, told, act)
-        result = CliRunner().invoke(main, ["replay", str(raw), *told])
+        result = replay(raw, *told)
         excused = CROSSED if pace == "--lockstep" else f"{CROSSED}|{HELD_UP}"
         if result.exit_code == 0 or not re.search(excused, result.output):
             break

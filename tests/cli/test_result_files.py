@@ -5,7 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from commands import refusal, run, succeed
 from commands_of import commands_of
 
 from smarttac_can.cli import main
@@ -16,10 +16,6 @@ EDS = Path(__file__).parents[2] / "eds" / "plate.eds"
 CHANNEL = ("--interface", "virtual", "--channel", "results")
 OTHER_FILE = "choose another file, or replace it with --force"
 OTHER_FOLDER = "choose another folder, or replace older results in it with --force"
-
-
-def run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -38,7 +34,7 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "faults --json": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--json"),
     "faults --log": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--log"),
     "soak --json": ("soak", "--hours", "0.0001", "--json"),
-    "fmeda --json": ("fmeda", "--random", "1", "--json"),
+    "fmeda --json": ("fmeda", "--jobs", "1", "--random", "1", "--json"),
     "hostile --json": ("hostile", "--actions", "5", "--json"),
     "scan --json": ("scan", *CHANNEL, "--timeout", "0.01", "--json"),
     "conform --json": ("conform", *CHANNEL, "--eds", "plate", "--node-id", "5", "--json"),
@@ -65,9 +61,7 @@ FILES: dict[str, tuple[str | Path, ...]] = {
 def test_a_file_with_results_is_kept(arguments: tuple[str | Path, ...], tmp_path: Path) -> None:
     file = tmp_path / "kept"
     file.write_text("of last week")
-    result = run(*arguments, file)
-    assert result.exit_code == 1
-    assert result.stderr == f"Error: {file} exists: {OTHER_FILE}\n"
+    assert refusal(*arguments, file) == f"{file} exists: {OTHER_FILE}"
     assert content(tmp_path) == {"kept": b"of last week"}
 
 
@@ -102,18 +96,16 @@ def test_a_folder_with_results_is_kept(arguments: tuple[str, ...], tmp_path: Pat
     for name in ("traces.csv", "results.json", "fig7.png", "fig7.svg", "index.html"):
         (tmp_path / name).write_text(name)
     before = content(tmp_path)
-    result = run(*arguments, "--output", tmp_path)
-    assert result.exit_code == 1
     listed = "fig7.png, fig7.svg, index.html, 2 more"
-    assert (
-        result.stderr == f"Error: the folder {tmp_path} is not empty ({listed}): {OTHER_FOLDER}\n"
+    assert refusal(*arguments, "--output", tmp_path) == (
+        f"the folder {tmp_path} is not empty ({listed}): {OTHER_FOLDER}"
     )
     assert content(tmp_path) == before
 
 
 @pytest.mark.parametrize("path", ["-", "/dev/null"])
 def test_stdout_and_devices_hold_nothing(path: str) -> None:
-    assert run("reproduce", "fig3", "--json", path).exit_code == 0
+    succeed("reproduce", "fig3", "--json", path)
 
 
 def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
@@ -121,7 +113,7 @@ def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
     file.touch()
     folder.mkdir()
     (folder / ".gitkeep").touch()
-    assert run("reproduce", "fig3", "--json", file, "--output", folder).exit_code == 0
+    succeed("reproduce", "fig3", "--json", file, "--output", folder)
     assert file.read_text() == (folder / "results.json").read_text()
     assert set(content(folder)) == {".gitkeep", "results.json", "traces.csv"}
 
@@ -129,32 +121,33 @@ def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
 def test_force_leaves_nothing_of_the_run_before_and_all_that_is_not_of_one(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     folder = tmp_path / "run"
-    assert run("reproduce", "fig7", "--link", "bus", "--output", folder).exit_code == 0
-    assert run("report", folder).exit_code == 0
+    succeed("reproduce", "fig7", "--link", "bus", "--output", folder)
+    succeed("report", folder)
     assert {"candump.log", "fig7.png", "index.html"} <= set(content(folder))
     (folder / "notes.txt").write_text("mine")
-    assert run("reproduce", "fig5", "--output", folder).exit_code == 1
-    assert run("reproduce", "fig5", "--output", folder, "--force").exit_code == 0
+    refusal("reproduce", "fig5", "--output", folder)
+    succeed("reproduce", "fig5", "--output", folder, "--force")
     assert set(content(folder)) == {"results.json", "traces.csv", "notes.txt"}
 
 
 def test_force_at_a_file(tmp_path: Path) -> None:
     file = tmp_path / "plate.eds"
     file.write_text("old")
-    assert run("eds", "show", "plate", "--force", "--output", file).exit_code == 0
+    succeed("eds", "show", "plate", "--force", "--output", file)
     assert run("eds", "show", "plate").stdout_bytes == file.read_bytes()
     assert set(content(tmp_path)) == {"plate.eds"}
 
 
+@pytest.mark.usefixtures("compiled_once")
 def test_a_campaign_draws_png_and_svg_over_an_older_one(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     few = ("campaign", "--fingers", "2", "--output", tmp_path / "out")
-    assert run(*few).exit_code == 0
+    succeed(*few)
     first = content(tmp_path / "out")
     assert set(first) == {"campaign.json", "fingers.csv", "campaign.png", "campaign.svg"}
-    assert run(*few, "--seed", "2").exit_code == 1
+    refusal(*few, "--seed", "2")
     assert content(tmp_path / "out") == first
-    assert run(*few, "--seed", "2", "--force").exit_code == 0
+    succeed(*few, "--seed", "2", "--force")
     assert content(tmp_path / "out")["fingers.csv"] != first["fingers.csv"]
 
 

@@ -8,15 +8,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
-from nodes_on_a_bus import GUARD_S
+from commands import refusal, run, succeed
+from nodes_on_a_bus import GUARD_S, until
 
-from smarttac_can.cli import main
 from smarttac_can.host.log_file import read_candump
 from smarttac_can.trials.fault_matrix import FaultRow
 from smarttac_can.trials.sensor_sweep import Cell, parse_cell
@@ -25,21 +23,14 @@ from smarttac_can.trials.soak import ProcessSize
 ONE = ("faults", "--fault", "measurements lost", "--mode", "friction", "--hold", "20")
 
 
-def run(*arguments: str) -> Result:
-    return CliRunner().invoke(main, arguments)
-
-
 def test_faults_shows_a_line_for_each_row() -> None:
-    result = run(*ONE)
-    assert result.exit_code == 0, result.output
-    (line,) = result.stdout.splitlines()
+    (line,) = succeed(*ONE).splitlines()
     assert line.startswith("ok     measurements lost")
     assert "friction" in line and "0 V after" in line
 
 
 def test_rows_as_json_have_the_agreed_keys() -> None:
-    result = run(*ONE, "--json", "-")
-    (row,) = json.loads(result.stdout)
+    (row,) = json.loads(succeed(*ONE, "--json", "-"))
     assert {
         "fault",
         "mode",
@@ -57,8 +48,7 @@ def test_rows_as_json_have_the_agreed_keys() -> None:
 
 def test_json_and_log_go_to_files(tmp_path: Path) -> None:
     table, log = tmp_path / "faults.json", tmp_path / "faults.log"
-    result = run(*ONE, "--json", str(table), "--log", str(log))
-    assert result.exit_code == 0, result.output
+    succeed(*ONE, "--json", table, "--log", log)
     (row,) = json.loads(table.read_text())
     times = [time for time, _ in read_candump(log)]
     assert times == sorted(times)
@@ -70,31 +60,21 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Log and rows of one fault."""
     folder = tmp_path_factory.mktemp("faults")
     log, rows = folder / "faults.log", folder / "faults.json"
-    result = run(*ONE[:-1], "200", "--json", str(rows), "--log", str(log))
-    assert result.exit_code == 0, result.output
+    succeed(*ONE[:-1], "200", "--json", rows, "--log", log)
     return log, rows
-
-
-def refusal(*arguments: str) -> str:
-    result = run("faults", "--verify", *arguments)
-    assert (result.exit_code, result.stdout) == (1, "")
-    (line,) = result.stderr.splitlines()
-    return line.removeprefix("Error: ")
 
 
 def test_rows_of_a_short_hold_say_so(tmp_path: Path) -> None:
     log, rows = tmp_path / "log", tmp_path / "rows"
-    assert run(*ONE, "--json", str(rows), "--log", str(log)).exit_code == 0
-    assert refusal(str(log), str(rows)) == (
+    succeed(*ONE, "--json", rows, "--log", log)
+    assert refusal("faults", "--verify", log, rows) == (
         "row 1 (measurements lost, friction): was held for 20 cycles, of which the log shows "
         "nothing: only one made with --hold 200 or more can be verified"
     )
 
 
 def test_log_confirms_its_rows(kept: tuple[Path, Path]) -> None:
-    result = run("faults", "--verify", *map(str, kept))
-    assert result.exit_code == 0, result.output
-    assert result.stdout == (
+    assert succeed("faults", "--verify", *kept) == (
         "rows: 1, fields as the log shows them: 7, fields it does not show: 0\n"
     )
 
@@ -117,14 +97,14 @@ def test_falsified_row_is_one_line(
     text = rows.read_text()
     assert old in text
     falsified.write_text(text.replace(old, new))
-    line = refusal(str(log), str(falsified))
+    line = refusal("faults", "--verify", log, falsified)
     assert line.startswith("row 1 (measurements lost, friction): ")
     assert complaint in line
 
 
 def test_log_and_rows_exchanged_are_told_apart(kept: tuple[Path, Path]) -> None:
     log, rows = kept
-    line = refusal(str(rows), str(log))
+    line = refusal("faults", "--verify", rows, log)
     assert line.startswith(f"{log}: is no --json file (")
     assert line.endswith("); --verify takes LOG ROWS")
 
@@ -143,7 +123,7 @@ def test_rows_that_are_none_are_one_line(
 ) -> None:
     path = tmp_path / "rows"
     path.write_text(rows)
-    assert complaint in refusal(str(kept[0]), str(path))
+    assert complaint in refusal("faults", "--verify", kept[0], path)
 
 
 @pytest.mark.parametrize(
@@ -164,16 +144,16 @@ def test_falsified_log_is_one_line(
     log, rows = kept
     path = tmp_path / "log"
     path.write_text(falsify(log.read_text()))
-    assert complaint in refusal(str(path), str(rows))
+    assert complaint in refusal("faults", "--verify", path, rows)
 
 
 def test_only_files_are_verified(kept: tuple[Path, Path], tmp_path: Path) -> None:
-    log, rows = map(str, kept)
+    log, rows = kept
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    assert refusal(str(pipe), rows) == f"{pipe}: is no regular file"
-    assert refusal(log, str(pipe)) == f"{pipe}: is no regular file"
-    assert refusal("nowhere", rows) == "nowhere: there is no such file"
+    for files in ((pipe, rows), (log, pipe)):
+        assert refusal("faults", "--verify", *files) == f"{pipe}: is no regular file"
+    assert refusal("faults", "--verify", "nowhere", rows) == "nowhere: there is no such file"
 
 
 def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> None:
@@ -218,9 +198,7 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
     ],
 )
 def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -> None:
-    result = run(*arguments)
-    assert result.exit_code == 2
-    assert complaint in result.stderr
+    assert complaint in refusal(*arguments, code=2)
 
 
 @pytest.mark.parametrize(
@@ -232,18 +210,13 @@ def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -
     ],
 )
 def test_file_that_cannot_be_written_is_refused_before_the_run(arguments: tuple[str, ...]) -> None:
-    result = run(*arguments)
-    assert result.exit_code == 1
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("Error: ")
-    assert line.endswith("nowhere/result: the folder nowhere does not exist")
+    assert refusal(*arguments).endswith("nowhere/result: the folder nowhere does not exist")
 
 
 def test_old_files_stay_when_a_run_fails(tmp_path: Path) -> None:
     table, log = tmp_path / "faults.json", tmp_path / "faults.log"
     table.write_text("old")
-    result = run(*ONE, "--channel", "vcan9", "--json", str(table), "--log", str(log))
-    assert result.exit_code == 1
+    refusal(*ONE, "--channel", "vcan9", "--json", table, "--log", log)
     assert table.read_text() == "old"
     assert list(tmp_path.iterdir()) == [table]
 
@@ -271,11 +244,8 @@ def test_a_signal_leaves_nothing_half_written(
         stderr=subprocess.PIPE,
         text=True,
     ) as begun:
-        end = time.monotonic() + GUARD_S
-        while not part.exists():
-            assert begun.poll() is None
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        until(lambda: part.exists() or begun.poll() is not None)
+        assert begun.poll() is None
         begun.send_signal(number)
         _, complaints = begun.communicate(timeout=GUARD_S)
     assert (begun.returncode, complaints.split()) == (1, ["Aborted!"])
@@ -289,15 +259,13 @@ def test_no_import_that_swallows_an_interrupt_is_left_for_a_run() -> None:
 
 
 def test_results_may_go_to_a_device() -> None:
-    assert run(*ONE, "--json", "/dev/null").exit_code == 0
+    succeed(*ONE, "--json", "/dev/null")
     assert not Path("/dev/null").is_file()
 
 
 def test_channel_that_is_not_there_is_one_clear_line() -> None:
-    result = run(*ONE, "--channel", "vcan9")
-    assert result.exit_code == 1
-    line = result.stderr.splitlines()[-1]
-    assert line.startswith("Error: cannot open the socketcan bus, channel vcan9: [Errno ")
+    line = refusal(*ONE, "--channel", "vcan9")
+    assert line.startswith("cannot open the socketcan bus, channel vcan9: [Errno ")
 
 
 @pytest.mark.parametrize(
@@ -314,13 +282,12 @@ def test_channel_that_is_not_there_has_its_cure_as_elsewhere(
         raise OSError(number, "no")
 
     monkeypatch.setattr("smarttac_can.trials.fault_matrix.socket.socket", refuse)
-    assert cure in run(*ONE, "--channel", "vcan9").stderr.splitlines()[-1]
+    assert cure in refusal(*ONE, "--channel", "vcan9")
 
 
 def test_channel_of_a_python_without_socketcan(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr("socket.CAN_RAW", raising=False)
-    line = run(*ONE, "--channel", "vcan9").stderr.splitlines()[-1]
-    assert "this kernel has no SocketCAN" in line
+    assert "this kernel has no SocketCAN" in refusal(*ONE, "--channel", "vcan9")
 
 
 def test_row_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -333,16 +300,15 @@ def test_row_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_soak_reports_and_repeats(tmp_path: Path) -> None:
     report = tmp_path / "soak.json"
-    result = run("soak", "--hours", "0.001", "--seed", "5", "--json", str(report))
-    assert result.exit_code == 0, result.output
+    said = succeed("soak", "--hours", "0.001", "--seed", "5", "--json", report)
     first = json.loads(report.read_text())
     assert first["seed"] == 5 and first["passed"] is True
     assert first["simulated_s"] >= 3.6
-    assert f"fingerprint {first['fingerprint']}, 0 violated" in result.stdout
+    assert f"fingerprint {first['fingerprint']}, 0 violated" in said
     assert first["margins"]["sync_lost"] == dict.fromkeys(first["margins"]["voltage"], 0.333)
-    (line,) = [line for line in result.stdout.splitlines() if line.startswith("sync lost ")]
+    (line,) = [line for line in said.splitlines() if line.startswith("sync lost ")]
     assert set(line.split()) == {"sync", "lost", "0.33"}
-    again = json.loads(run("soak", "--hours", "0.001", "--seed", "5", "--json", "-").stdout)
+    again = json.loads(succeed("soak", "--hours", "0.001", "--seed", "5", "--json", "-"))
     assert again["fingerprint"] == first["fingerprint"]
 
 
@@ -360,17 +326,13 @@ def test_soak_with_a_violation_is_an_error(monkeypatch: pytest.MonkeyPatch) -> N
 SOUND = "failure=d:gain:1,mode=AMPLITUDE,identified=sound,cycles=50"
 
 
-def fmeda(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ("fmeda", "--jobs", "1", *arguments))
-
-
 def test_a_cell_of_the_results_runs_alone_to_the_same(tmp_path: Path) -> None:
     file = tmp_path / "results.json"
-    fmeda("--random", "12", "--seed", "3", "--json", str(file))
+    succeed("fmeda", "--jobs", "1", "--random", "12", "--seed", "3", "--json", file)
     whole = json.loads(file.read_text())
     assert (whole["cells"], len(whole["results"])) == (12, 12)
     for one in whole["results"][:4]:
-        alone = json.loads(fmeda("--cell", one["cell"], "--json", "-").stdout)
+        alone = json.loads(succeed("fmeda", "--jobs", "1", "--cell", one["cell"], "--json", "-"))
         assert alone["results"] == [one]
 
 
@@ -379,15 +341,15 @@ def test_processes_come_to_the_same_as_one(tmp_path: Path) -> None:
     command = (sys.executable, "-m", "smarttac_can", "fmeda", "--random", "16", "--seed", "4")
     # In a process of its own: the tracker of shared resources outlives the pool in this one.
     subprocess.run((*command, "--jobs", "2", "--json", str(file)), check=False, timeout=GUARD_S)
-    alone = fmeda("--random", "16", "--seed", "4", "--json", "-").stdout
+    alone = succeed("fmeda", "--jobs", "1", "--random", "16", "--seed", "4", "--json", "-")
     assert json.loads(file.read_text()) == json.loads(alone)
 
 
 def test_the_old_name_of_jobs_is_taken_and_deprecated() -> None:
-    result = fmeda("--cell", SOUND, "--workers", "1")
+    result = run("fmeda", "--cell", SOUND, "--workers", "1")
     assert result.exit_code == 0
     assert result.stderr.startswith("--workers is deprecated: use --jobs\n")
-    assert "--workers" not in fmeda("--help").stdout
+    assert "--workers" not in succeed("fmeda", "--help")
 
 
 @pytest.mark.parametrize(("more", "asked"), [((), (7, False)), (("--fine",), (7, True))])
@@ -401,27 +363,31 @@ def test_the_seed_draws_the_grid_as_well(
         return [parse_cell(SOUND)]
 
     monkeypatch.setattr("smarttac_can.cli.trials.grid_cells", grid)
-    assert "1 cells, 0 violations" in fmeda("--seed", "7", *more).stdout
+    assert "1 cells, 0 violations" in succeed("fmeda", "--jobs", "1", "--seed", "7", *more)
     assert grids == [asked]
 
 
 def test_a_cell_within_the_promise_is_shown() -> None:
-    result = fmeda("--cell", SOUND)
-    assert result.exit_code == 0, result.output
-    assert "1 cells, 0 violations" in result.stdout
+    assert "1 cells, 0 violations" in succeed("fmeda", "--jobs", "1", "--cell", SOUND)
 
 
 def test_a_false_trip_before_the_failure_is_a_violation() -> None:
     # A limit of the force that the finger passes before the sensor fails.
-    result = fmeda("--cell", "failure=S3:offset:5000,mode=AMPLITUDE,motion=holding,force=9")
+    result = run(
+        "fmeda",
+        "--jobs",
+        "1",
+        "--cell",
+        "failure=S3:offset:5000,mode=AMPLITUDE,motion=holding,force=9",
+    )
     assert result.exit_code == 1
     assert "a false trip" in result.stdout
     assert "1 cells break the promise" in result.output
 
 
 def test_healthy_runs_are_counted() -> None:
-    result = fmeda("--healthy", "2", "--seed", "1", "--json", "-")
-    whole = json.loads(result.stdout[: result.stdout.rindex("}") + 1])
+    said = run("fmeda", "--jobs", "1", "--healthy", "2", "--seed", "1", "--json", "-").stdout
+    whole = json.loads(said[: said.rindex("}") + 1])
     assert whole["runs"] == 2
     assert whole["cycles"] > 500
 
@@ -435,6 +401,4 @@ def test_healthy_runs_are_counted() -> None:
     ],
 )
 def test_what_makes_no_sense_is_refused(arguments: tuple[str, ...]) -> None:
-    result = fmeda(*arguments)
-    assert result.exit_code == 2
-    assert "Error: " in result.output
+    refusal("fmeda", *arguments, code=2)
