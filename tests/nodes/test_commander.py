@@ -81,7 +81,7 @@ def test_a_master_that_never_announces_operational_drives() -> None:
     line.nmt(START)
     line.advance(80)
     line.send(Frame(0x701, bytes((BOOT_UP,))))  # its first: it is there since
-    for count in range(3000):
+    for count in range(1500):
         if count % 20 == 0:
             line.send(Frame(0x701, bytes((PREOP,))))
         if count == 40:

@@ -198,7 +198,8 @@ def test_every_second_cycle_without_a_measurement_is_missed_time() -> None:
         return sample() if asked % 2 else None
 
     hardware.sample = every_second  # type: ignore[method-assign]
-    line.sync(2000)
+    while stimulator.block.state is State.RUNNING and asked < 2000:
+        line.sync()
     assert stimulator.block.supervisor.latched == 1 << Watchdog.MISSED_TIME
     assert stimulator.block.state is State.FAULT
 

@@ -57,9 +57,10 @@ def test_nobody_drives_the_plate_of_a_stimulator_in_fault_and_pre_operational() 
 def test_0_v_in_fault_does_not_free_the_plate_and_the_reset_does() -> None:
     line, plate, node = in_fault()
     for _ in range(20):
-        assert cycle(line, plate, 150) == 0
+        line.sync()
         assert plate.block.inhibited
-    line.sync(3100)
+        plate.receive(drive(15_000, tick_of(plate)))
+        assert stage(plate) == 0
     assert line.write(node, "Controlword", 0) == 0
     assert line.write(node, "Controlword", 0x80) == 0
     assert not plate.block.inhibited, "told at once"
