@@ -22,7 +22,7 @@ from smarttac_can.paper.experiments import Conditions, loop_dead_time
 from smarttac_can.paper.reproduce import reproduce
 from smarttac_can.plant import motion
 from smarttac_can.plant.finger import FingerState
-from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters
+from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.resonator import Response, vibrate
 from smarttac_can.plant.subjects import SUBJECTS
@@ -31,6 +31,10 @@ from smarttac_can.vocabulary.signals import Drive, Setpoint
 from smarttac_can.vocabulary.states import Mode, VibrationLaw
 
 BUS = 540e-6
+WINDOW = 461e-6
+"""Of the pick-up in s."""
+STEP = 2e-6
+"""Amplitude of a step from rest in m."""
 LOOPS = {"both loops": Mode.AMPLITUDE_RESONANCE, "alone": Mode.AMPLITUDE}
 WARM = 43_250.0
 LINES = ((GREEN, "--"), (INK, ":"), (RED, "-"))
@@ -81,6 +85,7 @@ class Rig:
         seed: int = 1,
         wrong: tuple[float, float, float] = (1.0, 1.0, 0.0),
         softening: float = 0.0,
+        window: float = 0.0,
     ) -> None:
         gain, tau, off = wrong
         true = ResonatorParameters(
@@ -90,7 +95,7 @@ class Rig:
             softening=softening,
         )
         self.plate = WatchedPlate(
-            PlateParameters(resonator=true),
+            PlateParameters(resonator=true, sensors=SensorParameters(pickup_window=window)),
             SUBJECTS[subject],
             Press(Fn),
             seed=seed,
@@ -205,6 +210,59 @@ def told_table() -> Iterator[str]:
     return columns("told|true|" + "|".join(names), rows)
 
 
+def softening_table() -> Iterator[str]:
+    """From rest to 2.5 um on the model's plate, which softens: ms; overshoot in %."""
+    rows = []
+    for law in VibrationLaw:
+        for dead_time in (0.0, BUS):
+            for Fn in (0.0, 0.5):
+                row = [law.name.lower(), f"{1e6 * dead_time:.0f}", f"{Fn:g}"]
+                for softening in (0.0, 60e6, 100e6, 150e6):
+                    rig = Rig(law, dead_time, Fn=Fn, softening=softening)
+                    W = rig.run(80, 2.5e-6, Mode.AMPLITUDE_RESONANCE)
+                    over = 100.0 * max(0.0, rig.plate.peak / 2.5e-6 - 1.0)
+                    row.append(cell(settled(W, 2.5e-6, 0.125e-6), over).replace("nan", "never"))
+                rows.append(row)
+    return columns("law|dead time|force, N|0 Hz/um|60 Hz/um|100 Hz/um|150 Hz/um", rows)
+
+
+def plates_table() -> Iterator[str]:
+    """Laws against plates that soften, behind a pick-up with a window; 300 corners a cell."""
+    rows = []
+    for law in VibrationLaw:
+        for dead_time, window, told in (
+            (0.0, 0.0, 0.0),
+            (BUS, 0.0, BUS),
+            (BUS, WINDOW, BUS + 0.5 * WINDOW),
+            (BUS, WINDOW, BUS),
+        ):
+            row = [law.name.lower(), *(f"{1e6 * time:.0f}" for time in (dead_time, window, told))]
+            for softening in (0.0, 100e6, 150e6):
+                draw = np.random.default_rng(17)
+                runs = []
+                for seed in range(300):
+                    wrong = (*draw.uniform(0.8, 1.2, 2).tolist(), float(draw.uniform(-200, 200)))
+                    Fn, subject = float(draw.choice((0.0, 0.5, 1.0))), int(draw.integers(5))
+                    rig = Rig(
+                        law, dead_time, told=told, Fn=Fn, subject=subject, seed=seed,
+                        wrong=wrong, softening=softening, window=window,
+                    )  # fmt: skip
+                    W = rig.run(80, STEP, Mode.AMPLITUDE_RESONANCE)
+                    over = 100.0 * max(0.0, rig.plate.peak / STEP - 1.0)
+                    runs.append((settled(W, STEP, 0.05 * STEP), over))
+                times, overshoots = np.array(runs).T
+                never = int(np.isnan(times).sum())
+                times = np.nan_to_num(times, nan=80.0)
+                row.append(
+                    " ".join(f"{np.percentile(times, q):.1f}" for q in (50, 95, 100))
+                    + "; "
+                    + " ".join(f"{np.percentile(overshoots, q):.0f}" for q in (50, 95, 100))
+                    + (f"; {never} never" if never else "")
+                )
+            rows.append(row)
+    return columns("law|dead time|window|told|0 Hz/um|100 Hz/um|150 Hz/um", rows)
+
+
 def small_table() -> Iterator[str]:
     """Small and large amplitudes, and what the noise of the pick-up does."""
     rows = []
@@ -294,6 +352,8 @@ def pages(draw: bool) -> Pages:
         "loads": loads_table(),
         "wrong": wrong_table(),
         "told": told_table(),
+        "plates": plates_table(),
+        "softening": softening_table(),
         "small": small_table(),
         "friction": friction_table(),
         "cost": cost_table(),

@@ -497,6 +497,7 @@ class Stimulator(NamedObjects):
             gain=self.get("Model.Gain per volt", "m"),
             tau=self.get("Model.Tau", "s"),
             f0=self.get("Model.Resonance", "Hz"),
+            softening=self.get("Model.Softening", "Hz/m"),
         )
 
     def _require_no_fault(self, state: State, trace: Trace | None = None) -> None:

@@ -248,7 +248,7 @@ class Cascade:
         if identification.model is None:
             self._turn_off(f"identification: {identification.failure}")
             return self._state.drive
-        self._turn_off("")
+        self._turn_off(identification.remark)
         # A load is not identified, and where f0 stands follows the temperature.
         self.adopt(
             replace(identification.model, load=self.model.load, temperature=measurement.temperature)

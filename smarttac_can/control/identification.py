@@ -77,6 +77,9 @@ SAME = 1.25
 """Ratio of the tau that a sweep finds to the one it was laid out for, up to which it counts."""
 SOFTENING_MIN = 10e6
 """Softening in Hz/m up to which a plate is taken to be linear; so it is where noise hides it."""
+DELAY_MAX = 100e-6
+"""Difference in s between the delay that is found and the dead time that is told, beyond that of
+the noise, from which it is told."""
 RESIDUAL_MAX = 0.05
 """Largest relative deviation of the sweep from the model, beyond that of the noise, that is taken
 for a resonance."""
@@ -126,7 +129,7 @@ class Identification:
         follow from the response.
     """
 
-    __slots__ = ("_procedure", "_started", "failure", "model", "progress", "state")
+    __slots__ = ("_procedure", "_started", "failure", "model", "progress", "remark", "state")
 
     def __init__(self, known: PlateModel, frequency: float, parameters: CascadeParameters) -> None:
         self.state = IdentificationState.RUNNING
@@ -134,6 +137,8 @@ class Identification:
         """The plate, once the state is DONE."""
         self.failure = ""
         """Why it failed, once the state is FAILED."""
+        self.remark = ""
+        """What to correct, although the plate was identified."""
         self.progress = 0.0
         """Fraction of the procedure that is over, 0..1; 1 when it ended, however."""
         self._started = False
@@ -183,12 +188,19 @@ class Identification:
         for _ in range(APPROACHES):
             V = yield from _probe(V_max, f, offset, noise)
             self.progress = 0.2
-            tau, f0, gain = yield from _steps(V, f, offset, patience * STEP_PAIRS)
+            tau, f0, gain, delay, unsure = yield from _steps(
+                V, f, offset, noise, patience * STEP_PAIRS
+            )
             nearest = min(max(f0, f_min), f_max)
             if abs(nearest - f) <= NEAR:
                 break
             f = nearest
             yield from _hold(0.0, f, REST_TICKS)
+        if abs(delay - p.dead_time) > DELAY_MAX + RESIDUAL_NOISE * unsure:
+            self.remark = (
+                f"a drive is seen some {delay * 1e6:.0f} us after its measurement, the dead time "
+                f"is {p.dead_time * 1e6:.0f} us: write Controller.Dead time"
+            )
         ticks = patience * SWEEP_TICKS
         for _ in range(SWEEPS):
             half = 0.5 / (math.pi * tau)
@@ -257,14 +269,21 @@ def _probe(
 
 
 def _steps(
-    V: float, f: float, offset: complex, pairs: int
-) -> Generator[Drive, complex, tuple[float, float, float]]:
-    """Switch the voltage off and on, and return a first tau, f0 and gain."""
+    V: float, f: float, offset: complex, noise: float, pairs: int
+) -> Generator[Drive, complex, tuple[float, float, float, float, float]]:
+    """Switch the voltage off and on, and return a first tau, f0 and gain.
+
+    The last two are the delay in s from a measurement until its drive is seen, and its standard
+    uncertainty. Two ticks after a switch ``e^(-(2 Ts - delay)/tau)`` of it is left; half of the
+    pick-up's window counts as delay.
+    """
     product, square, next_square = 0j, 0.0, 0.0
+    after: list[complex] = []
     driven: list[tuple[complex, complex]] = []
     for _ in range(pairs):
         for voltage in (0.0, V):
             samples = yield from _hold(voltage, f, STEP_TICKS)
+            after.append(samples[1])
             now, then = samples[:-1], samples[1:]
             now_mean, then_mean = _mean(now), _mean(then)
             for x, y in zip(now, then, strict=True):
@@ -286,7 +305,16 @@ def _steps(
     dw += TURN * round((dw_c - dw) / TURN)
     tau = -TICK / math.log(abs(A))
     amplitude = max(abs(W * complex(1.0, tau * dw)), abs(W) / math.cos(phase) / SAME)
-    return tau, f - dw / (2.0 * math.pi), amplitude / V
+    # The first one comes from another voltage.
+    switched = len(after) - 1
+    left = [x - offset - (W if i % 2 else 0.0) for i, x in enumerate(after)][1:]
+    share = abs(sum(-x if i % 2 == 0 else x for i, x in enumerate(left))) / (switched * abs(W))
+    delay, unsure = 2.0 * TICK, math.inf
+    if share > 0.0:
+        unbiased = -TICK / math.log(_unbiased(product, square, next_square))
+        delay += unbiased * math.log(share)
+        unsure = unbiased * noise / (math.sqrt(switched) * abs(W) * share)
+    return tau, f - dw / (2.0 * math.pi), amplitude / V, delay, unsure
 
 
 def _unbiased(product: complex, square: float, next_square: float) -> float:

@@ -55,9 +55,12 @@ def swept(model, V=10.0, count=9, width=150.0):
 @given(model=models, off=st.floats(-2500.0, 2500.0))
 @settings(max_examples=25, deadline=None)
 def test_steps_tell_any_plate_however_far_off_they_are_made(model, off):
-    plate = FirstOrderPlate(model)
+    plate = FirstOrderPlate(model, dead_time=300e-6)
     V = 1e-6 / model.gain
-    (tau, f0, gain), drives = carried_out(_steps(V, model.f0 + off, 0j, 4), plate)
+    steps = _steps(V, model.f0 + off, 0j, 0.0, 4)
+    (tau, f0, gain, delay, unsure), drives = carried_out(steps, plate)
+    assert delay == pytest.approx(300e-6, abs=1e-6)
+    assert unsure == 0.0
     assert tau == pytest.approx(model.tau, rel=1e-6)
     assert f0 == pytest.approx(model.f0, abs=1e-3)
     assert gain == pytest.approx(model.gain, rel=1e-6)
@@ -233,7 +236,7 @@ def test_what_is_too_large_or_too_noisy_is_told_in_its_unit():
 
 
 def test_a_plate_that_does_nothing_has_no_decay():
-    procedure = _steps(20.0, 43_390.0, 0j, 2)
+    procedure = _steps(20.0, 43_390.0, 0j, 0.0, 2)
     next(procedure)
     with pytest.raises(IdentificationError, match="the response to a step is no decay: 0 is"):
         while True:

@@ -267,3 +267,32 @@ def test_a_finger_nobody_knows_of_is_refused_or_small():
             errors.append(found.model.tau / mode.tau - 1.0)
     assert len(errors) <= 2
     assert all(error > -0.25 for error in errors)
+
+
+@pytest.mark.parametrize(
+    ("dead_time", "window", "told", "seen"),
+    [
+        (0.0, 0.0, 0.0, None),
+        (540e-6, 0.0, 540e-6, None),
+        (540e-6, 0.0, 460e-6, None),
+        (540e-6, 0.0, 400e-6, 540),
+        (540e-6, 461e-6, 770e-6, None),
+        (540e-6, 461e-6, 540e-6, 770),
+        (0.0, 461e-6, 0.0, 230),
+    ],
+)
+def test_a_delay_that_is_not_the_one_told_is_named(dead_time, window, told, seen):
+    """With half of the pick-up's window, to 100 us."""
+    bench = Simulated(43250.0)
+    sensors = SensorParameters(pickup_window=window)
+    plate = PlateParameters(sensors=sensors)
+    bench.plate = Plate(plate, SUBJECTS[0], Lifted(), dead_time=dead_time)
+    bench.measure = bench.plate.sample
+    found, _, _ = identify(bench, 43250.0, dead_time=told)
+    assert found.model, found.failure
+    if seen is None:
+        assert found.remark == ""
+    else:
+        number = re.match(r"a drive is seen some (\d+) us after its measurement", found.remark)
+        assert int(number[1]) == pytest.approx(seen, abs=30)
+        assert f"the dead time is {told * 1e6:.0f} us" in found.remark
