@@ -1,4 +1,4 @@
-"""Measure how fast the COF follows its reference, and write docs/explanation/bandwidth.md; minutes.
+"""Measure how fast the COF follows its reference, and write docs/reference/bandwidth.md; minutes.
 
 All is seeded; two processes share the work. Example: python tools/bandwidth.py
 """
@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import textures
-from pages import EXPLANATION, Pages, columns, made, renewed
+from pages import EXPLANATION, REFERENCE, Pages, columns, made, renewed
 
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.bench.textures import Texture, track
@@ -370,7 +370,7 @@ def pages(draw: bool) -> Pages:
         "gratings": gratings(),
         "felt": felt(),
     }
-    return renewed(EXPLANATION / "bandwidth.md", fields)
+    return renewed(REFERENCE / "bandwidth.md", fields)
 
 
 if __name__ == "__main__":

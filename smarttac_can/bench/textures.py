@@ -41,7 +41,7 @@ MOST_MM: Final = MAX_START / NM_PER_MM
 """Largest distance of a place from the middle of the plate in mm."""
 FOLLOWED_HZ: Final = 110.0
 """Up to here a finger feels 0.7 of the swing of a texture or more, with the dead time of a bus and
-the vibration law ``pi``: docs/explanation/bandwidth.md."""
+the vibration law ``pi``: docs/reference/bandwidth.md."""
 _MOST_STEP_MM: Final = MAX_STEP / NM_PER_MM
 _MS_US: Final = 1000
 _LEAST_POINTS: Final = 2

@@ -96,7 +96,7 @@ def test_a_texture_that_is_too_fast_to_be_followed_is_warned_of(bench: Stimulato
 
 
 def test_the_bound_of_the_warning_is_the_lowest_bandwidth_of_the_page() -> None:
-    page = Path(__file__).parents[2] / "docs" / "explanation" / "bandwidth.md"
+    page = Path(__file__).parents[2] / "docs" / "reference" / "bandwidth.md"
     rows = [
         line.split("|")[3:-1]
         for line in page.read_text("utf-8").splitlines()
