@@ -1,4 +1,4 @@
-"""Compare the laws of the vibration: tables and figure of docs/explanation/vibration.md; minutes.
+"""Compare the laws of the vibration: tables of docs/explanation/vibration.md and docs/dev.
 
 The cost of an update is that on this machine, so --check finds another one.
 
@@ -13,7 +13,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from pages import EXPLANATION, Pages, columns, made, renewed
+from pages import DOCS, EXPLANATION, Pages, columns, made, renewed
 
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.control.cascade import Cascade
@@ -350,17 +350,22 @@ def pages(draw: bool) -> Pages:
     fastest = -1e3 * model.tau * np.log(1.0 - 0.95e-6 / (model.gain * 150.0))
     fields: dict[str, str | Iterator[str]] = {
         "loads": loads_table(),
-        "wrong": wrong_table(),
         "told": told_table(),
-        "plates": plates_table(),
-        "softening": softening_table(),
-        "small": small_table(),
         "friction": friction_table(),
-        "cost": cost_table(),
         "fastest": f"{fastest:.2f}",
         "dead_time": f"{loop_dead_time(1_000_000):.0f}",
     }
-    return renewed(EXPLANATION / "vibration.md", fields)
+    plates = {
+        "softening": softening_table(),
+        "wrong": wrong_table(),
+        "plates": plates_table(),
+        "small": small_table(),
+        "cost": cost_table(),
+    }
+    return {
+        **renewed(EXPLANATION / "vibration.md", fields),
+        **renewed(DOCS / "dev" / "measurements.md", plates),
+    }
 
 
 if __name__ == "__main__":
