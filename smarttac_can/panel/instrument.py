@@ -148,7 +148,6 @@ class Instrument(Background, ABC):
     def stop(self, why: str = "stop") -> None:
         """Go to 0 V, whatever else is being done or waits; from any thread."""
         if self.drives:
-            self._waiting = None
             self.said = why
             self._stopping.set()
             self._wake.set()

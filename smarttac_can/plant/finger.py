@@ -16,6 +16,8 @@ _STROKE_STREAM = 0x57
 _LEAST_SAMPLES = 2
 _RAMP_SHARE = 0.2
 """Length of the turning ramp of a pass, as a share of its travel at full speed."""
+_LAG_S = 0.02
+"""Time constant of a guided finger."""
 _LIFTED_N = 1e-3
 """Normal force in N below which a guided finger does not touch."""
 SAMPLE_RANGES = (("time", 0.0, 1e9), ("x", -38e-3, 38e-3), ("Fn", 0.0, 10.0))
@@ -275,18 +277,11 @@ class GuidedFinger:
 
     Position and normal force go to the goal as a critically damped second-order system does, so
     that steps of the goal, which a mouse makes, are no blows.
-
-    Parameters
-    ----------
-    lag
-        Time constant in s, 0.001..1.
     """
 
-    __slots__ = ("_goal", "_lag", "_now", "_rates", "_time")
+    __slots__ = ("_goal", "_now", "_rates", "_time")
 
-    def __init__(self, lag: float = 0.02) -> None:
-        require("lag", lag, 1e-3, 1.0)
-        self._lag = lag
+    def __init__(self) -> None:
         self._goal = FingerState(0.0, 0.0)
         self._start(0.0)
 
@@ -315,20 +310,18 @@ class GuidedFinger:
         if now.Fn < _LIFTED_N:
             # A lifted finger is where it comes down.
             now, rates = FingerState(goal.x, now.Fn), (0.0, rates[1])
-        x, x_rate = _approached(now.x, rates[0], goal.x, time - self._time, self._lag)
-        Fn, Fn_rate = _approached(now.Fn, rates[1], goal.Fn, time - self._time, self._lag)
+        x, x_rate = _approached(now.x, rates[0], goal.x, time - self._time)
+        Fn, Fn_rate = _approached(now.Fn, rates[1], goal.Fn, time - self._time)
         self._time = time
         self._now = FingerState(x, 0.0 if Fn < _LIFTED_N and not goal.Fn else Fn)
         self._rates = (x_rate, Fn_rate)
         return self._now
 
 
-def _approached(
-    value: float, rate: float, goal: float, elapsed: float, lag: float
-) -> tuple[float, float]:
+def _approached(value: float, rate: float, goal: float, elapsed: float) -> tuple[float, float]:
     """Return value and rate of a critically damped approach after a time."""
     away = value - goal
-    pull = rate + away / lag
-    decay = math.exp(-elapsed / lag)
+    pull = rate + away / _LAG_S
+    decay = math.exp(-elapsed / _LAG_S)
     rest = (away + pull * elapsed) * decay
-    return goal + rest, pull * decay - rest / lag
+    return goal + rest, pull * decay - rest / _LAG_S

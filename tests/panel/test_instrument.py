@@ -1,9 +1,10 @@
 """A simulated bench stepped by hand: who may drive it, and how soon it is at 0 V."""
 
 from collections.abc import Callable
+from time import monotonic, sleep
 
 import pytest
-from pages import voltage
+from pages import GUARD_S, voltage
 
 from smarttac_can.bench.link import Row, never
 from smarttac_can.panel.instrument import FAULTS, LAPSE_S, Lease, SimulatedBench
@@ -227,3 +228,16 @@ def test_a_machine_that_slept_does_not_make_up_for_it(by_hand: ByHand) -> None:
     after = by_hand.value("Cycle.Cycles")
     assert after is not None
     assert after - before == 200
+
+
+def test_a_bench_that_ends_while_a_page_drives_is_at_0_v() -> None:
+    bench = SimulatedBench()
+    bench.lease.take(ME, monotonic() + GUARD_S)
+    with bench:
+        for text in ("voltage 40", "mode open_loop"):
+            bench.command(ME, text)
+            while bench.said != f"done: {text}":
+                sleep(0.01)
+        while not voltage(bench):
+            sleep(0.01)
+    assert voltage(bench) == 0.0

@@ -144,7 +144,7 @@ def test_trajectory_refuses(samples, message):
 
 
 def test_a_guided_finger_goes_where_it_is_guided_without_a_blow():
-    finger = GuidedFinger(lag=0.02)
+    finger = GuidedFinger()
     assert finger.at(0.0) == (0.0, 0.0)
     finger.guide(0.01, 0.5)
     down = np.array([finger.at(k * 1e-3) for k in range(1, 301)])
@@ -159,6 +159,25 @@ def test_a_guided_finger_goes_where_it_is_guided_without_a_blow():
     up = np.array([finger.at(k * 1e-3) for k in range(601, 901)])
     assert up[-1, 1] == 0.0
     assert np.all(np.diff(up[:, 1]) <= 0.0)
+
+
+def test_a_guided_finger_presses_by_the_law_of_critical_damping():
+    finger = GuidedFinger()
+    finger.at(0.0)
+    finger.guide(0.0, 0.5)
+    time = np.arange(1, 100) * 1e-3
+    Fn = np.array([finger.at(float(t)).Fn for t in time])
+    assert Fn == pytest.approx(0.5 * (1.0 - (1.0 + time / 0.02) * np.exp(-time / 0.02)), rel=1e-9)
+
+
+def test_a_guided_finger_lifts_below_a_millinewton():
+    finger = GuidedFinger()
+    finger.guide(0.0, 0.5)
+    finger.at(1.0)
+    finger.guide(0.0, 0.0)
+    Fn = np.array([finger.at(1.0 + k * 1e-3).Fn for k in range(1, 400)])
+    assert np.min(Fn[Fn > 0.0]) == pytest.approx(1e-3, rel=0.05)
+    assert Fn[-1] == 0.0
 
 
 def test_a_lifted_guided_finger_comes_down_where_it_is_guided():
