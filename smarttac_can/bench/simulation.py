@@ -41,8 +41,8 @@ from smarttac_can.od.cia import EMCY_ID, FRAME_BYTES, Abort, AbortCode, ErrorReg
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
-from smarttac_can.plant.finger import Finger, GuidedFinger
-from smarttac_can.vocabulary.meanings import RECORDED as GUIDED
+from smarttac_can.plant.finger import Finger, GuidedFinger, Trajectory
+from smarttac_can.vocabulary.meanings import RECORDED as RECORDED_FINGER
 from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
@@ -110,22 +110,24 @@ def simulated_block(presets: Mapping[str, int], recording: Finger | None = None)
     return block
 
 
-def stimulator_with_plate(presets: Mapping[str, int] | None = None) -> StimulatorNode:
+def stimulator_with_plate(
+    presets: Mapping[str, int] | None = None, recording: Finger | None = None
+) -> StimulatorNode:
     """Return a stimulator node for lockstep with the plate inside."""
-    return StimulatorNode(*od_and_plate(), lockstep=True, presets=presets)
+    return StimulatorNode(*od_and_plate(recording), lockstep=True, presets=presets)
 
 
 def lockstep_nodes(
-    *, plate_inside: bool, presets: Mapping[str, int]
+    *, plate_inside: bool, presets: Mapping[str, int], recording: Finger | None = None
 ) -> list[PlateNode | StimulatorNode]:
     """Return a stimulator for lockstep, and before it a plate node if the plate is not inside.
 
     What is simulated is simulated by the plate: a plate node has the presets of that.
     """
     if plate_inside:
-        return [stimulator_with_plate(presets)]
+        return [stimulator_with_plate(presets, recording)]
     simulated = {n: raw for n, raw in presets.items() if n.partition(".")[0] in SIMULATION}
-    plate = PlateNode(plate_od(), simulated, deadline_ms=SHORT_DEADLINE_MS)
+    plate = PlateNode(plate_od(), simulated, recording=recording, deadline_ms=SHORT_DEADLINE_MS)
     od = stimulator_od()
     know_nulls(od, plate.block.plate.nulls)
     stimulator = StimulatorNode(
@@ -138,9 +140,15 @@ def lockstep_nodes(
     return [plate, stimulator]
 
 
-def attach_nodes(bus: LocalBus, *, plate_inside: bool, presets: Mapping[str, int]) -> None:
+def attach_nodes(
+    bus: LocalBus,
+    *,
+    plate_inside: bool,
+    presets: Mapping[str, int],
+    recording: Finger | None = None,
+) -> None:
     """Attach what `lockstep_nodes` returns."""
-    for node in lockstep_nodes(plate_inside=plate_inside, presets=presets):
+    for node in lockstep_nodes(plate_inside=plate_inside, presets=presets, recording=recording):
         bus.attach(node)
 
 
@@ -150,6 +158,7 @@ def open_simulated_link(
     seed: int,
     subject: int,
     plate_inside: bool,
+    finger: Iterable[tuple[float, float, float]] | None,
     presets: Mapping[str, int | str],
     log: LogHook | None,
 ) -> tuple[Link, ObjectDictionary]:
@@ -159,12 +168,17 @@ def open_simulated_link(
     ------
     ValueError
         If there is no such link, `plate_inside` is neither True nor False, a preset is not a
-        value of its object, or not at power-on, or `log` cannot be called or has no bus.
+        value of its object, or not at power-on, `finger` has no samples or some out of range, or
+        `log` cannot be called or has no bus.
     BenchError
         If there is no such object.
     """
     truth("plate_inside", plate_inside)
     raw = raw_presets(presets, seed=seed, subject=subject)
+    recorded = None
+    if finger is not None:
+        recorded = _recorded(finger)
+        raw["Finger.Motion"] = RECORDED_FINGER
     if link not in get_args(LinkName):
         raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
     if log is not None and not callable(log):
@@ -174,9 +188,9 @@ def open_simulated_link(
     bus = LocalBus(log=log)
     try:
         if link == "local":
-            block = simulated_block(raw)
+            block = simulated_block(raw, recorded)
             return LocalLink(block), block.od
-        attach_nodes(bus, plate_inside=plate_inside, presets=raw)
+        attach_nodes(bus, plate_inside=plate_inside, presets=raw, recording=recorded)
     except Abort as error:
         raise ValueError(f"presets {dict(presets)} are refused at power-on: {error}") from error
     from smarttac_can.bench.can_link import over_can  # noqa: PLC0415 - only over CAN
@@ -195,8 +209,15 @@ def open_simulated_link(
 def open_guided_link() -> tuple[LocalLink, ObjectDictionary, GuidedFinger]:
     """Open a simulation without a bus whose finger is guided, and return that finger as well."""
     finger = GuidedFinger()
-    block = simulated_block({"Finger.Motion": GUIDED}, finger)
+    block = simulated_block({"Finger.Motion": RECORDED_FINGER}, finger)
     return LocalLink(block), block.od, finger
+
+
+def _recorded(finger: Iterable[tuple[float, float, float]]) -> Trajectory:
+    try:
+        return Trajectory([(t_s, x_mm * 1e-3, Fn) for t_s, x_mm, Fn in finger])
+    except TypeError as error:
+        raise ValueError(f"finger {finger!r:.60} is no list of (t_s, x_mm, Fn_N)") from error
 
 
 def raw_presets(presets: Mapping[str, int | str], *, seed: int, subject: int) -> dict[str, int]:

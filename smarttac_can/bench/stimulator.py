@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Self, cast
@@ -273,6 +273,7 @@ class Stimulator(NamedObjects):
         seed: int = 1,
         subject: int = 1,
         plate_inside: bool = False,
+        finger: Iterable[tuple[float, float, float]] | None = None,
         presets: Mapping[str, int | str] | None = None,
         log: LogHook | None = None,
     ) -> Self:
@@ -289,6 +290,11 @@ class Stimulator(NamedObjects):
             Number of the finger's subject: 1..5 the presets, 6..9 those fitted to Table I.
         plate_inside
             Whether the plate is inside the stimulator node; without a bus it always is.
+        finger
+            A finger of your own, that is played instead of a stroke: time in s from the start of
+            the run, position in mm from the middle of the plate, -38..38, and normal force in N,
+            0..10. Linear between two samples, of which there are 2 or more in order of time;
+            lifted before the first and after the last.
         presets
             Values by name that replace defaults of the stimulator's EDS: raw integers, or texts
             with a unit as `set` takes them, such as ``800 nm``.
@@ -300,7 +306,8 @@ class Stimulator(NamedObjects):
         ------
         ValueError
             If there is no such link, seed or subject, `plate_inside` is neither True nor False, a
-            preset is no value of its object, or `log` cannot be called or has no bus.
+            sample of `finger` is out of range or order, a preset is no value of its object, or
+            `log` cannot be called or has no bus.
         BenchError
             If there is no such object.
         """
@@ -311,6 +318,7 @@ class Stimulator(NamedObjects):
                 seed=seed,
                 subject=subject,
                 plate_inside=plate_inside,
+                finger=finger,
                 presets=given,
                 log=log,
             )

@@ -38,7 +38,7 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.plant.finger import Trajectory
+from smarttac_can.plant.finger import Finger
 from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import TICK_US
@@ -374,7 +374,7 @@ class PlateNode(DeviceNode):
         self,
         od: ObjectDictionary,
         presets: Mapping[str, int] | None = None,
-        recording: Trajectory | None = None,
+        recording: Finger | None = None,
         *,
         front_end: TimedPlate | None = None,
         session: int = 0,

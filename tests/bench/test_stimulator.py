@@ -778,3 +778,38 @@ def test_a_reset_under_a_finger_is_told_with_its_cure(
         bench.tare()
         bench.arm()
         assert bench.state is State.ARMED
+
+
+PRESS = [(0.3, -10, 0), (0.4, -10, 0.5), (0.8, 10, 0.5), (0.9, 10, 0)]
+
+
+@pytest.mark.parametrize(("link", "inside"), [("local", False), ("bus", True), ("bus", False)])
+def test_a_finger_of_ones_own_is_played(link: Any, inside: bool) -> None:
+    with Stimulator.simulate(link, plate_inside=inside, finger=PRESS) as bench:
+        bench.start_run()
+        bench.tare()
+        trace = bench.run(1.0)
+    touched = ~np.isnan(trace.position_mm)
+    first, last = trace.time_s[touched][[0, -1]]
+    assert 0.3 < first < 0.4
+    assert 0.8 < last < 0.92
+    assert abs(trace.position_mm[touched][0] + 10) < 0.5
+    assert abs(trace.position_mm[touched][-1] - 10) < 0.5
+    assert abs(trace.normal_force_n[(trace.time_s > 0.5) & (trace.time_s < 0.7)] - 0.5).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("finger", "text"),
+    [
+        (PRESS[:1], "1 samples of a trajectory are fewer than 2"),
+        (PRESS[::-1], "is not after the one before"),
+        ([(0, 39, 0), (1, 0, 0)], "sample 0 x"),
+        ([(0, 0, 0), (1, 0, 11)], "sample 1 Fn"),
+        ([0.1, 0.2], "is no list of"),
+        ([(0, 0), (1, 0)], "not enough values"),
+        ("ab", "is no list of|not enough values"),
+    ],
+)
+def test_a_finger_that_is_none_is_refused(finger: Any, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Stimulator.simulate("local", finger=finger)
