@@ -7,7 +7,9 @@ import pytest
 from one_watch import RESONANCE_HZ, Watch
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.vocabulary.signals import Contact, Drive
+from smarttac_can.nodes.bounds import UNDRIVEN, bound_plan, follow, still
+from smarttac_can.vocabulary.model import contact_load
+from smarttac_can.vocabulary.signals import Contact, Drive, Measurement
 
 OPEN_LOOP, AMPLITUDE_MODE, TRACKED, IDENTIFY = 1, 2, 3, 5
 DONE = 2
@@ -589,3 +591,22 @@ def test_ticks_without_a_measurement_are_time_for_the_vibration(ticks: int) -> N
         one, other = (getattr(watch.state.vibration, name) for watch in (gap, steps))
         assert one == pytest.approx(other, rel=1e-9), name
     assert bound_um(gap) == pytest.approx(bound_um(steps), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("softening", "lower", "higher"), [(0, 0.0, 0.0), (60_000, 300.0, 0.0), (-60_000, 0.0, 300.0)]
+)
+def test_a_plate_that_softens_may_resonate_where_it_is_at_the_limit(
+    softening: int, lower: float, higher: float
+) -> None:
+    """5 um of 60 Hz/um; the rest is 2 Hz, a kelvin, and what 0.05 N of a finger make."""
+    od = stimulator_od()
+    od["Model.Softening"].value = softening
+    od["Limit.Amplitude by drive"].value = 5000
+    plan = bound_plan(lambda name: od[name].si_value, identified=True)
+    contact = pressing(0.0)
+    measurement = Measurement(0j, (0.0,) * 6, 20.0, 0)
+    found = follow(plan, still(plan), UNDRIVEN, measurement, contact, 1)
+    assert found.low == pytest.approx(RESONANCE_HZ - 16.0 - lower)
+    stiffer = 12.0 * contact_load(0.05)
+    assert found.high == pytest.approx(RESONANCE_HZ + 16.0 + stiffer + higher)
