@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
@@ -35,6 +36,8 @@ _HEARD_S: Final = 0.02
 _CYCLE_S: Final = 1e-3
 _MOST_CYCLES: Final = 100
 """What a simulation makes up for at once; a machine that is slower lets its time pass slower."""
+_MOST_WAITING: Final = 4
+"""Lines that may wait: a person enters a value and clicks before it is written."""
 _PLANE: Final = ("Vibration.W_d", "Vibration.W_q")
 _FAULTS: Final[Mapping[str, tuple[FaultKind, int, int]]] = {
     "a gauge is stuck": (FaultKind.STUCK, 3, 0),
@@ -143,7 +146,7 @@ class Instrument(Background, ABC):
         self._over = False
         self._wake = threading.Event()
         self._stopping = threading.Event()
-        self._waiting: tuple[object, str] | None = None
+        self._waiting: deque[tuple[object, str]] = deque()
 
     def stop(self, why: str = "stop") -> None:
         """Go to 0 V, whatever else is being done or waits; from any thread."""
@@ -158,13 +161,13 @@ class Instrument(Background, ABC):
             self.stop("the page that drove has left: stopped")
 
     def command(self, who: object, text: str) -> None:
-        """Have a line obeyed if its sender drives, one at a time; the answer is `said`."""
+        """Have a line obeyed if its sender drives, one after the other; the answer is `said`."""
         if not self.lease.held_by(who):
             self.said = f"{text}: not done, this page does not drive"
-        elif self._busy() or self._stopping.is_set():
-            self.said = f"{text}: not done, the last one is not done yet"
+        elif self._stops() or len(self._waiting) >= _MOST_WAITING:
+            self.said = f"{text}: not done, wait for what is being done"
         else:
-            self._waiting = (who, text)
+            self._waiting.append((who, text))
             self._wake.set()
 
     def guide(self, who: object, x_mm: float, force: float) -> None:
@@ -176,12 +179,16 @@ class Instrument(Background, ABC):
             If one is out of range.
         """
 
-    def _busy(self) -> bool:
-        return self._waiting is not None
+    def _stops(self) -> bool:
+        return self._stopping.is_set()
 
-    def _take(self) -> tuple[object, str] | None:
-        waiting, self._waiting = self._waiting, None
-        return waiting
+    def _begin_stop(self) -> bool:
+        """Return whether a stop was asked for; what waits is then not done."""
+        stopping = self._stopping.is_set()
+        if stopping:
+            self._waiting.clear()
+            self._stopping.clear()
+        return stopping
 
     def _go(self) -> None:
         while not self._over:
@@ -236,12 +243,12 @@ class SimulatedBench(Instrument):
 
     def step(self, now: float) -> None:
         """Disarm if that was asked for, do what else was, and simulate the time that has passed."""
-        waiting = self._take()
-        if self._stopping.is_set():
-            self._stopping.clear()
+        if self._begin_stop():
             self._stimulator.disarm()
-        elif waiting is not None and self.lease.held_by(waiting[0]):
-            self.said = _answer(partial(self._obey, waiting[1]))
+        elif self._waiting:
+            who, text = self._waiting.popleft()
+            if self.lease.held_by(who):
+                self.said = _answer(partial(self._obey, text))
         if self._simulated_to is None:
             self._simulated_to = now
         cycles = min(round((now - self._simulated_to) / _CYCLE_S), _MOST_CYCLES)
@@ -324,13 +331,11 @@ class BusInstrument(Instrument):
 
     def step(self, now: float) -> None:
         """Take what was heard, send what is due, and follow what is being done."""
-        waiting = self._take()
-        if self._stopping.is_set():
-            self._stopping.clear()
-            self._watcher.stop()
-        elif waiting is not None:
-            self._doing = self._worker.submit(self._obey, *waiting)
         watcher = self._watcher
+        if self._begin_stop():
+            watcher.stop()
+        elif self._waiting and self._doing is None:
+            self._doing = self._worker.submit(self._obey, *self._waiting.popleft())
         watcher.lost = self._listener.lost
         for at, frame in self._listener.heard():
             watcher.receive(at, frame)
@@ -344,8 +349,8 @@ class BusInstrument(Instrument):
             self._listener.send(frame)
         self.seen = Seen(now, watcher.view(now))
 
-    def _busy(self) -> bool:
-        return super()._busy() or self._doing is not None or self._watcher.stopping
+    def _stops(self) -> bool:
+        return super()._stops() or self._watcher.stopping
 
     def _obey(self, who: object, text: str) -> str:
         stimulator = self._stimulator

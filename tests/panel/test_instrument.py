@@ -139,12 +139,13 @@ def test_what_waits_is_not_done_for_who_has_left(by_hand: ByHand) -> None:
     assert by_hand.state == "ready"
 
 
-def test_one_line_at_a_time(by_hand: ByHand) -> None:
-    by_hand.bench.command(ME, "voltage 40")
-    by_hand.bench.command(ME, "voltage 50")
-    assert by_hand.bench.said == "voltage 50: not done, the last one is not done yet"
-    by_hand.go_on(0.02)
-    assert by_hand.bench.said == "done: voltage 40"
+def test_lines_are_obeyed_in_their_order_and_few_wait(by_hand: ByHand) -> None:
+    for text in ("voltage 40", "voltage 30", "mode open_loop", "voltage 20", "voltage 10"):
+        by_hand.bench.command(ME, text)
+    assert by_hand.bench.said == "voltage 10: not done, wait for what is being done"
+    by_hand.go_on(0.1)
+    assert by_hand.bench.said == "done: voltage 20"
+    assert voltage(by_hand.bench) == 20.0
 
 
 def test_the_finger_goes_where_it_is_guided_and_lifts_with_its_driver(by_hand: ByHand) -> None:
