@@ -12,6 +12,7 @@ extensions = [
     "numpydoc",
     "sphinx.ext.viewcode",
     "sphinx_external_toc",
+    "sphinx_gallery.gen_gallery",
 ]
 html_theme = "furo"
 html_title = f"{project} {release}"
@@ -26,3 +27,17 @@ autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "show-inheritance": True}
 numpydoc_show_class_members = False
+# Each script of the gallery runs, and becomes a page with its figure, a script and a notebook.
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "gallery",
+    "within_subsection_order": "FileNameSortKey",
+    "abort_on_example_error": True,
+    "show_memory": False,
+    "write_computation_times": False,
+    "min_reported_time": float("inf"),
+    "download_all_examples": False,
+    "show_signature": False,
+}
+# The index of the gallery has a tree of its own beside that of _toc.yml.
+suppress_warnings = ["etoc.toctree"]

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from time import monotonic, sleep
 
 import pytest
-from pages import GUARD_S, voltage
+from open_pages import GUARD_S, voltage
 
 from smarttac_can.bench.link import Row, never
 from smarttac_can.panel.instrument import FAULTS, LAPSE_S, Lease, SimulatedBench

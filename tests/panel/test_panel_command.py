@@ -20,7 +20,7 @@ from nodes_on_a_bus import (
     multicast_options,
     stimulator_with_plate,
 )
-from pages import Browser, Page
+from open_pages import Browser, Page
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.cli import main

@@ -6,7 +6,7 @@ import time
 
 import pytest
 from aiohttp import WSServerHandshakeError
-from pages import GUARD_S, HEARTBEAT_S, TOKEN, Browser, Page, browse, seconds_to_0_v, voltage
+from open_pages import GUARD_S, HEARTBEAT_S, TOKEN, Browser, Page, browse, seconds_to_0_v, voltage
 
 from smarttac_can.panel.instrument import SimulatedBench
 from smarttac_can.panel.server import UPDATE_S
