@@ -34,6 +34,15 @@ def test_a_run_a_fault_and_its_end_over_every_link(bench: Stimulator) -> None:
         assert [event.state for event in events.within(0.1)][-1] is State.READY
 
 
+def test_listening_changes_no_transmission_type() -> None:
+    with Stimulator.simulate() as bench:
+        types = bench._link._every_cycle._types
+        before = [bench._link._stimulator.read(entry) for entry in types]
+        with bench.events():
+            now = [bench._link._stimulator.read(entry) for entry in types]
+    assert now == before
+
+
 def test_what_comes_in_a_run_is_kept(bench: Stimulator) -> None:
     bench.run(0.1)
     bench.voltage = 10

@@ -183,6 +183,25 @@ def test_a_fault_is_in_it_and_disarms(bench: Stimulator, tmp_path: Path) -> None
     assert told == [(32, 0x5211, b"a sensor is stuck")]
 
 
+def test_a_fault_and_its_reset_are_emergencies_over_every_link(
+    bench: Stimulator, tmp_path: Path
+) -> None:
+    bench.voltage = 10
+    with bench.record(tmp_path / "run.h5"):
+        bench.mode = "open_loop"
+        bench.set("Fault.Sensor", 1)
+        bench.set("Fault.Kind", FaultKind.STUCK)
+        with pytest.raises(FaultError):
+            bench.run(0.2)
+        bench.set("Fault.Kind", FaultKind.NONE)
+        bench.run(0.1)
+        bench.reset_fault()
+        bench.run(0.01)
+    with h5py.File(tmp_path / "run.h5") as file:
+        told = [(row["node_id"], row["code"], row["text"]) for row in file["emergencies"][:]]
+    assert told == [(32, 0x5211, b"a sensor is stuck"), (32, 0, b"reset")]
+
+
 def test_any_error_puts_the_plate_at_0_v_before_the_file_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
