@@ -107,7 +107,7 @@ class Events:
         if not 0 <= length <= _MOST_S:
             raise ValueError(f"seconds {seconds} is outside 0..{_MOST_S}")
         if self._block is None:
-            raise BenchError("events come in a block only: with stimulator.events() as events")
+            raise BenchError("events come in a block only, that of a with statement")
         return self._wait(length) if self._clocked else self._run(length)
 
     def _wait(self, seconds: float) -> Iterator[Event]:

@@ -207,8 +207,7 @@ def test_a_law_or_a_load_that_there_is_not(arguments: tuple[str, ...], message: 
     assert message in refusal("reproduce", *arguments, code=2)
 
 
-def test_reproduce_animates_the_crossing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("smarttac_can.paper.figures._FRAME_MS", 40)
+def test_reproduce_animates_the_crossing(tmp_path: Path) -> None:
     file = tmp_path / "crossing.gif"
     succeed("reproduce", "table1", "--animate", file)
     with PIL.Image.open(file) as picture:
