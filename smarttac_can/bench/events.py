@@ -41,8 +41,8 @@ class Event(NamedTuple):
 class Events:
     """What happens while a ``with`` block lasts; `Stimulator.events` makes one.
 
-    It only listens. What comes during `Stimulator.run`, or while a script looks at another event,
-    is kept.
+    It only listens. Events that come during `Stimulator.run`, or while a script handles another
+    one, are kept.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Events:
     def __init__(self, link: Link, node_id: int) -> None:
         self._link = link
         self._node_id = node_id
-        self._come: SimpleQueue[Event] = SimpleQueue()
+        self._waiting: SimpleQueue[Event] = SimpleQueue()
         self._block: AbstractContextManager[None] | None = None
         self._nmt: dict[int, int] = {}
         self._lost: set[int] = set()
@@ -115,26 +115,26 @@ class Events:
         while True:
             left = end - monotonic()
             try:
-                yield self._come.get(timeout=min(max(left, 0.0), _LOOK_S))
+                yield self._waiting.get(timeout=min(max(left, 0.0), _LOOK_S))
             except Empty:
                 before, self._lost = self._lost, set(self._link.silent())
                 for node_id in sorted(self._lost - before):
                     # Its next heartbeat is an event, too.
                     self._nmt[node_id] = _NONE
-                    self._come.put(Event(node_id, "heartbeat", "lost"))
-                if left <= 0 and self._come.empty():
+                    self._waiting.put(Event(node_id, "heartbeat", "lost"))
+                if left <= 0 and self._waiting.empty():
                     return
 
     def _run(self, seconds: float) -> Iterator[Event]:
         left = round(seconds / _CYCLE_S)
         while True:
-            while not self._come.empty():
-                yield self._come.get()
+            while not self._waiting.empty():
+                yield self._waiting.get()
             if left <= 0:
                 return
             rows: list[Row] = []
             with interrupt_waits() as interrupted:
-                self._link.run(left, rows, lambda: not self._come.empty() or interrupted())
+                self._link.run(left, rows, lambda: not self._waiting.empty() or interrupted())
                 if interrupted():
                     raise KeyboardInterrupt
             left -= max(len(rows), 1)
@@ -149,14 +149,14 @@ class Events:
                 state = known_state(values[_STATUS])
                 before, self._state = self._state, state
                 if state is not None and state is not before:
-                    self._come.put(Event(self._node_id, "state", spoken(state), state))
+                    self._waiting.put(Event(self._node_id, "state", spoken(state), state))
         elif service == EMCY_ID and (code := int.from_bytes(data[:2], "little")):
-            self._come.put(Event(node_id, "fault", emergency_text(code)))
+            self._waiting.put(Event(node_id, "fault", emergency_text(code)))
         elif service == HEARTBEAT_ID and data:
             # Here scan is imported already, which takes long and has no use without a bus.
             from smarttac_can.commissioning.scan import STATES, UNKNOWN  # noqa: PLC0415
 
             shown = data[0] & LAST_NODE_ID
             if self._nmt.get(node_id, shown) != shown or not shown:  # boot-up is always one
-                self._come.put(Event(node_id, "heartbeat", STATES.get(shown, UNKNOWN)))
+                self._waiting.put(Event(node_id, "heartbeat", STATES.get(shown, UNKNOWN)))
             self._nmt[node_id] = shown

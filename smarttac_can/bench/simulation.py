@@ -275,7 +275,7 @@ class LocalLink:
         self._recorded = [block.od[name].reader for name in RECORDED]
         self._pdos = published_pdos(block.od, lambda entry: int(entry.default))
         self._readers = [[block.od[name].reader for name in pdo.names] for pdo in self._pdos]
-        self._ears: tuple[Hear, ...] = ()
+        self._listeners: tuple[Hear, ...] = ()
         self._alone = OneRun()
         self._status = b""
         self._latched = 0
@@ -372,7 +372,7 @@ class LocalLink:
                     return
                 tick()
                 rows.append(tuple([read() for read in recorded]))
-                if self._ears:
+                if self._listeners:
                     self._tell(self._frames(cycle=True))
 
     def source(self) -> FrameSource:
@@ -388,11 +388,11 @@ class LocalLink:
     @contextmanager
     def frames(self, hear: Hear, *, every_cycle: bool = True) -> Iterator[None]:
         """Pass on the frames that there would be with a bus."""
-        self._ears += (hear,)
+        self._listeners += (hear,)
         try:
             yield
         finally:
-            self._ears = tuple(other for other in self._ears if other is not hear)
+            self._listeners = tuple(other for other in self._listeners if other is not hear)
 
     def raw(self, path: Path) -> NoReturn:
         """Refuse: without a bus there is nothing to log."""
@@ -411,9 +411,9 @@ class LocalLink:
 
     def _tell(self, frames: Iterable[Frame]) -> None:
         """Pass on frames that there would be with a bus."""
-        if self._ears:
+        if self._listeners:
             for can_id, data, _ in frames:
-                for hear in self._ears:
+                for hear in self._listeners:
                     hear(can_id, data)
 
     def _frames(self, *, cycle: bool) -> Iterator[Frame]:

@@ -40,7 +40,7 @@ FAMILIES: Final = {
         "status": _Command("bench", "Show state, faults and levels of a stimulator."),
         "reset": _Command("bench", "Reset the latched fault of a stimulator."),
         "watch": _Command("bench", "Show a stimulator live."),
-        "panel": _Command("panel", "Show a stimulator live in a browser, or a simulated one."),
+        "panel": _Command("bench", "Show a stimulator live in a browser, or a simulated one."),
         "record": _Command("recording", "Record a stimulator while others drive it."),
         "log": _Command("log", "Show the frames of a log or a bus in plain text."),
         "calibrate": _Command("bench", "Calibrate the force gauges by known weights."),

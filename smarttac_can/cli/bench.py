@@ -1,16 +1,19 @@
-"""Commands at a stimulator: ``status``, ``reset``, ``watch``, ``selftest`` and ``calibrate``."""
+"""Commands at a stimulator: status, reset, watch, panel, selftest and calibrate."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from functools import partial
 from importlib.util import find_spec
+from ipaddress import ip_address
 from math import isfinite
 from pathlib import Path
+from secrets import token_urlsafe
 from typing import Any, Final, NamedTuple
 
 import canopen
@@ -326,6 +329,24 @@ def _drivers(said: dict[str, Any]) -> str:
 _BIT_RATE: Final = 1_000_000
 
 
+@contextmanager
+def _watching(
+    bus: BusChoice, node_id: int, plate_node: int | None, drive: bool, *, reads: bool = True
+) -> Iterator[tuple[Watcher, Listener, Stimulator | None]]:
+    """Watch a stimulator on a bus, and connect to it as well where it is to be driven."""
+    plate = None if plate_node is None else plate_od(plate_node)
+    bit_rate = bus.bitrate or _BIT_RATE
+    watcher = Watcher(stimulator_od(node_id), plate, bit_rate=bit_rate, reads=reads)
+    with ExitStack() as stack:
+        listener = stack.enter_context(Listener(bus.open))
+        stimulator = None
+        if drive:
+            stimulator = stack.enter_context(
+                Stimulator.connect(node_id=node_id, plate_node_id=plate_node, **bus.options)
+            )
+        yield watcher, listener, stimulator
+
+
 @click.command(
     epilog="\b\nExamples:\n  smarttac watch --interface socketcan --channel can0\n"
     "  smarttac watch --interface socketcan --channel can0 --plate-node 33 --drive"
@@ -353,21 +374,66 @@ def watch(
         raise click.ClickException("watch needs a terminal; for a file, take a log of the bus")
     from smarttac_can.watch.screen import WatchScreen  # noqa: PLC0415 - Textual is an extra
 
-    with plain_errors(), ExitStack() as stack:
-        watcher = Watcher(
-            stimulator_od(node_id),
-            None if plate_node is None else plate_od(plate_node),
-            bit_rate=bus.bitrate or _BIT_RATE,
-            reads=not no_sdo,
-        )
-        listener = stack.enter_context(Listener(bus.open))
-        stimulator = None
-        if drive:
-            stimulator = Stimulator.connect(
-                node_id=node_id, plate_node_id=plate_node, **bus.options
-            )
-            stack.enter_context(stimulator)
+    with plain_errors(), _watching(bus, node_id, plate_node, drive, reads=not no_sdo) as watched:
+        watcher, listener, stimulator = watched
         WatchScreen(watcher, listener, bus.where, stimulator).run()
+
+
+@click.command(
+    epilog="\b\nExamples:\n  smarttac panel\n"
+    "  smarttac panel --interface socketcan --channel can0 --plate-node 33 --drive"
+)
+@stimulator_options
+@click.option("--drive", is_flag=True, help="Start the nodes, and let one page drive them.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address of this computer at which pages reach it.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8033,
+    show_default=True,
+    help="TCP port; 0 is any that is free.",
+)
+def panel(
+    *, bus: BusChoice, node_id: int, plate_node: int | None, drive: bool, host: str, port: int
+) -> None:
+    """Show a stimulator live in a browser: plate, charts, state and faults.
+
+    Without --interface it is a simulated bench in this process, and the mouse is the finger. The
+    address that is printed has a token: who has it may drive. One page drives at a time, and 0.8 s
+    after it falls silent the plate is at 0 V.
+    """
+    if bus.interface is None and (drive or bus.options or plate_node is not None):
+        raise click.UsageError("a bus needs --interface; without one a bench is simulated")
+    if find_spec("aiohttp") is None:
+        raise click.ClickException("panel needs aiohttp: pip install 'smarttac-can[panel]'")
+    from smarttac_can.panel.instrument import BusInstrument, SimulatedBench  # noqa: PLC0415
+    from smarttac_can.panel.server import Panel, serve  # noqa: PLC0415 - aiohttp is an extra
+
+    with suppress(ValueError):
+        if ip_address(host).is_unspecified:
+            raise click.BadParameter(f"--host {host} is every address: name one")
+    token = token_urlsafe(16)
+
+    def listening(port: int) -> None:
+        place = f"[{host}]" if ":" in host else host
+        click.echo(f"panel of {instrument.where}: http://{place}:{port}/#{token}")
+        click.echo("Ctrl-C ends it")
+
+    with plain_errors(), ExitStack() as stack:
+        instrument: SimulatedBench | BusInstrument
+        if bus.interface is None:
+            instrument = SimulatedBench()
+        else:
+            watched = stack.enter_context(_watching(bus, node_id, plate_node, drive))
+            instrument = BusInstrument(bus.where, stimulator_od(node_id), *watched)
+        stack.enter_context(instrument)
+        with suppress(KeyboardInterrupt):
+            asyncio.run(serve(Panel(instrument, token, host), host, port, listening))
 
 
 @click.command(
@@ -388,7 +454,7 @@ def selftest(
     """Judge timing, gauges, pick-up and resonance of a stimulator; 1 if a check fails.
 
     Nothing may rest on the plate: it vibrates with 0.5 um at most, and is left at 0 V on every way
-    out, Ctrl-C included. Checks are told on stderr as they are made.
+    out, Ctrl-C included. Each check is printed on stderr as it is made.
     """
     with plain_errors(), ExitStack() as stack:
         file = opened_results(stack, json_file)

@@ -76,10 +76,11 @@ LINEAR = 0.05
 SAME = 1.25
 """Ratio of the tau that a sweep finds to the one it was laid out for, up to which it counts."""
 SOFTENING_MIN = 10e6
-"""Softening in Hz/m up to which a plate is taken to be linear; so it is where noise hides it."""
+"""Softening in Hz/m up to which a plate is taken to be linear; a plate whose softening is within
+the noise is linear as well."""
 DELAY_MAX = 100e-6
-"""Difference in s between the delay that is found and the dead time that is told, beyond that of
-the noise, from which it is told."""
+"""Largest difference in s, beyond that of the noise, between the delay that is found and the dead
+time that is written; above it there is a remark."""
 RESIDUAL_MAX = 0.05
 """Largest relative deviation of the sweep from the model, beyond that of the noise, that is taken
 for a resonance."""

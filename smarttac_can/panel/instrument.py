@@ -1,9 +1,9 @@
 """What a panel shows and drives, in a thread of its own: a simulated bench, or a bus.
 
 Nothing here waits for the server. The server may stall, and a page may fall silent: the thread of
-the instrument sees that its driver was not heard for `LAPSE_S`, and goes to 0 V by itself. If the
-thread stalls, a simulation stands still, and on a bus the heartbeat of the process, or that of the
-bench for which it speaks, is what the stimulator watches.
+the instrument sees that the page that drives was not heard for `LEASE_S`, and goes to 0 V by
+itself. If the thread stalls, a simulation stands still, and on a bus the stimulator misses the
+heartbeat of the process.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from smarttac_can.watch.commands import obey
 from smarttac_can.watch.listener import Listener
 from smarttac_can.watch.watcher import PUBLISHED, READ, View, Watcher, view_of
 
-LAPSE_S: Final = 0.8
-"""A driver that is not heard for so long drives no more. The heartbeat of a bench has 1 s."""
+LEASE_S: Final = 0.8
+"""Time in s after which a page that is not heard loses the drive; a bench's heartbeat has 1 s."""
 _END_S: Final = 5.0
 _SIMULATED_S: Final = 0.01
 _HEARD_S: Final = 0.02
@@ -58,7 +58,7 @@ _STROKE_WORDS: Final = 3
 
 
 class Lease:
-    """Who drives, for as long as he is heard; safe in any thread."""
+    """The right of one page to drive, for as long as it is heard; safe in any thread."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -66,20 +66,20 @@ class Lease:
         self._heard = 0.0
 
     def take(self, who: object, now: float) -> bool:
-        """Have somebody drive from a time in s on, unless another one does; whether he drives."""
+        """Give the right at a time in s, unless another page has it; return whether it is held."""
         with self._lock:
             if self._who is None:
                 self._who, self._heard = who, now
             return self._who is who
 
-    def hear(self, who: object, now: float) -> None:
-        """Note that somebody was heard at a time in s."""
+    def renew(self, who: object, now: float) -> None:
+        """Record that a page was heard at a time in s."""
         with self._lock:
             if self._who is who:
                 self._heard = now
 
     def drop(self, who: object) -> bool:
-        """Have somebody drive no more; whether he did."""
+        """Take the right from a page; return whether it held it."""
         with self._lock:
             dropped = self._who is who
             if dropped:
@@ -87,17 +87,17 @@ class Lease:
             return dropped
 
     def held_by(self, who: object) -> bool:
-        """Return whether somebody drives."""
+        """Return whether a page holds the right."""
         with self._lock:
             return self._who is who
 
-    def lapse(self, now: float) -> bool:
-        """Drop who was not heard for `LAPSE_S` before a time in s; whether somebody was dropped."""
+    def expire(self, now: float) -> bool:
+        """End the right if its page was not heard for `LEASE_S`; return whether it ended now."""
         with self._lock:
-            lapsed = self._who is not None and now - self._heard > LAPSE_S
-            if lapsed:
+            expired = self._who is not None and now - self._heard > LEASE_S
+            if expired:
                 self._who = None
-            return lapsed
+            return expired
 
 
 class Seen(NamedTuple):
@@ -130,7 +130,7 @@ class Instrument(Background, ABC):
         Who may command it.
     seen
         What it showed last; None at the beginning.
-    said
+    answer
         What became of the last command.
     """
 
@@ -141,7 +141,7 @@ class Instrument(Background, ABC):
         self.where, self.od, self.drives = where, od, drives
         self.lease = Lease()
         self.seen: Seen | None = None
-        self.said = ""
+        self.answer = ""
         self._pause = pause
         self._over = False
         self._wake = threading.Event()
@@ -151,27 +151,27 @@ class Instrument(Background, ABC):
     def stop(self, why: str = "stop") -> None:
         """Go to 0 V, whatever else is being done or waits; from any thread."""
         if self.drives:
-            self.said = why
+            self.answer = why
             self._stopping.set()
             self._wake.set()
 
     def leave(self, who: object) -> None:
-        """Go to 0 V if somebody drives who is no longer there."""
+        """Go to 0 V if a page that is gone was driving."""
         if self.lease.drop(who):
             self.stop("the page that drove has left: stopped")
 
     def command(self, who: object, text: str) -> None:
-        """Have a line obeyed if its sender drives, one after the other; the answer is `said`."""
+        """Queue a line of the page that drives; `answer` says what became of it."""
         if not self.lease.held_by(who):
-            self.said = f"{text}: not done, this page does not drive"
+            self.answer = f"{text}: not done, this page does not drive"
         elif self._stops() or len(self._waiting) >= _MOST_WAITING:
-            self.said = f"{text}: not done, wait for what is being done"
+            self.answer = f"{text}: not done, wait for what is being done"
         else:
             self._waiting.append((who, text))
             self._wake.set()
 
     def guide(self, who: object, x_mm: float, force: float) -> None:
-        """Have the finger of a simulation go to a place in mm with a force in N.
+        """Move the finger of a simulation to a place in mm with a force in N.
 
         Raises
         ------
@@ -194,8 +194,8 @@ class Instrument(Background, ABC):
         while not self._over:
             self._wake.clear()
             now = monotonic()
-            if self.lease.lapse(now):
-                self.stop(f"the page that drove was not heard for {LAPSE_S:g} s: stopped")
+            if self.lease.expire(now):
+                self.stop(f"the page that drove was not heard for {LEASE_S:g} s: stopped")
             self.step(now)
             self._wake.wait(self._pause)
         self.stop("the panel has ended: stopped")
@@ -248,7 +248,7 @@ class SimulatedBench(Instrument):
         elif self._waiting:
             who, text = self._waiting.popleft()
             if self.lease.held_by(who):
-                self.said = _answer(partial(self._obey, text))
+                self.answer = _answer(partial(self._obey, text))
         if self._simulated_to is None:
             self._simulated_to = now
         cycles = min(round((now - self._simulated_to) / _CYCLE_S), _MOST_CYCLES)
@@ -343,7 +343,7 @@ class BusInstrument(Instrument):
             # What is being done must not arm behind the stop's back.
             watcher.stop()
         if self._doing is not None and self._doing.done():
-            self.said = self._doing.result()
+            self.answer = self._doing.result()
             self._doing = None
         for frame in watcher.advance(now):
             self._listener.send(frame)
@@ -368,7 +368,7 @@ class BusInstrument(Instrument):
 def _answer(do: Callable[[], str]) -> str:
     """Do something, and return what became of it, as a line that a page only shows."""
     try:
-        said = do()
+        answer = do()
     except (BenchError, ValueError) as error:
-        said = str(error)
-    return "".join(c if c.isprintable() else "?" for c in said)
+        answer = str(error)
+    return "".join(c if c.isprintable() else "?" for c in answer)

@@ -95,7 +95,7 @@ function show(now) {
   $("state").className = `badge ${stale ? "fault" : now.state}`;
   $("mode").textContent = now.mode ? `mode ${now.mode}` : "";
   $("flags").textContent = (now.flags || []).join(", ");
-  $("said").textContent = now.said;
+  $("answer").textContent = now.answer;
   $("drive").disabled = now.drives;
   $("drive").textContent = now.drives ? "You drive" : "Drive";
   $("driving").disabled = !now.drives;

@@ -163,7 +163,7 @@ class Panel:
         if do == "seen":
             if asked["n"] == page.sent != page.seen:
                 page.seen = page.sent
-                instrument.lease.hear(page, monotonic())
+                instrument.lease.renew(page, monotonic())
         elif do == "drive":
             page.trusted = compare_digest(str(asked["token"]).encode(), self._token)
             if not page.trusted:
@@ -228,7 +228,7 @@ class Panel:
             "n": page.sent,
             "drives": instrument.lease.held_by(page),
             "trusted": page.trusted,
-            "said": instrument.said,
+            "answer": instrument.answer,
         }
         seen = instrument.seen
         if seen is not None:
@@ -258,14 +258,14 @@ class Panel:
             await socket.close(code=1001, message=b"the panel ends")
 
 
-async def serve(panel: Panel, host: str, port: int, told: Callable[[int], None]) -> None:
+async def serve(panel: Panel, host: str, port: int, listening: Callable[[int], None]) -> None:
     """Serve a panel until the task is cancelled.
 
     Parameters
     ----------
     host, port
         Where it listens; port 0 is any that is free.
-    told
+    listening
         Called with the port as soon as it listens.
 
     Raises
@@ -277,7 +277,7 @@ async def serve(panel: Panel, host: str, port: int, told: Callable[[int], None])
     await runner.setup()
     try:
         await web.TCPSite(runner, host, port).start()
-        told(runner.addresses[0][1])
+        listening(runner.addresses[0][1])
         await asyncio.Event().wait()
     finally:
         await runner.cleanup()

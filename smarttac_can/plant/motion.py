@@ -19,7 +19,7 @@ from smarttac_can.plant.friction import (
     sliding_friction,
 )
 from smarttac_can.plant.parameters import TWO_PI, PlateParameters, resonance_at, stiffness_of
-from smarttac_can.plant.resonator import integral, rate_in_frame, response, vibrate
+from smarttac_can.plant.resonator import Response, integral, rate_in_frame, response, vibrate
 from smarttac_can.plant.sensors import Sensing, readings
 from smarttac_can.plant.skin import Skin, skin_of, skin_step, slide
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
@@ -336,50 +336,41 @@ def _advanced(
         Its friction without vibration in N, the velocity of its bone in m/s, and the shape of the
         mode where it is.
     """
-    steps, length, phi, share, low_share, _, reads = segment
+    steps, length, phi, share, _, _, _ = segment
     W, rate, before, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
     bare, v_bone, shape = sliding
     friction, skin, lagging = coefficients.fingertip
     mass, conversion, _, _, _, _, softening, beside, offset = coefficients.mode
-    d, c_finger, resonance = loaded
-    W2, rate2, low, total, seen = pickup
-    exact, lag = coefficients.exact, coefficients.lag
+    damping, c_finger, resonance = loaded
+    exact = coefficients.exact
     voltage, frequency = drive
     omega = TWO_PI * frequency
     if omega != before:
         rate = rate_in_frame(W, rate, omega - before)
-        rate2 = rate_in_frame(W2, rate2, omega - before)
+        if not exact:
+            rate2 = rate_in_frame(pickup.W, pickup.rate, omega - before)
+            pickup = PickUp(pickup.W, rate2, pickup.low, pickup.sum, pickup.seen)
     force = conversion * voltage
-    stiffness = stiffness_of(mass, resonance) + c_finger
-    step = response(mass, length, omega, force, d, stiffness)
-    stiffness2 = stiffness_of(mass, resonance + offset) + c_finger
-    step2 = step if exact else response(mass, length, omega, beside * force, d, stiffness2)
+    mode = _driven(mass, length, omega, force, damping, stiffness_of(mass, resonance) + c_finger)
+    neighbour = mode
+    if not exact:
+        stiffness = stiffness_of(mass, resonance + offset) + c_finger
+        neighbour = _driven(mass, length, omega, beside * force, damping, stiffness)
     skinned = skin_step(skin, length, v_bone, bare)
     size = abs(W)
     for _ in range(steps):
         if softening:
             # Of second order: the stiffness of a sub-step is that of its mean amplitude.
-            softer = resonance - softening * size
-            step = response(mass, length, omega, force, d, stiffness_of(mass, softer) + c_finger)
-            softer = resonance - 0.5 * softening * (size + abs(vibrate(step, W, rate)[0]))
-            stiffness = stiffness_of(mass, softer) + c_finger
-            step = response(mass, length, omega, force, d, stiffness)
+            softer = stiffness_of(mass, resonance - softening * size) + c_finger
+            mode = _driven(mass, length, omega, force, damping, softer)
+            mean = 0.5 * softening * (size + abs(vibrate(mode.step, W, rate)[0]))
+            softer = stiffness_of(mass, resonance - mean) + c_finger
+            mode = _driven(mass, length, omega, force, damping, softer)
         W0, rate0 = W, rate
-        W, rate = vibrate(step, W, rate)
+        W, rate = vibrate(mode.step, W, rate)
         if not exact:
             moved = (W0, rate0, W, rate)
-            begin = W0 + W2
-            area = integral(moved, length, mass, omega, force, (d, stiffness))
-            W0, rate0 = W2, rate2
-            W2, rate2 = vibrate(step2, W2, rate2)
-            moved = (W0, rate0, W2, rate2)
-            area += integral(moved, length, mass, omega, beside * force, (d, stiffness2))
-            # The filter sees a ramp of the same mean.
-            low0, change = low, W + W2 - begin
-            late = area / length + change * (0.5 - lag / length)
-            low = late + (low - late + change) * (1.0 - low_share) if lag else W + W2
-            if reads:
-                total += area - lag * (low - low0)
+            pickup = _picked_up(coefficients, segment, pickup, omega, (mode, neighbour), moved)
         size_before, size = size, abs(W)
         vibration = 0.5 * (size_before + size)
         if lagging:
@@ -387,8 +378,54 @@ def _advanced(
         F = sliding_friction(friction, bare, vibration, abs(v))
         v, stretch, z, Ft = slide(skinned, v, stretch, z, F)
         Fx, Fx_rate = follow(phi, Fx, Fx_rate, Ft)
-    pickup = PickUp(W2, rate2, low, total, seen)
     return Motion(W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup)
+
+
+class _DrivenMode(NamedTuple):
+    """A mode under a drive and a finger."""
+
+    step: Response
+    force: float
+    """In N peak-to-peak."""
+    damping: float
+    stiffness: float
+
+
+def _driven(
+    mass: float, length: float, omega: float, force: float, damping: float, stiffness: float
+) -> _DrivenMode:
+    step = response(mass, length, omega, force, damping, stiffness)
+    return _DrivenMode(step, force, damping, stiffness)
+
+
+def _picked_up(
+    coefficients: Coefficients,
+    segment: Segment,
+    pickup: PickUp,
+    omega: float,
+    modes: tuple[_DrivenMode, _DrivenMode],
+    moved: tuple[complex, complex, complex, complex],
+) -> PickUp:
+    """Return what the pick-up sees after a sub-step, in which the main mode has moved."""
+    length, mass, lag = segment.length, coefficients.mode.m, coefficients.lag
+    mode, neighbour = modes
+    W0, _, W, _ = moved
+    W2, rate2, low0, total, seen = pickup
+    loaded = (mode.damping, mode.stiffness)
+    area = integral(moved, length, mass, omega, mode.force, loaded)
+    W2_next, rate2_next = vibrate(neighbour.step, W2, rate2)
+    loaded = (neighbour.damping, neighbour.stiffness)
+    moved = (W2, rate2, W2_next, rate2_next)
+    area += integral(moved, length, mass, omega, neighbour.force, loaded)
+    change = W + W2_next - (W0 + W2)
+    low = W + W2_next
+    if lag:
+        # The filter sees a ramp of the same mean.
+        late = area / length + change * (0.5 - lag / length)
+        low = late + (low0 - late + change) * (1.0 - segment.low_share)
+    if segment.read:
+        total += area - lag * (low - low0)
+    return PickUp(W2_next, rate2_next, low, total, seen)
 
 
 def _read(motion: Motion, window: float) -> Motion:

@@ -118,7 +118,7 @@ class Tab:
     def until(self, true: Callable[[], object]) -> None:
         guard = monotonic() + GUARD_S
         while not true():
-            assert monotonic() < guard, (self.text("state"), self.text("said"), self.values())
+            assert monotonic() < guard, (self.text("state"), self.text("answer"), self.values())
             sleep(0.02)
 
     def picture(self, name: str) -> None:

@@ -131,7 +131,7 @@ def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
         browser.until(lambda: browser.text("state") == "ready")
         assert not browser.text("alarm")
         browser.enter("amplitude", "99")
-        browser.until(lambda: "cannot write 99000 nm" in browser.text("said"))
+        browser.until(lambda: "cannot write 99000 nm" in browser.text("answer"))
 
 
 def test_the_space_bar_is_0_v_two_cycles_after_it_is_received(browser: Tab) -> None:
@@ -195,7 +195,7 @@ def test_a_closed_tab_stops_and_another_one_may_drive(browser: Tab) -> None:
         driver.close()
         driver.switch_to.window(second)
         wait_for_0_v(bench)
-        assert bench.said == "the page that drove has left: stopped"
+        assert bench.answer == "the page that drove has left: stopped"
         browser.click("Drive")
         browser.run_open_loop()
 
@@ -217,7 +217,7 @@ def test_a_browser_that_stands_still_or_dies_is_0_v(tmp_path: Path) -> None:
             begun = monotonic()
             wait_for_0_v(bench)
             took = monotonic() - begun
-            assert "was not heard for 0.8 s" in bench.said
+            assert "was not heard for 0.8 s" in bench.answer
             for process in family:
                 process.send_signal(signal.SIGCONT)
             tab.until(lambda: tab.text("drive") == "Drive")
@@ -231,4 +231,4 @@ def test_a_browser_that_stands_still_or_dies_is_0_v(tmp_path: Path) -> None:
         for process in family:
             process.kill()
         wait_for_0_v(bench)
-        assert bench.said == "the page that drove has left: stopped"
+        assert bench.answer == "the page that drove has left: stopped"

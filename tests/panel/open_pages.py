@@ -56,7 +56,7 @@ class Page:
     async def line(self, text: str) -> None:
         """Have a line obeyed."""
         await self.send(do="line", text=text)
-        await self.until(lambda: self.now.get("said") == f"done: {text}")
+        await self.until(lambda: self.now.get("answer") == f"done: {text}")
 
     async def run_open_loop(self) -> None:
         """Drive the plate with 40 V."""

@@ -122,7 +122,7 @@ def test_without_drive_a_page_looks_on(node: StimulatorNode, multicast: dict[str
                 await page.send(do="drive", token=token)
                 await page.send(do="stop")
                 await page.send(do="line", text="mode off")
-                await page.until(lambda: "does not drive" in page.now["said"])
+                await page.until(lambda: "does not drive" in page.now["answer"])
                 assert page.now["bus_load"] > 0.0
                 assert not page.now["drives"]
 
@@ -139,7 +139,7 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
             await shows(node, Mode.OPEN_LOOP)
             await page.line("amplitude 1.5")
             await page.send(do="line", text="amplitude 99")
-            await page.until(lambda: "cannot write 99000 nm" in page.now["said"])
+            await page.until(lambda: "cannot write 99000 nm" in page.now["answer"])
             await page.send(do="stop")
             await page.until(lambda: page.now["state"] == "ready")
             await shows(node, Mode.OFF)
@@ -149,7 +149,7 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
             await shows(node, Mode.OFF)
             page.silent = False
             await page.answer()
-            await page.until(lambda: "was not heard for 0.8 s" in page.now["said"])
+            await page.until(lambda: "was not heard for 0.8 s" in page.now["answer"])
             await drive(page, token)
 
         on_a_page(port, script)
@@ -176,7 +176,7 @@ def test_a_second_panel_does_not_drive_the_same_stimulator(
                 await second.send(do="drive", token=other_token)
                 await second.until(lambda: second.now["drives"])
                 await second.send(do="line", text="mode amplitude")
-                await second.until(lambda: "another" in second.now["said"])
+                await second.until(lambda: "another" in second.now["answer"])
                 assert first.now["mode"] == "open loop"
 
         asyncio.run(run())
@@ -220,5 +220,5 @@ def test_every_address_is_none(host: str) -> None:
 
 
 def test_without_aiohttp_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("smarttac_can.cli.panel.find_spec", lambda _: None)
+    monkeypatch.setattr("smarttac_can.cli.bench.find_spec", lambda _: None)
     assert refused() == "Error: panel needs aiohttp: pip install 'smarttac-can[panel]'"

@@ -122,7 +122,7 @@ def test_one_page_drives() -> None:
             await first.run_open_loop()
             await second.send(do="drive", token=TOKEN)
             await second.send(do="line", text="voltage 80")
-            await second.until(lambda: "does not drive" in second.now["said"])
+            await second.until(lambda: "does not drive" in second.now["answer"])
             assert not second.now["drives"]
             assert voltage(bench) == 40.0
             await second.send(do="stop")
@@ -164,7 +164,7 @@ def test_a_closed_tab_is_0_v_at_once() -> None:
             await page.run_open_loop()
             await page.socket.close()
             await seconds_to_0_v(bench)
-            assert bench.said == LEFT
+            assert bench.answer == LEFT
 
     bench = SimulatedBench()
     browse(bench, script)
@@ -181,7 +181,7 @@ def test_a_dead_browser_is_0_v_at_once() -> None:
             assert connection.transport is not None
             connection.transport.abort()
             await seconds_to_0_v(bench)
-            assert bench.said == LEFT
+            assert bench.answer == LEFT
 
     bench = SimulatedBench()
     browse(bench, script)
@@ -199,7 +199,7 @@ def test_a_laptop_that_sleeps_is_0_v_within_the_heartbeat_s_time() -> None:
                 page.silent = False
                 await page.answer()
                 await page.send(do="line", text="mode open_loop")
-                await page.until(lambda: "does not drive" in page.now["said"])
+                await page.until(lambda: "does not drive" in page.now["answer"])
                 assert voltage(bench) == 0.0
                 if took <= HEARTBEAT_S:
                     return
@@ -241,7 +241,7 @@ def test_a_stalled_server_is_0_v_within_the_heartbeat_s_time() -> None:
                 assert bench.seen is not None
                 took = bench.seen.at - begun
                 await page.until(lambda: not page.now["drives"])
-                assert "was not heard for 0.8 s" in page.now["said"]
+                assert "was not heard for 0.8 s" in page.now["answer"]
                 if took <= HEARTBEAT_S:
                     return
         pytest.fail(f"0 V after {took} s")
