@@ -268,6 +268,19 @@ def test_a_drive_was_missed_if_the_one_before_explains_nearly_all_that_is_off(de
         assert missed(PRIOR, MODEL, dead_time, W, small, still) == lost
 
 
+@pytest.mark.parametrize(
+    ("left", "lost"),
+    [(0.08, True), (0.12, False), (-0.12, False), (0.05 + 0.25j, True), (0.05 - 0.25j, True),
+     (0.05 + 0.35j, False), (0.05 - 0.35j, False)],
+)  # fmt: skip
+def test_a_lost_drive_may_leave_a_tenth_along_the_error_and_three_tenths_across(left, lost):
+    span, W = Span(10.0, W0, 60.0, W0), 0.4e-6 + 0j
+    kept = moved(MODEL, DEAD, W, first_lasting(span))
+    came = moved(MODEL, DEAD, W, span)
+    # From here ``left`` of the way from what was asked for is still to go to what was kept.
+    assert missed(PRIOR, MODEL, DEAD, W, span, (kept - left * came) / (1.0 - left)) == lost
+
+
 finite = st.floats(-1e4, 1e4)
 vibration = st.builds(complex, st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)) | st.builds(
     complex, st.floats(-5e-6, 5e-6), st.floats(-5e-6, 5e-6)

@@ -209,3 +209,10 @@ def test_a_guided_finger_stays_on_the_plate(x, Fn, reason):
     with pytest.raises(ValueError, match=re.escape(reason)):
         finger.guide(x, Fn)
     assert finger.at(1.0) == (0.0, 0.0)
+
+
+def test_a_guided_finger_is_the_same_when_asked_twice():
+    finger = GuidedFinger()
+    finger.guide(0.01, 0.5)
+    for _ in range(3):
+        assert finger.at(0.03).Fn == finger.at(0.03).Fn > 0.1

@@ -225,3 +225,16 @@ def test_the_pickup_reads_the_mean_of_both_modes_behind_its_filter(dead_time, wi
         expected = np.mean(total[-round(window * 1e6) :]) if window else low
         # The plate cools a little, and the filter takes the mean of a part of the tick.
         assert abs(plate.sample().W - expected) < (0.01 if lag else 1e-3) * 1.3e-6
+
+
+def test_a_neighbour_like_the_mode_itself_moves_as_it_does():
+    """Whatever the drive: to the bit, also where its frequency changes."""
+    mode = ResonatorParameters(neighbour_share=1.0, neighbour_offset=0.0)
+    plate = Plate(PlateParameters(resonator=mode, sensors=QUIET), SUBJECTS[0], Lifted())
+    old = Drive(0.0, 43390.0)
+    for drive in (Drive(40.0, 43390.0), Drive(20.0, 43250.0), Drive(0.0, 43500.0)):
+        plate.step(old, drive)
+        old = drive
+        motion = plate._state.motion
+        assert (motion.pickup.W, motion.pickup.rate) == (motion.W, motion.rate)
+        assert abs(plate.sample().W - 2.0 * motion.W) < 1e-10
