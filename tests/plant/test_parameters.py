@@ -30,6 +30,12 @@ def test_resonance_falls_with_temperature_as_in_the_paper():
     assert plate.resonance(30.0) == 43250.0
 
 
+def test_a_plate_is_linear_and_alone_and_read_at_the_tick_unless_told_otherwise():
+    plate, sensors = ResonatorParameters(), SensorParameters()
+    assert (plate.softening, plate.neighbour_share) == (0.0, 0.0)
+    assert (sensors.pickup_window, sensors.pickup_lag) == (0.0, 0.0)
+
+
 def test_refuses_gauges_whose_loads_cannot_be_told_apart():
     with pytest.raises(ValueError, match=r"^crosstalk determinant"):
         SensorParameters(crosstalk=((1.0, 1.0), (1.0, 1.0)))
