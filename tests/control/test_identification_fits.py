@@ -82,6 +82,7 @@ def test_a_sweep_of_no_resonance_is_refused():
         ([(f, 0j) for f, _ in points], "no vibration in the sweep"),
         # It would grow, or turn the wrong way.
         ([(f, -W) for f, W in points], "the sweep shows no resonance"),
+        ([(f, -W.conjugate()) for f, W in points], "the sweep shows no resonance"),
         ([(f, W.conjugate()) for f, W in points], "the sweep shows no resonance"),
     ):
         with pytest.raises(IdentificationError, match=message):
