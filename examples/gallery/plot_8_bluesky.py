@@ -51,7 +51,7 @@ with Stimulator.simulate("local") as bench:
         plate = Plate(bench)
     RE(bp.scan([plate], plate, 0.4, 2.0, 5), {"event": lambda _, doc: rows.append(doc["data"])})
 for row in rows:
-    print({name: round(value, 3) for name, value in row.items()})
+    print({name: round(value, 3) for name, value in sorted(row.items())})
 
 figure, axes = plt.subplots(figsize=(6, 4))
 axes.plot([row["plate-amplitude"] for row in rows], [row["plate-cof"] for row in rows], "o-")
