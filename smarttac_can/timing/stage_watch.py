@@ -20,6 +20,7 @@ from smarttac_can.od.cia import (
     PDO_EVENT,
     RPDO_COMMUNICATION,
     RPDO_IDS,
+    SDO_RX_ID,
     TPDO_IDS,
     Abort,
 )
@@ -74,8 +75,9 @@ class StageWatch:
 
     def __init__(self, **bus: Any) -> None:
         self._bus = PythonCanBus(**bus)
-        loop = {base + node for base in (*TPDO_IDS, *RPDO_IDS) for node in _NODES}
-        self._bus.block(frozenset(loop - {TPDO_IDS[0] + PLATE_ID}))
+        # An answer finds no room in a socket that is full of the loop, or of what others ask.
+        others = {base + node for base in (*TPDO_IDS, *RPDO_IDS, SDO_RX_ID) for node in _NODES}
+        self._bus.block(frozenset(others - {TPDO_IDS[0] + PLATE_ID}))
         self._ods = {PLATE_ID: plate_od(), STIMULATOR_ID: stimulator_od()}
         self._stage = self._ods[PLATE_ID]["Stage.Voltage"]
         self.emergencies: list[tuple[int, int]] = []
