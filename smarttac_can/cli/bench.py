@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from functools import partial
@@ -551,29 +551,7 @@ def calibrate(
         )
         stimulator.claim()
         before = [stimulator.get(f"Calibration.{name}", "mm") for name in POSITIONS]
-        weighings: list[Weighing] = []
-
-        def do(placing: Placing, number: str = "") -> None:
-            text = f"{number}{placing}"
-            if rehearse:
-                click.echo(text, err=True)
-                stimulator.finger.put(placing, gravity)
-            else:
-                _ask(text)
-
-        try:
-            if rehearse and stimulator.get("Finger.Motion") != LIFTED:
-                stimulator.finger.lift()
-                stimulator.start_run()
-            for number, placing in enumerate(placings, 1):
-                weighings.append(weigh(stimulator, placing, partial(do, number=f"{number}: ")))
-            do(_LEVEL)
-            nulls = mean_gauges(stimulator)
-        except (click.Abort, KeyboardInterrupt) as error:
-            raise click.ClickException(
-                f"interrupted after {len(weighings)} of {len(placings)} weighings: none is kept, "
-                "and nothing was set in the stimulator"
-            ) from error
+        weighings, nulls = _weighed(stimulator, placings, gravity if rehearse else None)
         with plain_errors(ValueError):
             calibration = Calibration.fit(weighings, before, gravity)
         results: dict[str, Any] = {
@@ -597,6 +575,38 @@ def calibrate(
         raise click.ClickException(
             one_line(f"not to be used: {'; '.join(shortcomings)}; {certificate} has all of it")
         )
+
+
+def _weighed(
+    stimulator: Stimulator, placings: Sequence[Placing], gravity: float | None
+) -> tuple[list[Weighing], np.ndarray[Any, Any]]:
+    """Return the weighings and the nulls of the bare plate.
+
+    With a gravity a simulated plate puts the weights on by itself, otherwise a person is asked.
+    """
+
+    def do(placing: Placing, number: str = "") -> None:
+        text = f"{number}{placing}"
+        if gravity is None:
+            _ask(text)
+        else:
+            click.echo(text, err=True)
+            stimulator.finger.put(placing, gravity)
+
+    weighings: list[Weighing] = []
+    try:
+        if gravity is not None and stimulator.get("Finger.Motion") != LIFTED:
+            stimulator.finger.lift()
+            stimulator.start_run()
+        for number, placing in enumerate(placings, 1):
+            weighings.append(weigh(stimulator, placing, partial(do, number=f"{number}: ")))
+        do(_LEVEL)
+        return weighings, mean_gauges(stimulator)
+    except (click.Abort, KeyboardInterrupt) as error:
+        raise click.ClickException(
+            f"interrupted after {len(weighings)} of {len(placings)} weighings: none is kept, "
+            "and nothing was set in the stimulator"
+        ) from error
 
 
 def _refuse_the_plan(certificate: Path, plan: Path) -> None:
