@@ -126,16 +126,16 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""
         if not remote:
-            _tell((*self.taps, *self.own_taps), can_id, bytes(data))
+            _to_taps((*self.taps, *self.own_taps), can_id, bytes(data))
         super().send_message(can_id, data, remote)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Take a received frame."""
-        _tell(self.taps, can_id, bytes(data))
+        _to_taps(self.taps, can_id, bytes(data))
         super().notify(can_id, data, timestamp)
 
 
-def _tell(taps: Iterable[Tap], can_id: int, data: bytes) -> None:
+def _to_taps(taps: Iterable[Tap], can_id: int, data: bytes) -> None:
     for can_ids, hear in taps:
         if can_id in can_ids:
             hear(can_id, data)
@@ -165,7 +165,7 @@ class LocalNetwork(TappedNetwork):
         """Send a frame; all that it causes has happened on return."""
         frame = Frame(can_id, bytes(data), remote)
         if not remote:
-            _tell(self.taps, can_id, frame.data)
+            _to_taps(self.taps, can_id, frame.data)
         self._port.send(frame)
 
     def disconnect(self) -> None:
@@ -176,7 +176,7 @@ class LocalNetwork(TappedNetwork):
     def _on_frame(self, frame: Frame) -> None:
         can_id, data, rtr = frame
         if not rtr:
-            _tell(self.taps, can_id, data)
+            _to_taps(self.taps, can_id, data)
             for callback in self.subscribers.get(can_id, ()):
                 callback(can_id, bytearray(data), self._local_bus.time * 1e-6)
 

@@ -327,8 +327,8 @@ class LocalLink:
         except Abort as error:
             raise refused_write(entry, raw, error) from error
         node_id = self._block.od.node_id
-        self._tell((download(node_id, entry, raw), downloaded(node_id, entry)))
-        self._tell(self._frames(cycle=False))
+        self._to_listeners((download(node_id, entry, raw), downloaded(node_id, entry)))
+        self._to_listeners(self._frames(cycle=False))
 
     def read_table(self, name: str) -> bytes:
         """Read an object that is a DOMAIN."""
@@ -346,7 +346,7 @@ class LocalLink:
             self._block.write(name, data)
         except Abort as error:
             raise RefusedError(f"cannot write {name}: {error}", error.code) from error
-        self._tell(downloading(self._block.od.node_id, self._block.od[name], data))
+        self._to_listeners(downloading(self._block.od.node_id, self._block.od[name], data))
 
     def snapshot(self) -> Snapshot:
         """Return the present values of the published objects; their age is 0 s."""
@@ -373,7 +373,7 @@ class LocalLink:
                 tick()
                 rows.append(tuple([read() for read in recorded]))
                 if self._listeners:
-                    self._tell(self._frames(cycle=True))
+                    self._to_listeners(self._frames(cycle=True))
 
     def source(self) -> FrameSource:
         """Return what the PDOs of a stimulator with the default mapping would carry."""
@@ -409,7 +409,7 @@ class LocalLink:
     def close(self) -> None:
         """Do nothing: there is no bus to leave."""
 
-    def _tell(self, frames: Iterable[Frame]) -> None:
+    def _to_listeners(self, frames: Iterable[Frame]) -> None:
         """Pass on frames that there would be with a bus."""
         if self._listeners:
             for can_id, data, _ in frames:

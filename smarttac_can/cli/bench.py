@@ -570,7 +570,7 @@ def calibrate(
             results["written"] = write_calibration(stimulator, calibration, nulls)
             stimulator.tare()
         file.write(json.dumps(results, indent=2) + "\n")
-        _tell(calibration)
+        _show(calibration)
     if shortcomings:
         raise click.ClickException(
             one_line(f"not to be used: {'; '.join(shortcomings)}; {certificate} has all of it")
@@ -623,7 +623,7 @@ def _ask(what: str) -> None:
     click.prompt(f"{what}; Enter", default="", show_default=False, prompt_suffix=" ", err=True)
 
 
-def _tell(calibration: Calibration) -> None:
+def _show(calibration: Calibration) -> None:
     od = stimulator_od()
     for name, value in calibration.objects().items():
         click.echo(f"{name}: {value:.4f} {od[name].unit.symbol}".rstrip())

@@ -91,7 +91,7 @@ class FrameText:
             return _nmt(data, self._names)
         if pdos := self._pdos.get(can_id):
             return "; ".join(f"{name}: {_pdo(mapping, data)}" for name, mapping in pdos)
-        for base, says in (
+        for base, text_of in (
             (EMCY_ID, _emergency),
             (SDO_TX_ID, self._answer),
             (SDO_RX_ID, self._request),
@@ -99,7 +99,7 @@ class FrameText:
         ):
             if can_id - base in _NODE_IDS:
                 node = can_id - base
-                return f"{self._names.get(node, f'node {node}')} {says(node, frame)}"
+                return f"{self._names.get(node, f'node {node}')} {text_of(node, frame)}"
         return "unknown"
 
     def _add_pdos(self, name: str, od: ObjectDictionary) -> None:
@@ -232,13 +232,13 @@ def log(file: Path | None, eds_files: dict[int, Path], bus: BusChoice) -> None:
     what a master changes is not followed. Times are in s, from the first frame on.
     """
     with plain_errors():
-        says = FrameText(_nodes(eds_files))
+        text = FrameText(_nodes(eds_files))
         first: int | None = None
         with naming(file or Path(bus.where), ValueError):
             for time, frame in read_log(file) if file else _live(bus):
                 first = time if first is None else first
                 where = f"{(time - first) * 1e-6:12.6f}  {frame.can_id:03X}"
-                click.echo(f"{where}  {one_line(says.of(frame))}")
+                click.echo(f"{where}  {one_line(text.of(frame))}")
 
 
 def _nodes(eds_files: dict[int, Path]) -> Iterator[tuple[str, ObjectDictionary]]:

@@ -282,7 +282,7 @@ def run_in_process(name: str, node: DeviceNode, bus: BusChoice, pace: Pace) -> N
         meanwhile = None
         if not pace.lockstep:
             meanwhile = stack.enter_context(collecting_between_cycles())
-        lines = StateLines(name, bus.where, node, writer.say, meanwhile)
+        lines = StateLines(name, bus.where, node, writer.write, meanwhile)
         lasting = ReconnectingBus(bus.open, node, lost=lines.lost, back=lines.back)
         run_node(
             node,

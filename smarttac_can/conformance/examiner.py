@@ -320,12 +320,12 @@ def download(examiner: Examiner, index: int, subindex: int, data: bytes) -> None
 
 
 def download_segments(
-    examiner: Examiner, index: int, subindex: int, data: bytes, *, say_size: bool = True
+    examiner: Examiner, index: int, subindex: int, data: bytes, *, with_size: bool = True
 ) -> None:
     """Write an entry by segments, whatever its length."""
     where = address(index, subindex)
-    size = len(data).to_bytes(4, "little") if say_size else bytes(4)
-    confirm(examiner.request(bytes((0x20 | say_size,)) + where + size), where)
+    size = len(data).to_bytes(4, "little") if with_size else bytes(4)
+    confirm(examiner.request(bytes((0x20 | with_size,)) + where + size), where)
     toggle = 0
     parts = [data[i : i + _SEGMENT] for i in range(0, len(data), _SEGMENT)] or [b""]
     for number, part in enumerate(parts, 1):

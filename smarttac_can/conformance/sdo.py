@@ -114,14 +114,14 @@ def segmented_upload(examiner: Examiner) -> None:
         raise Failure(f"{entry.name}: {len(data)} bytes instead of {entry.size}")
 
 
-def _segmented_download(examiner: Examiner, *, say_size: bool) -> None:
+def _segmented_download(examiner: Examiner, *, with_size: bool) -> None:
     entry = examiner.sheet.long_writable()
     if entry is None:
         entry = number_entry(examiner)
         data = other_value(examiner, entry)
     else:
         data = upload(examiner, entry.index, entry.subindex)
-    download_segments(examiner, entry.index, entry.subindex, data, say_size=say_size)
+    download_segments(examiner, entry.index, entry.subindex, data, with_size=with_size)
     read_back(examiner, entry, data)
 
 
@@ -132,7 +132,7 @@ def _segmented_download(examiner: Examiner, *, say_size: bool) -> None:
 )
 def segmented_download(examiner: Examiner) -> None:
     """Segmented download with size."""
-    _segmented_download(examiner, say_size=True)
+    _segmented_download(examiner, with_size=True)
 
 
 @case(
@@ -142,7 +142,7 @@ def segmented_download(examiner: Examiner) -> None:
 )
 def segmented_download_without_size(examiner: Examiner) -> None:
     """Segmented download without size."""
-    _segmented_download(examiner, say_size=False)
+    _segmented_download(examiner, with_size=False)
 
 
 @case(

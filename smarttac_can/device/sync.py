@@ -210,15 +210,15 @@ class TimeStamp(Service):
     def __init__(self, port: Port, od: ObjectDictionary) -> None:
         super().__init__(port, od, (TIME_COB_ID,))
         self._cob_id = 0
-        self._told: int | None = None
-        self._told_at = 0
+        self._received: int | None = None
+        self._received_at = 0
 
     @property
     def microseconds(self) -> int | None:
         """Time since 1984-01-01 in us; None before the first TIME."""
-        if self._told is None:
+        if self._received is None:
             return None
-        return self._told + self.port.clock.now - self._told_at
+        return self._received + self.port.clock.now - self._received_at
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse another CAN-ID while in use, and the producer bit, as this device produces none.
@@ -253,5 +253,5 @@ class TimeStamp(Service):
             return
         milliseconds = int.from_bytes(data[:4], "little") & 0x0FFF_FFFF
         days = int.from_bytes(data[4:], "little")
-        self._told = 1000 * (days * _DAY_MS + milliseconds)
-        self._told_at = self.port.clock.now
+        self._received = 1000 * (days * _DAY_MS + milliseconds)
+        self._received_at = self.port.clock.now

@@ -30,7 +30,7 @@ _BINARY: Final[dict[str, Any]] = {".blf": can.BLFReader}
 LOG_SUFFIXES: Final = (*_TEXT, *_BINARY)
 """Of the logs that can be read."""
 
-ToldCut = Callable[[str], object]
+OnCut = Callable[[str], object]
 """Called with what to show of a log that is cut."""
 
 
@@ -61,14 +61,14 @@ class CandumpWriter:
         self._write(f"({seconds:010d}.{rest:06d}) {self._channel} {frame.can_id:03X}#{data}\n")
 
 
-def read_log(path: Path, told_cut: ToldCut | None = None) -> Iterator[tuple[int, Frame]]:
+def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Frame]]:
     """Read a log frame by frame, in the format that its suffix stands for.
 
     Parameters
     ----------
     path
         A candump (``.log``), ASC, BLF, CSV or TRC.
-    told_cut
+    on_cut
         Called with a line to show where the last line of a log is cut, as of a logger that was
         killed: it is left out. Without, that is an error.
 
@@ -91,27 +91,27 @@ def read_log(path: Path, told_cut: ToldCut | None = None) -> Iterator[tuple[int,
         )
     suffix = path.suffix.lower()
     if suffix in _TEXT:
-        return _read_text(path, suffix, told_cut)
+        return _read_text(path, suffix, on_cut)
     if suffix in _BINARY:
         return _read_binary(path, suffix)
     raise ValueError(f"{path} is none of {', '.join(LOG_SUFFIXES)}")
 
 
-def read_candump(path: Path, told_cut: ToldCut | None = None) -> Iterator[tuple[int, Frame]]:
+def read_candump(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Frame]]:
     """Read a candump log, whatever its suffix; all else as `read_log`.
 
     Parameters
     ----------
     path
         The log, of can-utils, python-can or `CandumpWriter`.
-    told_cut
+    on_cut
         As of `read_log`.
     """
-    return _read_text(path, _CANDUMP, told_cut)
+    return _read_text(path, _CANDUMP, on_cut)
 
 
-def _read_text(path: Path, suffix: str, told_cut: ToldCut | None) -> Iterator[tuple[int, Frame]]:
-    with _Lines(path, told_cut) as lines:
+def _read_text(path: Path, suffix: str, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:
+    with _Lines(path, on_cut) as lines:
         yield from _read(lines, _TEXT[suffix], lambda: lines.refusal(_kind(suffix)))
 
 
@@ -152,10 +152,10 @@ def _read(stream: Any, reader: Any, refusal: Callable[[], str]) -> Iterator[tupl
 class _Lines(TextIOWrapper):
     """The lines of a log, none of which is read further than a frame can go."""
 
-    def __init__(self, path: Path, told_cut: ToldCut | None) -> None:
+    def __init__(self, path: Path, on_cut: OnCut | None) -> None:
         super().__init__(open_regular(path), encoding="utf-8", errors="replace")
         self._path = path
-        self._told_cut = told_cut
+        self._on_cut = on_cut
         self._number = 0
         self._line = ""
 
@@ -165,9 +165,9 @@ class _Lines(TextIOWrapper):
             raise StopIteration
         self._number += 1
         if not line.endswith("\n"):
-            if self._told_cut is None or len(line) == _LONGEST_LINE:
+            if self._on_cut is None or len(line) == _LONGEST_LINE:
                 raise ValueError
-            self._told_cut(f"{self._path}: the last line, {self._number}, is cut and left out")
+            self._on_cut(f"{self._path}: the last line, {self._number}, is cut and left out")
             raise StopIteration
         return line
 

@@ -135,12 +135,12 @@ _PARTING_S: Final = 0.1
 
 
 class LineWriter(Background):
-    """Writes lines in a thread of its own, so that whoever says one never waits.
+    """Writes lines in a thread of its own, so that the caller never waits.
 
     A context manager that leaves within 0.1 s.
 
-    Lines that nobody takes are dropped, the newest first, and counted: the next line that is
-    taken is preceded by how many there were.
+    If nobody reads them, the newest lines are dropped and counted. The count precedes the next line
+    that is read.
 
     Parameters
     ----------
@@ -158,12 +158,12 @@ class LineWriter(Background):
         self._descriptor = os.dup(descriptor)
         self._lines: deque[str] = deque()
         self._more = threading.Semaphore(0)
-        self._told = 0
+        self._reported = 0
         self.dropped = 0
-        super().__init__("line writer", self._write, self._part, _PARTING_S)
+        super().__init__("line writer", self._run, self._part, _PARTING_S)
 
-    def say(self, line: str) -> None:
-        """Have a line written, which is not empty."""
+    def write(self, line: str) -> None:
+        """Queue a line, which is not empty."""
         if len(self._lines) >= _MOST_LINES:
             self.dropped += 1
             return
@@ -174,16 +174,16 @@ class LineWriter(Background):
         self._lines.append("")
         self._more.release()
 
-    def _write(self) -> None:
+    def _run(self) -> None:
         try:
             while True:
                 self._more.acquire()
                 line = self._lines.popleft()
                 if not line:
                     return
-                dropped = self.dropped - self._told
+                dropped = self.dropped - self._reported
                 if dropped:
-                    self._told += dropped
+                    self._reported += dropped
                     line = f"({dropped} lines dropped: nobody read them)\n{line}"
                 self._put(f"{line}\n".encode())
         except OSError:

@@ -187,7 +187,7 @@ def watch_plan(
         3 ms a drive may be late, and what the vibration should follow from is not in force.
     """
     (xx, xy), (yx, yy) = parameters.lateral
-    told_apart = abs(xx * yy - xy * yx) >= DETERMINANT_MIN
+    separable = abs(xx * yy - xy * yx) >= DETERMINANT_MIN
     return WatchPlan(
         bound=bound_plan(si, identified=identified),
         W_trip=si("Limit.Amplitude trip"),
@@ -200,7 +200,7 @@ def watch_plan(
         mismatch=si("Limit.Gauge mismatch"),
         gauge_positions=parameters.gauge_positions,
         # By a calibration that mixes the axes up a lateral force may read as none.
-        serial=int(si("Calibration.Plate serial number")) if told_apart else _NO_PLATE,
+        serial=int(si("Calibration.Plate serial number")) if separable else _NO_PLATE,
         full=full_counts(deadline_ms),
     )
 

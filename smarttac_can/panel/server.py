@@ -132,15 +132,15 @@ class Panel:
         try:
             await socket.prepare(request)
             await socket.send_str(json.dumps(self._introduction()))
-            teller = asyncio.create_task(self._tell(socket, page))
+            sender = asyncio.create_task(self._send(socket, page))
             try:
                 await self._hear(socket, page)
             finally:
                 # First of all: what follows may wait for a page that is gone.
                 self._instrument.leave(page)
-                teller.cancel()
+                sender.cancel()
                 with suppress(asyncio.CancelledError):
-                    await teller
+                    await sender
         finally:
             self._pages.discard(socket)
         return socket
@@ -182,7 +182,7 @@ class Panel:
         else:
             raise ValueError(f"{do!r} is nothing a page does")
 
-    async def _tell(self, socket: web.WebSocketResponse, page: _Page) -> None:
+    async def _send(self, socket: web.WebSocketResponse, page: _Page) -> None:
         """Send an update each `UPDATE_S`, unless the one before is not shown yet."""
         with suppress(ClientConnectionError):
             while not socket.closed:

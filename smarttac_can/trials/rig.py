@@ -142,11 +142,11 @@ class Rig:
         self.master = LocalMaster(self.bus, self._hear)
         if plate_inside:
             self.plate_block = PlateBlock(plate_od())
-            od = stimulator_od() if log is None else _telling_stimulator_od()
+            od = stimulator_od() if log is None else _logged_stimulator_od()
             self.stimulator = StimulatorNode(od, self.plate_block, presets=_PRESETS)
             self.plate_port = None
         else:
-            od = plate_od() if log is None else _telling_plate_od()
+            od = plate_od() if log is None else _logged_plate_od()
             plate = PlateNode(od, deadline_ms=SHORT_DEADLINE_MS)
             self.plate_block = plate.block
             self.stimulator = StimulatorNode(
@@ -270,7 +270,7 @@ class Rig:
             self.emergencies.append(Emcy(self.cycles, can_id - EMCY_ID, code, frame.data[2]))
 
 
-def _telling_plate_od() -> ObjectDictionary:
+def _logged_plate_od() -> ObjectDictionary:
     """Load the EDS of the plate; after every reset it tells of its stage in every cycle."""
     od = plate_od()
     cob_id = od.entry(_STAGE, PDO_COB_ID)
@@ -278,7 +278,7 @@ def _telling_plate_od() -> ObjectDictionary:
     return od
 
 
-def _telling_stimulator_od() -> ObjectDictionary:
+def _logged_stimulator_od() -> ObjectDictionary:
     """Load the EDS of the stimulator; with the plate inside it tells of the stage."""
     od = stimulator_od()
     transmission = od.entry(_STAGE, PDO_TRANSMISSION)

@@ -759,43 +759,43 @@ def soak_in_parts(
     BrokenProcessPool
         If one of the processes was killed.
     """
-    tell = progress or (lambda _share: None)
+    report = progress or (lambda _share: None)
     if jobs == 1 or len(chosen) == 1:
-        return merged(list(_one_by_one(chosen, tell)))
-    return merged(_side_by_side(chosen, jobs, tell))
+        return merged(list(_one_by_one(chosen, report)))
+    return merged(_side_by_side(chosen, jobs, report))
 
 
-def _one_by_one(chosen: Sequence[Part], tell: Progress) -> Iterator[SoakReport]:
+def _one_by_one(chosen: Sequence[Part], report: Progress) -> Iterator[SoakReport]:
     count = len(chosen)
     for n, part in enumerate(chosen):
-        yield Soak(*part, lambda share, n=n: tell((n + share) / count)).run()  # type: ignore[misc]
+        yield Soak(*part, lambda share, n=n: report((n + share) / count)).run()  # type: ignore[misc]
 
 
-def _side_by_side(chosen: Sequence[Part], jobs: int, tell: Progress) -> list[SoakReport]:
+def _side_by_side(chosen: Sequence[Part], jobs: int, report: Progress) -> list[SoakReport]:
     shares = RawArray(c_double, len(chosen))
-    with sharing(min(jobs, len(chosen)), _tell, shares) as submit:
+    with sharing(min(jobs, len(chosen)), _share_with, shares) as submit:
         results = [submit(_part, n, part) for n, part in enumerate(chosen)]
         pending: set[Future[SoakReport]] = set(results)
         while pending:
             done, pending = wait(pending, _POLL_S)
             for result in done:
                 result.result()
-            tell(sum(shares) / len(chosen))
+            report(sum(shares) / len(chosen))
         return [result.result() for result in results]
 
 
-_told: Final[list[Any]] = []
-"""Where a process of several tells how far its parts are."""
+_shared: Final[list[Any]] = []
+"""Where each process writes the share of its parts that is done."""
 
 
-def _tell(shares: Any) -> None:
-    _told.append(shares)
+def _share_with(shares: Any) -> None:
+    _shared.append(shares)
 
 
 def _part(n: int, part: Part) -> SoakReport:
-    (shares,) = _told
+    (shares,) = _shared
 
-    def tell(share: float) -> None:
+    def report(share: float) -> None:
         shares[n] = share
 
-    return Soak(*part, tell).run()
+    return Soak(*part, report).run()

@@ -223,7 +223,7 @@ class Pipe:
             self.say()
 
     def say(self) -> None:
-        self.writer.say(f"{self.said:099}")
+        self.writer.write(f"{self.said:099}")
         self.said += 1
 
     def read(self) -> list[str]:
@@ -244,7 +244,7 @@ def pipe() -> Iterator[Pipe]:
 def test_lines_arrive_in_order(pipe: Pipe) -> None:
     with pipe.writer as writer:
         for number in range(500):
-            writer.say(f"line {number} with µ")
+            writer.write(f"line {number} with µ")
     assert pipe.read() == [f"line {number} with µ" for number in range(500)]
     assert writer.dropped == 0
 
@@ -252,15 +252,15 @@ def test_lines_arrive_in_order(pipe: Pipe) -> None:
 def test_a_line_arrives_without_another(pipe: Pipe) -> None:
     with pipe.writer as writer:
         for number in range(3):
-            writer.say(f"line {number}")
+            writer.write(f"line {number}")
             assert os.read(pipe.reader, 100) == f"line {number}\n".encode()
     assert pipe.read() == []
 
 
 def test_a_line_longer_than_the_pipe_arrives_whole(pipe: Pipe) -> None:
     with pipe.writer as writer:
-        writer.say("x" * 1_000_000)
-        writer.say("end")
+        writer.write("x" * 1_000_000)
+        writer.write("end")
     assert pipe.read() == ["x" * 1_000_000, "end"]
 
 
@@ -336,7 +336,7 @@ def test_the_descriptor_stays_as_it_is(pipe: Pipe) -> None:
 
 def test_the_descriptor_stays_open(pipe: Pipe) -> None:
     with pipe.writer as writer:
-        writer.say("last words")
+        writer.write("last words")
     assert os.read(pipe.reader, 100) == b"last words\n"
     os.write(pipe.end, b"still open\n")
     assert pipe.read() == ["still open"]
@@ -348,7 +348,7 @@ def test_a_descriptor_that_another_program_has_made_non_blocking() -> None:
     received = bytearray()
     with LineWriter(writer) as lines:
         for number in range(20):
-            lines.say(f"{number} " + "x" * 20_000)
+            lines.write(f"{number} " + "x" * 20_000)
         while received.count(b"\n") < 20:
             received += os.read(reader, 1 << 16)
     os.close(reader)
