@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from types import CodeType
 from typing import Any, Final, NamedTuple
@@ -25,7 +26,8 @@ class Mutant(NamedTuple):
     line: str
     """The line of the source that it begins in."""
     change: str
-    code: CodeType
+    code: Callable[[], CodeType]
+    """Compiles the module with the change."""
     lines: range
     """Lines of the statement; empty if it runs when the module is imported."""
 
@@ -103,6 +105,12 @@ def parts(
                 yield from parts(child, lines, inner)
 
 
+def _compiled(tree: ast.Module, old: ast.AST, new: ast.AST, path: str) -> CodeType:
+    # A deep copy in which both stand: the tree itself is for the next.
+    tree, old, new = copy.deepcopy((tree, old, new))
+    return compile(_Replaced(old, new).visit(tree), path, "exec")
+
+
 def mutants_of(path: Path, *, statements: bool = False) -> list[Mutant]:
     """List the changes of a module: of its values, or the removals of its statements."""
     changes: Callable[[ast.AST], Iterator[ast.AST]] = removals if statements else variants
@@ -111,10 +119,8 @@ def mutants_of(path: Path, *, statements: bool = False) -> list[Mutant]:
     mutants = []
     for old, lines in parts(tree, range(0)):
         for new in changes(old):
-            ast.copy_location(new, old)
-            # A deep copy in which both stand: the tree itself is for the next.
-            copied = copy.deepcopy((tree, old, ast.fix_missing_locations(new)))
-            code = compile(_Replaced(copied[1], copied[2]).visit(copied[0]), str(path), "exec")
+            ast.fix_missing_locations(ast.copy_location(new, old))
+            code = partial(_compiled, tree, old, new, str(path))
             change = f"{ast.unparse(old)} -> {ast.unparse(new)}"
             line = rows[old.lineno - 1].strip()
             mutants.append(Mutant(path.as_posix(), line, change, code, lines))

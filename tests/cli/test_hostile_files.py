@@ -199,18 +199,29 @@ def seconds_and_kib(command: tuple[str, ...], path: Path) -> tuple[float, int]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory of a child is in KiB there")
-@pytest.mark.parametrize("command", [("check",), ("doc",), ("dbc",), OTHER_DCF], ids=lambda c: c[0])
-@pytest.mark.parametrize("content", LARGEST.values(), ids=LARGEST)
+@pytest.mark.parametrize(
+    ("command", "kind"),
+    [
+        *((("check",), kind) for kind in LARGEST),
+        *((command, "sub-indices") for command in (("doc",), ("dbc",), OTHER_DCF)),
+        *((command, "keys") for command in (("doc",), ("dbc",), OTHER_DCF)),
+    ],
+    ids=str,
+)
 def test_the_largest_files_take_3_times_an_ordinary_one_and_300_mib(
-    content: str, command: tuple[str, ...], tmp_path: Path
+    command: tuple[str, ...], kind: str, tmp_path: Path
 ) -> None:
     large, ordinary = tmp_path / "large.eds", tmp_path / "ordinary.eds"
-    large.write_text(content)
+    large.write_text(LARGEST[kind])
     ordinary.write_text(STIMULATOR)
-    # What else the machine does slows both down.
-    seconds, kib = seconds_and_kib(command, large)
-    assert seconds < 3.0 * seconds_and_kib(command, ordinary)[0]
-    assert kib < 300 * 1024
+
+    def ratio() -> float:
+        seconds, kib = seconds_and_kib(command, large)
+        assert kib < 300 * 1024
+        return seconds / seconds_and_kib(command, ordinary)[0]
+
+    # What else the machine does may slow one of the two down, but not in each of three tries.
+    assert any(ratio() < 3.0 for _ in range(3))
 
 
 OTHERS = [

@@ -37,8 +37,8 @@ from smarttac_can.vocabulary.states import Mode, State
 HOLD = 200
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 SAMPLE = [
-    *((case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES)),
-    *((case, Mode.FRICTION) for case in PREDICTED[::5]),
+    *((case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES[::6])),
+    *((case, Mode.FRICTION) for case in PREDICTED[::12]),
 ]
 
 

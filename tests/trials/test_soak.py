@@ -48,14 +48,14 @@ def invariants(rig: Rig) -> Invariants:
     return Invariants(rig)
 
 
-def test_twenty_seconds_hold_and_repeat() -> None:
+def test_eight_seconds_hold_and_repeat() -> None:
     shares: list[float] = []
-    first = Soak(20_000, 3, shares.append).run()
+    first = Soak(8000, 3, shares.append).run()
     assert first.violations == []
     assert first.passed
-    assert first.faults and first.simulated_s >= 20.0
+    assert first.faults and first.simulated_s >= 8.0
     assert shares == sorted(shares) and shares[-1] == 1.0
-    again = Soak(20_000, 3).run()
+    again = Soak(8000, 3).run()
     assert replace(again, wall_s=0.0, rss_mib=[]) == replace(first, wall_s=0.0, rss_mib=[])
     assert Soak(1000, 3).run().fingerprint != Soak(1000, 4).run().fingerprint
 
@@ -76,12 +76,12 @@ def test_a_fault_that_could_not_show_is_taken_back(monkeypatch: pytest.MonkeyPat
     assert report.violations == []
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_weak_axis_is_looked_for_at_the_resonance(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     only("pick-up d at 0.05", Mode.OPEN_LOOP, monkeypatch)
-    report = Soak(30_000, seed).run()
+    report = Soak(15_000, seed).run()
     assert report.faults["pick-up d at 0.05"]
     assert report.violations == []
 

@@ -41,11 +41,8 @@ def busy(pid: int) -> bool:
         (SOAK, signal.SIGINT, False, True, False),
         (SOAK, signal.SIGINT, True, True, False),
         (SOAK, signal.SIGINT, False, False, False),
-        (SOAK, signal.SIGINT, False, True, True),
         (SOAK, signal.SIGTERM, False, False, False),
-        (SOAK, signal.SIGKILL, False, False, False),
         (FAULTS, signal.SIGINT, False, True, True),
-        (FAULTS, signal.SIGTERM, False, False, False),
         (FAULTS, signal.SIGKILL, False, False, False),
     ],
 )
