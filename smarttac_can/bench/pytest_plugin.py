@@ -28,8 +28,8 @@ def smarttac_bus() -> Iterator[dict[str, Any]]:
     from uuid import uuid4  # noqa: PLC0415 - see above
 
     from smarttac_can.bench.simulation import stimulator_with_plate  # noqa: PLC0415
-    from smarttac_can.host.node_thread import node_in_thread  # noqa: PLC0415
     from smarttac_can.host.python_can import PythonCanBus  # noqa: PLC0415
+    from smarttac_can.host.runner import node_in_thread  # noqa: PLC0415
 
     options: dict[str, Any] = {"interface": "virtual", "channel": f"smarttac-{uuid4().hex}"}
     # An error of the node is an error of the test.
@@ -67,8 +67,8 @@ def make_stimulator() -> Iterator[Callable[..., Stimulator]]:
         raw_presets,
     )
     from smarttac_can.bench.stimulator import Stimulator  # noqa: PLC0415
-    from smarttac_can.host.node_thread import node_in_thread  # noqa: PLC0415
     from smarttac_can.host.python_can import PythonCanBus  # noqa: PLC0415
+    from smarttac_can.host.runner import node_in_thread  # noqa: PLC0415
 
     with ExitStack() as stack:
 

@@ -11,10 +11,9 @@ if TYPE_CHECKING:
     from smarttac_can.host.front_ends import TimedFrontEnd
     from smarttac_can.host.local_bus import LocalBus
     from smarttac_can.host.log_file import CandumpWriter, read_candump
-    from smarttac_can.host.node_thread import node_in_thread
     from smarttac_can.host.process_signals import stop_on_signals
     from smarttac_can.host.python_can import PythonCanBus
-    from smarttac_can.host.runner import run_node
+    from smarttac_can.host.runner import node_in_thread, run_node
 
 __all__ = [
     "CandumpWriter",
@@ -35,7 +34,7 @@ __getattr__ = lazily(
     {
         "CandumpWriter": "log_file",
         "read_candump": "log_file",
-        "node_in_thread": "node_thread",
+        "node_in_thread": "runner",
         "FaultyBus": "faulty_bus",
         "Disturbance": "faulty_bus",
         "FrameFault": "faulty_bus",

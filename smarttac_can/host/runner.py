@@ -9,9 +9,12 @@ waits for a bus that takes no frames.
 
 from __future__ import annotations
 
+import sys
+import threading
 from collections import Counter, deque
-from collections.abc import Callable
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager, suppress
 from time import monotonic_ns, sleep
 from typing import Final, Protocol
 
@@ -61,6 +64,10 @@ _REST_US: Final = 500
 """For how long a process waits in so much time, at least."""
 _WAKING_US: Final = 20
 """A shorter wait does not count as a rest: it is what the call itself takes."""
+_SWITCH_S: Final = 2e-4
+"""Longest time in s for which another thread may keep a node waiting; Python's 5 ms are 5 cycles."""
+_END_S: Final = 10.0
+"""Longest time in s that a node in a thread takes to end."""
 
 
 class Observer(Protocol):
@@ -451,3 +458,32 @@ class _Run:
         self._rest(owed * 1e-6)
         self._busy_since, self._waited = self._now(), 0
         return self._busy_since
+
+
+@contextmanager
+def node_in_thread(node: HostedNode, bus: Bus, *, lockstep: bool = False) -> Iterator[None]:
+    """Run a node until the block ends, and let the threads of this process switch more often.
+
+    Parameters
+    ----------
+    node, bus, lockstep
+        As for `run_node`; the bus belongs to the run.
+
+    Raises
+    ------
+    Exception
+        At the end of the block, what the run has raised.
+    """
+    stop = threading.Event()
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(min(before, _SWITCH_S))
+    try:
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="node") as executor:
+            running = executor.submit(run_node, node, bus, stop.is_set, lockstep=lockstep)
+            try:
+                yield
+            finally:
+                stop.set()
+        running.result(timeout=_END_S)
+    finally:
+        sys.setswitchinterval(before)

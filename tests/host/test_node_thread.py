@@ -7,8 +7,8 @@ from conftest import GUARD_S
 from toy_node import BOOT_UP, OFF, REPLY, REQUEST, ToyNode
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.node_thread import node_in_thread
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.runner import node_in_thread
 
 
 def test_it_runs_until_the_block_ends_and_switches_often_meanwhile() -> None:

@@ -11,8 +11,8 @@ from back_to_back import CASES, GUARD_S, Client, make_node, make_node_without_id
 from processes import CHANNEL
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.node_thread import node_in_thread
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.runner import node_in_thread
 from smarttac_can.nodes.device_node import DeviceNode
 
 
