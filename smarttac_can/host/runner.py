@@ -65,7 +65,7 @@ _REST_US: Final = 500
 _WAKING_US: Final = 20
 """A shorter wait does not count as a rest: it is what the call itself takes."""
 _SWITCH_S: Final = 2e-4
-"""Longest time in s for which another thread may keep a node waiting; Python's 5 ms are 5 cycles."""
+"""Longest time in s for which a thread keeps a node waiting; the default 5 ms are 5 cycles."""
 _END_S: Final = 10.0
 """Longest time in s that a node in a thread takes to end."""
 
