@@ -43,7 +43,7 @@ class FaultError(BenchError):
     Attributes
     ----------
     trace
-            Trace of the run that the fault ended, or None.
+        Trace of the run that the fault ended, or None.
     """
 
     def __init__(self, text: str, trace: Trace | None = None) -> None:
@@ -57,7 +57,7 @@ class RunInterruptedError(BenchError, KeyboardInterrupt):
     Attributes
     ----------
     trace
-            Trace of the run until then; None if nothing was recorded.
+        Trace of the run until then; None if nothing was recorded.
     """
 
 

@@ -250,7 +250,7 @@ class Stimulator(NamedObjects):
         Raises
         ------
         BenchError
-                If the bus cannot be opened, no node answers, or the node is another device.
+            If the bus cannot be opened, no node answers, or the node is another device.
         """
         from smarttac_can.bench.can_link import open_can_link  # noqa: PLC0415 - loads canopen
 
@@ -384,7 +384,7 @@ class Stimulator(NamedObjects):
         FaultError
             If a fault is latched.
         NotReadyError
-                If something required is missing, or a fault is present.
+            If something required is missing, or a fault is present.
         """
         # After a bench was killed, its missing heartbeat is a fault that is present. The heartbeat
         # of this bench clears it.
@@ -428,7 +428,7 @@ class Stimulator(NamedObjects):
         Raises
         ------
         FaultError
-                If the cause of the fault is still present.
+            If the cause of the fault is still present.
         """
         self._link.drive()
         if self.state is not State.FAULT:

@@ -1,4 +1,4 @@
-"""A node in a thread of this process, for buses that have no others."""
+"""A node in a thread of this process, for buses that end at the process."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from smarttac_can.host.node import HostedNode
 from smarttac_can.host.runner import run_node
 
 _SWITCH_S: Final = 2e-4
-"""Longest time in s that Python lets another thread keep a node waiting; its default of 5 ms is
-five cycles."""
+"""Longest time in s for which another thread of Python delays a node; the default of 5 ms is five
+cycles."""
 _END_S: Final = 10.0
 
 
@@ -26,12 +26,12 @@ def node_in_thread(node: HostedNode, bus: Bus, *, lockstep: bool = False) -> Ite
     Parameters
     ----------
     node, bus, lockstep
-        As for `run_node`; the bus belongs to the run.
+        As for `run_node`, which closes the bus.
 
     Raises
     ------
     Exception
-        At the end of the block, what the run has raised.
+        At the end of the block: the error that ended the run.
     """
     stop = threading.Event()
     before = sys.getswitchinterval()
