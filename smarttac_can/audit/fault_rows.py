@@ -72,7 +72,7 @@ _NMT_BYTES: Final = 2
 _WENT_OFF: Final = (EmergencyCode.RPDO_TIME_OUT, FaultCode.VOLTAGE, FaultCode.STAGE)
 """Emergencies of a plate that goes to 0 V by itself between two SYNCs."""
 _SYNC_LATE_US: Final = 1900
-"""Longest period of SYNC in us, with other frames on the bus; after a longer one one is missing."""
+"""Longest period of SYNC in us, with other frames on the bus; a longer one means a lost SYNC."""
 Stamped = tuple[int, Frame]
 """A frame with its time stamp in us."""
 _SILENCE_US: Final = 120_000
