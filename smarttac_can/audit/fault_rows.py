@@ -93,8 +93,6 @@ class Verified(NamedTuple):
 
 
 class _Claim(NamedTuple):
-    """The data taken from a row, and the row for the comparison."""
-
     number: int
     fault: str
     mode: Mode

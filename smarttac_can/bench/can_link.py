@@ -673,7 +673,6 @@ class EveryCycle:
                 self._device.write(entry, kind)
 
     def _others_need_it(self) -> bool:
-        """Ask whether other benches need every cycle."""
         self._ends = True
         if not self._others.is_set():
             return False

@@ -140,7 +140,6 @@ class Events:
             left -= max(len(rows), 1)
 
     def _hear(self, can_id: int, data: bytes) -> None:
-        """Handle a frame, in any thread."""
         service, node_id = can_id & ~LAST_NODE_ID, can_id & LAST_NODE_ID
         if can_id == self._carrier.can_id:
             layout = self._carrier.layout

@@ -271,7 +271,6 @@ def _why(error: Exception) -> object:
 
 @contextmanager
 def _tapping(network: LocalNetwork, file: _File) -> Iterator[None]:
-    """Log the frames of a local bus, where one thread handles all of them."""
     begun = time() - network.now()
 
     def tap(can_id: int, data: bytes) -> None:

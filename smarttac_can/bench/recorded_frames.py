@@ -503,7 +503,6 @@ class EventReader:
         return events
 
     def _commands(self, at: int, record: np.void) -> Iterable[Event]:
-        """Yield the set-points that an RPDO changes."""
         pdo = self._commanded[int(record["can_id"])]
         rows = np.array([record])
         if pdo.found(rows)[0]:
@@ -531,7 +530,6 @@ class EventReader:
     def _taken(
         self, at: int, time_ns: int, node_id: int, entry: Entry, taken: Written
     ) -> Iterable[Event]:
-        """Yield the events of a value that a node has accepted."""
         if entry.name in TABLE_NAMES:
             slot = TABLE_NAMES.index(entry.name) + 1
             yield Event(Kind.TEXTURE, at, time_ns, entry.name, node_id, slot, taken.data)
@@ -545,7 +543,6 @@ class EventReader:
 
 
 def _emergency(code: int, data: bytes) -> str:
-    """Return the text of an emergency message of a node of this package."""
     watchdog = data[3]
     if code and watchdog < len(Watchdog) and WATCHDOGS[Watchdog(watchdog)].code == code:
         return WATCHDOGS[Watchdog(watchdog)].text

@@ -211,7 +211,6 @@ class Recording:
         return hear
 
     def _head(self) -> dict[str, Any]:
-        """Return the head of the log: everything that is needed to decode the frames."""
         source, own = self._link.source(), self._od
         every_cycle = source.every_cycle
         carried = {n for pdo in source.published if pdo.number in every_cycle for n in pdo.names}

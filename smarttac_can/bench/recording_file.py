@@ -260,8 +260,6 @@ def _write(
 
 
 class _Columns:
-    """Growing datasets with an element per row."""
-
     def __init__(self, file: h5py.File, od: ObjectDictionary, channels: Mapping[str, bool]) -> None:
         self.rows, self.runs = 0, 0
         self._od, self._channels, self._file = od, channels, file
@@ -357,7 +355,6 @@ def _when(dated: Dated) -> tuple[int, int, int]:
 def _describe(
     file: h5py.File, head: Mapping[str, Any], ods: Mapping[int, ObjectDictionary]
 ) -> None:
-    """Write what applies to the whole recording."""
     own = ods[int(head["node_id"])]
     file.attrs["format"] = FORMAT
     for name in ("version", "created", "where", "node_id", "clocked"):

@@ -117,7 +117,6 @@ def selftest(stimulator: Stimulator, tell: Callable[[Check], None] = lambda _: N
 
 
 def _leave(stimulator: Stimulator, before: tuple[float, float]) -> None:
-    """Go to 0 V in any case; then restore the set-points."""
     stimulator.disarm()
     with suppress(BenchError):
         stimulator.voltage, stimulator.frequency = before

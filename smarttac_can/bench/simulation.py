@@ -410,7 +410,6 @@ class LocalLink:
         """Do nothing: there is no bus to leave."""
 
     def _to_listeners(self, frames: Iterable[Frame]) -> None:
-        """Pass frames that a bus would carry to all listeners."""
         if self._listeners:
             for can_id, data, _ in frames:
                 for hear in self._listeners:

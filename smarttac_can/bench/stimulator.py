@@ -97,7 +97,7 @@ class Stimulator(NamedObjects):
 
     voltage = InUnit("Setpoint.Voltage", "V", "Set-point of mode OPEN_LOOP in V.")
     frequency = InUnit(
-        "Setpoint.Frequency", "Hz", "Excitation frequency in Hz: fixed, or where its loop starts."
+        "Setpoint.Frequency", "Hz", "Excitation frequency in Hz: fixed, or the start of its loop."
     )
     amplitude = InUnit("Setpoint.Amplitude", "um", "Set-point of the amplitude in um peak-to-peak.")
     boundary = InUnit("Setpoint.Boundary", "mm", "Boundary in mm from the middle of the plate.")
@@ -105,12 +105,12 @@ class Stimulator(NamedObjects):
     law = Choice(
         "Friction law",
         Law,
-        "Friction law: what the step of the amplitude is added to; set it by member or name.",
+        "Friction law: the amplitude to which its step is added; set by member or name.",
     )
     vibration_law = Choice(
         "Controller.Vibration law",
         VibrationLaw,
-        "How amplitude and resonance are regulated; by member or name, also while running.",
+        "Law for amplitude and resonance; set by member or name, also while running.",
     )
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:

@@ -216,14 +216,14 @@ def _header(campaign: Campaign) -> dict[str, Any]:
 
 
 def _chunk(content: Any, compiled: bool) -> _Chunk:
-    """Return a chunk that was read; ValueError if it is none.
+    """Return a chunk that was read; raise ValueError if it is invalid.
 
     Parameters
     ----------
     content
-        The line.
+        Content of the line.
     compiled
-        What applies to a chunk without it: older files have it in the header only.
+        Value for a chunk without its own, as older files have it only in the header.
     """
     try:
         compiled = content.get("compiled", compiled)

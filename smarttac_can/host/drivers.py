@@ -155,7 +155,6 @@ def _is_taken(system: BaseException) -> bool:
 
 
 def _port(error: BaseException) -> object:
-    """Return the port of a bus whose constructor has failed."""
     for frame, _ in walk_tb(error.__traceback__):
         if (port := getattr(frame.f_locals.get("self"), "port", None)) is not None:
             return port

@@ -69,16 +69,16 @@ assumption."""
 class Transmitter:
     """Applies the disturbances to the frames of one party."""
 
-    __slots__ = ("_behind", "_held", "bus")
+    __slots__ = ("_held", "_postponed", "bus")
 
     def __init__(self, bus: FaultyBus) -> None:
         self.bus = bus
         self._held: list[tuple[int, Frame]] = []
-        self._behind: list[Frame] = []
+        self._postponed: list[Frame] = []
 
     def passed(self, frames: Iterable[Frame]) -> list[Frame]:
         """Return the frames that reach the bus when a party sends `frames`."""
-        if not (self.bus.disturbed or self._held or self._behind):
+        if not (self.bus.disturbed or self._held or self._postponed):
             return list(frames)
         out = self._due()
         for frame in frames:
@@ -86,8 +86,8 @@ class Transmitter:
             if sent is None:
                 continue
             out += sent
-            out += self._behind
-            self._behind = []
+            out += self._postponed
+            self._postponed = []
         return self._fitting(out)
 
     def _due(self) -> list[Frame]:
@@ -109,8 +109,8 @@ class Transmitter:
                 return []
             if frame_fault is FrameFault.DUPLICATION:
                 return [frame, frame]
-            if frame_fault is FrameFault.REORDERING and not self._behind:
-                self._behind.append(frame)
+            if frame_fault is FrameFault.REORDERING and not self._postponed:
+                self._postponed.append(frame)
                 return None
             if frame_fault is FrameFault.DELAY:
                 self._held.append((bus.cycle + disturbance.cycles, frame))
@@ -141,8 +141,6 @@ class WholeNode(HostedNode, ConnectedNode, Protocol):
 
 
 class _Controller:
-    """A CAN controller that accepts frames once it has room."""
-
     __slots__ = ("bus", "full_until", "sent")
 
     def __init__(self, bus: FaultyBus) -> None:
@@ -287,8 +285,6 @@ class Station:
 
 
 class _DisturbedConnection(Connection):
-    """A connection whose frames may be disturbed."""
-
     __slots__ = ("_transmitter",)
 
     def __init__(

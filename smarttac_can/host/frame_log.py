@@ -204,7 +204,6 @@ class FrameLogReader:
 
 
 def _whole(records: Records) -> npt.NDArray[np.bool_]:
-    """Return which records are undamaged."""
     view, size, checked = memoryview(records.tobytes()), RECORD.itemsize, _CHECKED.size
     found = [crc32(view[at : at + checked]) for at in range(0, len(view), size)]
     whole: npt.NDArray[np.bool_] = np.array(found, np.uint32) == records["crc"]

@@ -64,7 +64,7 @@ class ReconnectingBus:
         self._wait = FIRST_WAIT_S
         self._next_try = 0.0
         self._back_at = -inf
-        self._owed: deque[Frame] = deque()
+        self._pending: deque[Frame] = deque()
         self._blocked: frozenset[int] = frozenset()
         self._on_trial = False
         self._bus: Bus | None = None
@@ -90,7 +90,7 @@ class ReconnectingBus:
         with suppress(BusError):
             self.close()
         self._leave()
-        self._owed.clear()
+        self._pending.clear()
         if self._on_trial:
             self._wait_longer()
             return
@@ -143,27 +143,27 @@ class ReconnectingBus:
         self._on_trial = False
         self._back_at = self._clock()
         self._back()
-        self._owed.extend(self._node.bus_recovered())
+        self._pending.extend(self._node.bus_recovered())
         self._use(self._bus)
-        if self._owed:
-            self.send, self.read = self._send_behind, self._read_behind
+        if self._pending:
+            self.send, self.read = self._send_after_pending, self._read_and_send_pending
             with suppress(QueueFullError):
-                self._send_owed()
+                self._send_pending()
         return more
 
-    def _read_behind(self, frames: deque[Frame]) -> bool:
+    def _read_and_send_pending(self, frames: deque[Frame]) -> bool:
         with suppress(QueueFullError):
-            self._send_owed()
+            self._send_pending()
         return self._bus is not None and self._bus.read(frames)
 
-    def _send_behind(self, frame: Frame) -> None:
-        self._send_owed()
+    def _send_after_pending(self, frame: Frame) -> None:
+        self._send_pending()
         if self._bus is not None:
             self._bus.send(frame)
 
-    def _send_owed(self) -> None:
-        while self._bus is not None and self._owed:
-            self._bus.send(self._owed[0])
-            self._owed.popleft()
+    def _send_pending(self) -> None:
+        while self._bus is not None and self._pending:
+            self._bus.send(self._pending[0])
+            self._pending.popleft()
         if self._bus is not None:
             self._use(self._bus)

@@ -292,7 +292,6 @@ class _Run:
         return self._clock() // 1000 - self._epoch
 
     def _listen(self) -> None:
-        """Update the set of identifiers that the node receives."""
         self._ids = self._node.ids
         # In lockstep a node that waits for a node-ID needs SYNC as its time as well.
         heard = self._ids.heard | {self._ids.sync} if self._lockstep else self._ids.heard
@@ -406,7 +405,6 @@ class _Run:
         return now
 
     def _act(self, now: int) -> int:
-        """Let the node act on due timers; return the time."""
         timers = self._node.clock
         timers.now = now
         self._transmit(self._node.advance(0))
@@ -442,13 +440,11 @@ class _Run:
         return now
 
     def _follow(self) -> int:
-        """Call the observer; return the time."""
         self._observer.follow()
         self._followed = now = self._now()
         return now
 
     def _rest_for(self, owed: int) -> int:
-        """Rest for a time in us; return the time."""
         self._rest(owed * 1e-6)
         self._busy_since, self._waited = self._now(), 0
         return self._busy_since

@@ -80,7 +80,6 @@ def progress_bar(label: str, after: float = 0.0) -> Iterator[Callable[[float], N
 
 
 def _bar(label: str) -> _Bar | None:
-    """Return a bar if it can be seen, else None."""
     if parent_process() is not None:
         return None
     if _in_notebook():

@@ -226,7 +226,6 @@ class Downloads:
             self._transfer = begun
 
     def _confirm(self, transfer: _Transfer, command: int, last: int) -> Written | None:
-        """Handle the confirmation of one segment, several or all."""
         if transfer.in_block and command >> 5 == _BLOCK_ANSWER:
             if command & 0b11 == _CONFIRMS:
                 taken = [transfer.segments.get(n, b"\0") for n in range(1, last + 1)]

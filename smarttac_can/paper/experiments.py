@@ -53,8 +53,6 @@ SubjectSet = Literal["presets", "fitted"]
 
 
 class _Finger(NamedTuple):
-    """A finger of Table I."""
-
     subject: int
     """Number in *Simulation.Subject*."""
     force: float

@@ -270,7 +270,6 @@ def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _number(value: float) -> str:
-    """Return a number with four significant digits, or as a whole number from 1000 on."""
     return f"{value:.0f}" if abs(value) >= _WHOLE_FROM else f"{value:#.4g}".rstrip(".")
 
 

@@ -165,7 +165,6 @@ def stroke_of(finger: Finger, case: Case) -> Stroke:
 
 
 def _draw(rng: np.random.Generator, case: Case) -> dict[str, float]:
-    """Draw all random parameters of a finger, from the ranges of a case."""
     names = (*UNIFORM, *_LOGARITHMIC)
     shares = dict(zip(names, rng.random(len(names)).tolist(), strict=True))
     if case.coupling:

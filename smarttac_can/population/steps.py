@@ -96,4 +96,4 @@ STEP_METRICS: Final[dict[str, Callable[[Step], float]]] = {
     "overshoot_percent": overshoot_percent,
     "static_error_percent": static_error_percent,
 }
-"""What Table I and its neighbours hold of each step."""
+"""Metrics of each step in Table I and in the tables beside it."""

@@ -267,7 +267,7 @@ PASSES: Final = 16
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What the fingers of a campaign have in common.
+    """Parameters that all fingers of a campaign share.
 
     Raises
     ------
@@ -317,7 +317,7 @@ def traces_of(campaign: Campaign, finger: Finger) -> Traces:
     Parameters
     ----------
     campaign
-        What all fingers have in common.
+        Parameters that all fingers share.
     finger
         The finger.
     """
@@ -383,7 +383,7 @@ def fastest() -> Runner:
 
 
 def plain() -> Runner:
-    """Return the loop as it stands in the file; Python reads lists faster than arrays."""
+    """Return the loop without compilation; Python reads lists faster than arrays."""
     return run, lambda rows: rows.tolist() if isinstance(rows, np.ndarray) else rows
 
 

@@ -348,7 +348,7 @@ class ReplayedNode:
         self._clock = node.clock
         self._lockstep = lockstep
         self._offset = float(time)
-        self._time = self._said = time
+        self._time = self._last_sent = time
         self._waiting: deque[Stamped] = deque()
         self._computed: dict[int, deque[Stamped]] = {}
         self._first = FirstMeasurements(node.od)
@@ -376,7 +376,7 @@ class ReplayedNode:
     def go_on(self, time: int) -> None:
         """Advance the time, and do what a process cannot have delayed any longer."""
         self._time = time
-        done = max(self._said - LATE_US, time - _STILL_US)
+        done = max(self._last_sent - LATE_US, time - _STILL_US)
         while self._waiting and self._waiting[0][0] < done:
             self._hear(*self._waiting.popleft())
         if not self._lockstep:
@@ -389,7 +389,7 @@ class ReplayedNode:
         """
         if frame.can_id == self.sync_id and self._node.device.sync.produces:
             self._produce(time)
-        self._said = time
+        self._last_sent = time
         queue = self._computed.setdefault(frame.can_id, deque())
         if not queue and frame.can_id == self._sdo:
             self._put(self._node.segments(1))
@@ -652,7 +652,6 @@ def _fields(od: ObjectDictionary, tpdo: int, recorded: Frame, recomputed: Frame)
 
 
 def _read_field(od: ObjectDictionary, recorded: Frame, recomputed: Frame) -> Iterator[Field]:
-    """Compare two answers to the same SDO read."""
     entry = od.get(recorded.data[1] | recorded.data[2] << 8, recorded.data[3])
     if entry is None:
         return

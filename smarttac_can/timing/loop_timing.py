@@ -148,8 +148,6 @@ class Delays:
 
 @dataclass(slots=True)
 class _Cycle:
-    """A SYNC and what was received after it."""
-
     sync: float
     driven: bool = False
     measurements: int = 0

@@ -71,7 +71,7 @@ class WatchScreen(App[None]):
         self._stimulator = stimulator
         self._worker: ThreadPoolExecutor | None = None
         self._doing: Future[str] | None = None
-        self._said = ""
+        self._report = ""
 
     def compose(self) -> ComposeResult:
         """Create the view, the command line, and the line for keys and reports."""
@@ -98,15 +98,15 @@ class WatchScreen(App[None]):
         if self._stimulator is None:
             return
         self._watcher.stop()
-        self._said = "stop"
+        self._report = "stop"
         self._tick()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Execute a command, one at a time."""
         if self._doing is not None or self._watcher.stopping:
-            self._said = "wait: the last one is not done yet"
+            self._report = "wait: the last one is not done yet"
         elif self._worker is not None and self._stimulator is not None and event.value.strip():
-            self._said = f"doing: {event.value.strip()}"
+            self._report = f"doing: {event.value.strip()}"
             self._doing = self._worker.submit(obey, self._stimulator, event.value)
             event.input.value = ""
 
@@ -131,10 +131,10 @@ class WatchScreen(App[None]):
         if not self._doing.done():
             return
         try:
-            self._said = self._doing.result()
+            self._report = self._doing.result()
         except (BenchError, ValueError) as error:
             # The Message of a device may contain control characters for a terminal.
-            self._said = "".join(c if c.isprintable() else "?" for c in in_shell_words(error))
+            self._report = "".join(c if c.isprintable() else "?" for c in in_shell_words(error))
         self._doing = None
 
     def _show(self, now: float) -> None:
@@ -149,7 +149,7 @@ class WatchScreen(App[None]):
     def _keys(self) -> str:
         if self._stimulator is None:
             return "reads only   q: end"
-        return f"Esc: STOP   Ctrl-C: stop and end\n{self._said}"
+        return f"Esc: STOP   Ctrl-C: stop and end\n{self._report}"
 
 
 class Line(NamedTuple):
@@ -280,7 +280,6 @@ def _value(view: View, name: str, decimals: int) -> str:
 
 
 def _bar(value: float | None, reference: float | None, width: int) -> str:
-    """Draw a value as a bar, and its reference as a mark."""
     cells = ["#" if at < _column(value or 0.0, width) else "." for at in range(width)]
     if reference is not None:
         cells[min(_column(reference, width), width - 1)] = "|"
